@@ -1,0 +1,118 @@
+"""What every benchmark shares: interleaved rounds, ratios, and a record of the machine."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def interleave(
+    candidates: Mapping[str, Callable[[], object]], *, rounds: int, seconds: float = 0.005
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Time per call of each candidate in each round [s]; within a round every candidate has its turn.
+
+    A candidate is called as often as fits into ``seconds``, at least once.
+    """
+    calls: dict[str, int] = {}
+    for name, candidate in candidates.items():
+        candidate()
+        start = time.perf_counter()
+        candidate()
+        calls[name] = max(1, round(seconds / max(time.perf_counter() - start, 1e-7)))
+    times: dict[str, list[float]] = {name: [] for name in candidates}
+    for _ in range(rounds):
+        for name, candidate in candidates.items():
+            repeats = range(calls[name])
+            start = time.perf_counter()
+            for _ in repeats:
+                candidate()
+            times[name].append((time.perf_counter() - start) / calls[name])
+    return {name: np.array(values) for name, values in times.items()}
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Time of one candidate over another's, as the median over rounds, and what it must keep to."""
+
+    name: str
+    rounds: npt.NDArray[np.float64]
+    at_most: float = np.inf
+    at_least: float = 0.0
+
+    @property
+    def median(self) -> float:
+        return float(np.median(self.rounds))
+
+    @property
+    def holds(self) -> bool:
+        return self.at_least <= self.median <= self.at_most
+
+    def __str__(self) -> str:
+        low, high = np.quantile(self.rounds, [0.1, 0.9])
+        wanted = f"at most {self.at_most:g}" if np.isfinite(self.at_most) else f"at least {self.at_least:g}"
+        verdict = "holds" if self.holds else "FAILS"
+        return f"| {self.name} | {self.median:.3g} ({low:.3g} to {high:.3g}) | {wanted} | {verdict} |"
+
+
+RATIO_HEAD = "| ratio of times | median (10 to 90 % of rounds) | gate | |\n|---|---|---|---|"
+
+
+def machine() -> str:
+    """Processor, system, versions, date and load, as lines for a result file."""
+    packages = ("numpy", "scipy", "numba", "xarray", "ipmclab")
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    return "\n".join(
+        [
+            f"* {datetime.now().astimezone():%Y-%m-%d %H:%M %Z}, load {load} at the end",
+            f"* {_processor()}, {os.cpu_count()} cores, {platform.platform()}",
+            f"* Python {platform.python_version()}, {versions}",
+            f"* commit {_commit()}",
+        ]
+    )
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _commit() -> str:
+    try:
+        result = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--exclude", "*"], capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return result.stdout.strip()
+
+
+def finish(name: str, title: str, body: str, ratios: list[Ratio], *, record: bool, gate: bool) -> None:
+    """Print the result; write it under ``results/``; with ``gate``, exit 1 when a ratio is missed."""
+    table = "\n".join([RATIO_HEAD, *map(str, ratios)]) if ratios else ""
+    page = f"# {title}\n\n{machine()}\n\n{body}\n\n{table}".strip() + "\n"
+    print(page)
+    if record:
+        RESULTS.mkdir(exist_ok=True)
+        (RESULTS / f"{name}.md").write_text(page, encoding="utf-8")
+    missed = [ratio.name for ratio in ratios if not ratio.holds]
+    if gate and missed:
+        sys.exit(f"missed: {'; '.join(missed)}")

@@ -1,0 +1,144 @@
+"""The verbs, and what becomes of an error.
+
+Verbs import the heavy parts of the house inside their functions, so that ``--help`` stays quick.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Annotated, Final
+
+import typer
+
+from ipmclab.cli import check, demo, export, identify, import_, plot, report, simulate, validate
+from ipmclab.cli.options import SpreadCommand
+from ipmclab.cli.output import print_json
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.version import __version__
+
+PROGRAM: Final = "ipmclab"
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C: 128 + the number of the interrupt signal, as shells have it."""
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # rich help costs 0.2 s more
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+VERBS: Final[dict[str, Callable[..., None]]] = {
+    "demo": demo.demo,
+    "simulate": simulate.simulate,
+    "import": import_.import_,
+    "export": export.export,
+    "check": check.check,
+    "plot": plot.plot,
+    "identify": identify.identify,
+    "validate": validate.validate,
+    "report": report.report,
+}
+
+for name, verb in VERBS.items():
+    app.command(name, cls=SpreadCommand)(verb)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"{PROGRAM} {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _house(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """From recorded runs of an IPMC actuator to a validated model of it.
+
+    New here? Run: ipmclab demo
+    """
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        What follows the program's name.
+
+    Returns
+    -------
+    status : int
+        0 done; 1 the job ran and failed; 2 bad input; 130 interrupted.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            # A redirected Windows console cannot write every letter; a question mark beats a crash.
+            stream.reconfigure(errors="replace")
+    command = typer.main.get_command(app)
+    try:
+        status = command.main(args=list(arguments) or ["--help"], prog_name=PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of a pipe left, as `head` does. Python would complain once more when it closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        return _fail(_explain(error), as_json="--json" in arguments)
+    if status == INTERRUPTED:
+        interrupted = IpmclabError("stopped before the end", code="interrupted", repair="run the command again")
+        interrupted.exit_status = INTERRUPTED
+        return _fail(interrupted, as_json="--json" in arguments)
+    return int(status or 0)
+
+
+def _fail(error: IpmclabError, *, as_json: bool) -> int:
+    if as_json:
+        print_json({"error": error.as_dict()})
+    print(f"error: {error}", file=sys.stderr)
+    return error.exit_status
+
+
+def _explain(error: Exception) -> IpmclabError:
+    """Any exception as one of ours, with what to do about it."""
+    if isinstance(error, IpmclabError):
+        return error
+    if hasattr(error, "format_message"):  # what typer raises for a wrong use of the command line
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else PROGRAM
+        message = " ".join(error.format_message().split()).rstrip(".")
+        return InputError(message, code="usage", where=path, repair=f"see {path} --help")
+    if isinstance(error, UnicodeDecodeError):
+        return InputError(
+            f"this is not UTF-8 text (byte {error.start})", code="not-utf-8", repair="save the file as UTF-8"
+        )
+    if isinstance(error, OSError) and error.filename is not None:
+        return InputError(
+            error.strerror or str(error),
+            code="file",
+            where=str(error.filename),
+            repair=_FILE_REPAIRS.get(type(error), "check the path and the disk"),
+        )
+    if sys.flags.dev_mode:
+        raise error
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return IpmclabError(
+        f"{type(error).__name__}: {error}",
+        code="fault",
+        where=f"{frame.filename}:{frame.lineno}",
+        repair=f"this is a fault in {PROGRAM}: please report it with what `python -X dev -m {PROGRAM}` prints",
+    )
+
+
+_FILE_REPAIRS: Final[dict[type[OSError], str]] = {
+    FileNotFoundError: "check the path",
+    IsADirectoryError: "give a file, this is a folder",
+    NotADirectoryError: "check the path, a part of it is a file",
+    PermissionError: "ask for the right to this file, or choose another place",
+}

@@ -1,0 +1,229 @@
+"""``ipmclab demo``: the whole job on the virtual bench, from a strip in the clamp to a report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from ipmclab.cli.identify import fit_document, print_fit
+from ipmclab.cli.options import Json
+from ipmclab.cli.output import finding_document, print_json, print_paragraph, print_table, progress, read, with_unit
+from ipmclab.cli.validate import print_validations, validation_document
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from ipmclab.cli.published import Comparison
+    from ipmclab.model import Actuator
+    from ipmclab.run import Run
+
+SAMPLE: Final = 2
+"""The thesis's number of the strip."""
+
+FOLDER: Final = "ipmclab-demo"
+SEED: Final = 20261121
+FOR_THE_FIT: Final = ("force-step.nc", "force-sine.nc")
+"""The thesis identified from these two (section 4.5)."""
+
+PICTURED: Final = "force-square.nc"
+"""The prediction that stands in the picture beside the two runs of the fit."""
+
+_BOUNDS: Final = {"stated": "", "lower_bound": "> ", "upper_bound": "< "}
+
+Say = Callable[[str], None]
+
+
+def demo(
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help=f"A new folder for the results; {FOLDER} (or {FOLDER}-2 and so on) unless given.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Do the whole job on the virtual bench.
+
+    Records sample 2 of Friend's thesis on a simulated bench, identifies a model of it, predicts runs that the
+    model never saw, writes a report, and holds the model against what the thesis measured.
+
+    \b
+    ipmclab demo
+    """
+    from ipmclab import load_actuator, write_fit
+    from ipmclab.cli.conflict import finding
+    from ipmclab.cli.published import DURATION, RATE, compare_with_thesis
+    from ipmclab.data import published_sample
+    from ipmclab.identify.identify import identify as identify_actuator
+    from ipmclab.identify.validate import validate as validate_actuator
+    from ipmclab.quality import check as check_run
+
+    def say(text: str) -> None:
+        if not as_json:
+            print(text, flush=True)
+
+    sample = published_sample(SAMPLE)
+    strip = replace(load_actuator(sample.id), sample=sample)
+    folder = _new_folder(out)
+
+    say(f"1. Recording {strip.name} on the virtual bench, {DURATION:g} s at {RATE:g} rows a second")
+    runs = _record(strip, folder, say)
+    used = [runs[name] for name in FOR_THE_FIT]
+    unseen = {name: run for name, run in runs.items() if name not in FOR_THE_FIT}
+
+    say("\n2. Checking the records")
+    findings = {name: check_run(run) for name, run in runs.items()}
+    for name, found in findings.items():
+        say(f"   {name}: {', '.join(one.code for one in found) or 'nothing found'}")
+
+    say("\n3. Identifying as the thesis did: electrical from the current, then coupling from the force")
+    with progress("identifying the electrical parameters"):
+        electrical = identify_actuator(strip, used, free="electrical")
+    if not as_json:
+        print_fit(electrical, every_finding=False)
+    with progress("identifying the coupling"):
+        # The circuit stays free, so that one fit holds every parameter with its uncertainty.
+        fit = identify_actuator(electrical.actuator, used, free="electrical,coupling")
+        write_fit(fit, folder / "fitted.toml")
+    say("")
+    if not as_json:
+        print_fit(fit, every_finding=False)
+
+    say("\n4. Predicting runs that the model never saw: the square, and every displacement")
+    with progress("predicting"):
+        validation = validate_actuator(fit.actuator, list(unseen.values()))
+    if not as_json:
+        print_validations(["fitted.toml"], [validation], [Path(name) for name in unseen])
+
+    say("\n5. Writing the report and one picture of it all")
+    report, picture = folder / "report.html", folder / "overview.svg"
+    with progress("writing the report"):
+        from ipmclab.report import overview, save_figure
+        from ipmclab.report import report as write_report
+
+        write_report(fit, runs=used, validation_runs=list(unseen.values()), path=report, command="ipmclab demo")
+        save_figure(overview(fit, used, validate_actuator(fit.actuator, [runs[PICTURED]])), picture)
+    say(f"   {report}\n   {picture}")
+
+    assert sample.hydrated_mass is not None
+    comparisons = compare_with_thesis(fit.actuator)
+    paragraphs = finding(fit.actuator, comparisons, hydrated_mass=sample.hydrated_mass)
+    if as_json:
+        print_json(
+            {
+                "folder": folder,
+                "runs": [folder / name for name in runs],
+                "findings": {name: [finding_document(one) for one in found] for name, found in findings.items()},
+                "fits": [fit_document(electrical), fit_document(fit)],
+                "fitted": folder / "fitted.toml",
+                "validation": validation_document("fitted.toml", validation, [folder / name for name in unseen]),
+                "report": report,
+                "picture": picture,
+                "comparison": [_comparison_document(row) for row in comparisons],
+                "finding": paragraphs,
+            }
+        )
+        return
+    say("\n6. The model beside what the thesis measured on this strip")
+    _print_comparison(comparisons)
+    for paragraph in paragraphs:
+        print()
+        print_paragraph(paragraph)
+    say("\n" + _next_steps(folder, report))
+
+
+def _new_folder(wanted: Path | None) -> Path:
+    """Make a folder that was not there."""
+    folder = wanted or _first_free(FOLDER)
+    if folder.exists():
+        raise InputError(
+            "it exists and was left as it is",
+            code="file-exists",
+            where=f"--out {folder}",
+            repair="name a folder that is not there yet",
+        )
+    folder.mkdir()
+    return folder
+
+
+def _first_free(name: str) -> Path:
+    folder, number = Path(name), 1
+    while folder.exists():
+        number += 1
+        folder = Path(f"{name}-{number}")
+    return folder
+
+
+def _record(strip: Actuator, folder: Path, say: Say) -> dict[str, Run]:
+    """Record each signal of the thesis twice: against the load cell, and free under the laser."""
+    from ipmclab import write_run
+    from ipmclab.cli.published import DURATION, RATE, SIGNALS
+    from ipmclab.rig import VirtualBench, record
+
+    runs: dict[str, Run] = {}
+    for mounting, channel in enumerate(("force", "displacement")):
+        bench = VirtualBench(strip, seed=SEED + mounting)
+        for waveform, signal in SIGNALS.items():
+            with progress(f"recording {signal}"):
+                run = record(bench, signal, duration=DURATION, rate=RATE, measured=("current", channel))
+            path = folder / f"{channel}-{waveform}.nc"
+            # Each signal is recorded twice: by its file a run is told apart in every table and picture.
+            run = replace(run, metadata=replace(run.metadata, source_file=path.name))
+            write_run(run, path)
+            runs[path.name] = run
+            say(f"   {signal:<18} current and {channel:<12} -> {path}")
+    return runs
+
+
+def _print_comparison(comparisons: Sequence[Comparison]) -> None:
+    for measured in ("force", "displacement"):
+        chosen = [row for row in comparisons if row.measured == measured]
+        rows = [
+            [
+                row.figure,
+                row.name,
+                _BOUNDS[row.qualifier] + read(row.published, row.quantity),
+                read(row.model, row.quantity),
+                f"{100.0 * row.difference:+.0f} %",
+                "" if row.agrees else "differs",
+                row.definition,
+            ]
+            for row in chosen
+        ]
+        print_table(["figure", f"{measured} runs", "thesis", "model", "difference", "", "the model is read"], rows)
+
+
+def _comparison_document(row: Comparison) -> dict[str, Any]:
+    unit = row.quantity.unit
+    return {
+        "figure": row.figure,
+        "measured": row.measured,
+        "quantity": row.name,
+        "definition": row.definition,
+        "thesis": with_unit(row.published, unit),
+        "qualifier": row.qualifier,
+        "model": with_unit(row.model, unit),
+        "difference_percent": 100.0 * row.difference,
+        "agrees": row.agrees,
+    }
+
+
+def _next_steps(folder: Path, report: Path) -> str:
+    # Under `uv run` there is no `ipmclab` on the path: what is shown must work when it is copied.
+    program = "uv run ipmclab" if "UV_RUN_RECURSION_DEPTH" in os.environ else "ipmclab"
+    fitted = folder / "fitted.toml"
+    return "\n".join(
+        (
+            f"Open {report} in a browser. Then try:",
+            f"  {program} check {folder / 'force-step.nc'}",
+            f'  {program} simulate {fitted} --signal "sine 1 V 0.5 Hz" --duration "20 s" --rate "50 Hz" '
+            f"--out {folder / 'prediction.nc'}",
+            f"  {program} plot {folder / 'prediction.nc'} --out {folder / 'prediction.svg'}",
+        )
+    )

@@ -1,0 +1,81 @@
+"""Files that verbs read and write, checked before the long work begins."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ipmclab.destination import target_of
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from ipmclab.run import Run
+
+
+def check_output(path: Path, *, force: bool, suffixes: Sequence[str]) -> None:
+    """Refuse an output file that could not be written at the end.
+
+    Raises
+    ------
+    InputError
+        Another kind of file, a folder, a folder that is not there, or a file that exists without ``force``.
+    """
+    if path.suffix.lower() not in suffixes and not path.is_dir():
+        raise InputError(
+            f"the file ends in {path.suffix!r}, it must end in {' or '.join(suffixes)}",
+            code="bad-suffix",
+            where=f"--out {path}",
+            repair=f"write for example {path.with_suffix(suffixes[0]).name}",
+        )
+    target_of(path, overwrite=force)
+
+
+def read_runs(paths: Sequence[Path]) -> list[Run]:
+    """Read runs.
+
+    Raises
+    ------
+    InputError
+        A file that is no run; for a foreign record the repair is the command that imports it.
+    """
+    from ipmclab.store import read_run
+
+    runs = []
+    for path in paths:
+        if path.suffix.lower() != ".nc" and path.is_file():
+            name = path.name.partition(".")[0]
+            if path.suffix.lower() == ".toml":
+                raise _toml_for_a_run(path)
+            raise InputError(
+                f"this is not a run: a run ends in .nc, this file in {path.suffix!r}",
+                code="not-a-run",
+                where=str(path),
+                repair=f"import it first: ipmclab import {path} --map MAP.toml --out {path.with_name(name)}.nc",
+            )
+        run = read_run(path)
+        if run.metadata.source_file is None and run.metadata.signal is None:
+            # Tables and findings name a run by one of these; this one is known by its file alone.
+            run = replace(run, metadata=replace(run.metadata, source_file=path.name))
+        runs.append(run)
+    return runs
+
+
+def _toml_for_a_run(path: Path) -> InputError:
+    """What to say of a TOML file that stands where a run is expected."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
+        table = {}
+    if "geometry" in table:
+        kind, repair = "this is an actuator, not a run", "the actuator, where one is needed, comes first, then the runs"
+    elif "channels" in table:
+        kind, repair = (
+            "this is an import map, not a run",
+            f"ipmclab import RECORD --map {path} --out RUN.nc makes a run",
+        )
+    else:
+        kind, repair = "this is a TOML file, not a run", "give a run, which ends in .nc"
+    return InputError(kind, code="not-a-run", where=str(path), repair=repair)

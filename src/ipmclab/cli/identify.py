@@ -1,0 +1,147 @@
+"""``ipmclab identify``: from runs to a fitted actuator."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
+from ipmclab.cli.output import (
+    finding_document,
+    print_briefly,
+    print_json,
+    print_paragraph,
+    print_table,
+    progress,
+    read,
+    significant,
+    with_unit,
+)
+from ipmclab.units import CHANNELS
+
+if TYPE_CHECKING:
+    from ipmclab.identify import Fit
+
+
+def identify(
+    actuator: ActuatorName,
+    runs: RunFiles,
+    free: Annotated[
+        list[str],
+        typer.Option(metavar="NAMES", help="Groups (electrical, coupling) or dotted names; repeat it, or use commas."),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write.")],
+    per_run: Annotated[
+        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Identify parameters of an actuator from one or more runs at once.
+
+    \b
+    ipmclab identify friend-2 step.nc sine.nc --free electrical --out fitted.toml
+    """
+    from ipmclab import load_actuator, write_fit
+    from ipmclab.identify.identify import identify as identify_actuator
+
+    check_output(out, force=force, suffixes=(".toml",))
+    model = load_actuator(actuator)
+    loaded = read_runs(runs)
+    with progress(f"identifying {model.name}"):
+        fit = identify_actuator(model, loaded, free=free, per_run=per_run or [])
+        write_fit(fit, out, overwrite=force)
+    if as_json:
+        print_json({"fit": fit_document(fit), "runs": runs, "out": out})
+    else:
+        print_fit(fit)
+        print(f"wrote {out}")
+
+
+def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
+    """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
+    known = fit.actuator.parameters()
+    rows = []
+    for name, parameter in fit.parameters.items():
+        base = known.get(name.partition("[")[0])
+        factor = base.quantity.to_display(1.0) if base is not None else 1.0
+        value, low, high = (factor * number for number in (parameter.value, *parameter.interval))
+        digits = _digits(value, high - low)
+        rows.append(
+            [
+                name,
+                significant(value, digits) if parameter.determined else "not determined",
+                f"{significant(low, digits)} to {significant(high, digits)}",
+                base.quantity.display_unit if base is not None else parameter.unit,
+                "at its bound" if parameter.at_bound else "",
+            ]
+        )
+    print_table(["parameter", "value", "95 % interval", "unit", ""], rows)
+    for direction in fit.undetermined:
+        print_paragraph(f"Not determined: {direction.sentence}")
+    noise = [
+        [
+            observation.label,
+            CHANNELS[output].name,
+            read(sigma, CHANNELS[output], digits=3),
+            str(observation.samples[output]),
+        ]
+        for observation in fit.observations
+        for output, sigma in observation.noise.items()
+    ]
+    print_table(["run", "output", "residual", "samples"], noise)
+    print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
+    shown = [finding for finding in fit.findings if every_finding or finding.severity != "info"]
+    # The sentences above say what is not determined.
+    print_briefly([finding for finding in shown if finding.code != "undetermined"])
+
+
+def _digits(value: float, width: float) -> int:
+    """Significant digits of a value that show two digits of the width of its interval."""
+    if not (0.0 < width < math.inf) or value == 0.0:
+        return 4
+    return min(max(2 + math.ceil(math.log10(abs(value) / width)), 3), 12)
+
+
+def fit_document(fit: Fit) -> dict[str, Any]:
+    """A fit as it stands in a JSON document."""
+    return {
+        "actuator": fit.actuator.name,
+        "converged": fit.converged,
+        "message": fit.message,
+        "rank": fit.rank,
+        "parameters": {
+            name: {
+                "value": parameter.value,
+                "unit": parameter.unit,
+                "standard_error": parameter.standard_error,
+                "interval": parameter.interval,
+                "interval_next_mounting": parameter.interval_next_mounting,
+                "determined": parameter.determined,
+                "at_bound": parameter.at_bound,
+            }
+            for name, parameter in fit.parameters.items()
+        },
+        "undetermined": [
+            {"coefficients": direction.coefficients, "sentence": direction.sentence} for direction in fit.undetermined
+        ],
+        "correlations": fit.correlations,
+        "observations": [
+            {
+                "label": observation.label,
+                "content_sha256": observation.content_sha256,
+                "delay": with_unit(observation.delay, "s"),
+                "start": observation.start,
+                "noise": {
+                    output: with_unit(sigma, CHANNELS[output].unit) for output, sigma in observation.noise.items()
+                },
+                "samples": observation.samples,
+            }
+            for observation in fit.observations
+        ],
+        "findings": [finding_document(finding) for finding in fit.findings],
+    }

@@ -1,0 +1,67 @@
+"""Arguments and options that several verbs share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from ipmclab.errors import InputError
+from ipmclab.units import Quantity, parse_number, parse_quantity
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document (SI units) instead of tables.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the output file if it exists.")]
+ActuatorName = Annotated[
+    str, typer.Argument(metavar="ACTUATOR", help="A library name such as friend-2, or a TOML file.", show_default=False)
+]
+RunFile = Annotated[Path, typer.Argument(metavar="RUN", help="A run (.nc).", show_default=False)]
+RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs (.nc).", show_default=False)]
+
+
+class SpreadCommand(TyperCommand):
+    """A command whose options may be followed by several values: ``--runs a.nc b.nc``.
+
+    The parser takes one value an option, so ``--runs a.nc b.nc`` is read as ``--runs a.nc --runs b.nc``.
+    Only options declared as ``SPREAD`` do this, so that a positional argument is never taken by accident elsewhere.
+    """
+
+    SPREAD = ("--runs", "--validation")
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Repeat a spread option in front of each of its values."""
+        known = {option for parameter in self.params for option in parameter.opts}
+        spread: list[str] = []
+        current: str | None = None
+        values = 0
+        for word in args:
+            if word.startswith("-"):
+                name, joined, _ = word.partition("=")
+                current = name if name in self.SPREAD and name in known else None
+                values = 1 if joined else 0
+            elif current is not None:
+                values += 1
+                if values > 1:
+                    spread.append(current)
+            spread.append(word)
+        return super().parse_args(ctx, spread)
+
+
+def positive(text: str, quantity: Quantity, *, option: str) -> float:
+    """A quantity above zero that was given as the value of an option [SI].
+
+    Raises
+    ------
+    InputError
+        No number, no unit, another unit, zero or less.
+    """
+    number, _ = parse_number(text, where=option)
+    if number <= 0:
+        raise InputError(
+            f"the {quantity.name} is {text!r}, it must be above 0",
+            code="out-of-range",
+            where=option,
+            repair=f"give for example '10 {quantity.display_unit}'",
+        )
+    return parse_quantity(text, quantity, where=option)

@@ -1,0 +1,167 @@
+"""What verbs print: one JSON document, or tables for people; progress on a terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ipmclab.units import Quantity
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ipmclab.run import Finding
+
+PIPE_WIDTH = 120
+"""Columns of a table that no terminal bounds."""
+
+UNBOUNDED = 10_000
+
+TEXT_WIDTH = 100
+"""Longest line of running text."""
+
+_STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print one JSON document; a number that is not finite becomes null."""
+    print(json.dumps(_plain(document), allow_nan=False, indent=2))
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):  # a NumPy array or scalar
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def with_unit(value: float | None, unit: str) -> dict[str, float | str | None]:
+    """A number with its SI unit beside it, as it stands in a JSON document."""
+    return {"value": value, "unit": unit}
+
+
+def read(value: float | None, quantity: Quantity, *, digits: int = 4) -> str:
+    """A number in the unit that people read, such as ``"60.35 mA"``; a dash when there is none.
+
+    Examples
+    --------
+    >>> from ipmclab.units import CURRENT
+    >>> read(0.0603480290, CURRENT)
+    '60.35 mA'
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{significant(quantity.to_display(value), digits)} {quantity.display_unit}".strip()
+
+
+def significant(value: float, digits: int) -> str:
+    """A number with so many significant digits, without a power of ten where it has few places.
+
+    Examples
+    --------
+    >>> significant(1442.3, 3), significant(6.79e-9, 3)
+    ('1440', '6.79e-09')
+    """
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
+
+
+def console(*, stderr: bool = False, width: int | None = None) -> Console:
+    """Where text goes that has colour or columns."""
+    from rich.console import Console
+
+    stream = sys.stderr if stderr else sys.stdout
+    known = None if stream.isatty() else PIPE_WIDTH
+    return Console(file=stream, width=width or known, highlight=False, markup=False)
+
+
+def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
+    """Print a table; columns whose cells are numbers stand to the right."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column, header in enumerate(headers):
+        numbers = all(row[column][:1] in "-+<>0123456789" for row in rows)
+        table.add_column(header, justify="right" if numbers else "left")
+    for row in rows:
+        table.add_row(*row)
+    # A cell is never cut: the terminal wraps a line that is too long for it.
+    out = console(width=UNBOUNDED)
+    if title is not None:
+        out.print(title, style="bold")
+    out.print(table)
+
+
+def print_paragraph(text: str) -> None:
+    """Print a text in lines of readable length."""
+    print(textwrap.fill(text, min(console().width, TEXT_WIDTH)))
+
+
+def print_remarks(texts: Sequence[str]) -> None:
+    """Print what to think of a result on stderr, so that stdout stays what it was."""
+    for text in texts:
+        print(textwrap.fill(f"remark: {text}", TEXT_WIDTH, subsequent_indent="  "), file=sys.stderr)
+
+
+def print_briefly(findings: Sequence[Finding]) -> None:
+    """Print findings for a quick look: equal ones once, the ones that matter first, at most two lines each."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for finding in sorted(findings, key=lambda one: list(_STYLES).index(one.severity)):
+        groups.setdefault((finding.severity, finding.code), []).append(finding)
+    out = console()
+    for (severity, code), members in groups.items():
+        out.print(f"  {severity}", style=_STYLES[severity], end=" ")
+        out.print(code, style="bold", end="")
+        out.print(f" ({len(members)} times)" if len(members) > 1 else "")
+        out.print("    " + textwrap.shorten(members[0].message, min(out.width, 2 * TEXT_WIDTH) - 6, placeholder=" ..."))
+    if groups:
+        print("The report and --json have their full text.")
+
+
+def print_findings(findings: Sequence[Finding]) -> None:
+    """Print each finding: severity, code and channel; what was seen; what to do."""
+    out = console()
+    for finding in findings:
+        out.print(f"  {finding.severity}", style=_STYLES[finding.severity], end=" ")
+        out.print(finding.code + (f" ({finding.channel})" if finding.channel else ""), style="bold")
+        for text, indent in ((finding.message, "    "), (finding.repair, "    -> ")):
+            if text:
+                out.print(textwrap.fill(text, out.width, initial_indent=indent, subsequent_indent=" " * len(indent)))
+
+
+def finding_document(finding: Finding) -> dict[str, Any]:
+    """A finding as it stands in a JSON document."""
+    return {
+        "code": finding.code,
+        "severity": finding.severity,
+        "channel": finding.channel,
+        "message": finding.message,
+        "repair": finding.repair,
+        "samples": finding.samples,
+        "count": finding.count,
+        "effect": finding.effect,
+        "values": finding.values,
+    }
+
+
+@contextmanager
+def progress(what: str) -> Iterator[None]:
+    """Say on a terminal what is being done, until it is done."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with console(stderr=True).status(what):
+        yield

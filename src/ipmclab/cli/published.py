@@ -1,0 +1,185 @@
+"""A model held against what the thesis states about its sample 2: each number with its definition.
+
+The thesis prints one number for each quantity and seldom says at which edge or time it was read.
+The readings below are the ones under which its own tables come nearest to it; each says what it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from ipmclab.data import published_measurements
+from ipmclab.model import Actuator, simulate
+from ipmclab.run import FloatArray
+from ipmclab.units import CHANNELS, Quantity
+
+SIGNALS: Final = {"step": "step 1 V", "sine": "sine 1 V 0.1 Hz", "square": "square 1 V 0.1 Hz"}
+DURATION: Final = 40.0
+"""Length of each run [s]: four periods of the sine and of the square."""
+
+RATE: Final = 50.0
+"""Rows a second, as on the thesis's rig [Hz]."""
+
+PERIOD: Final = 10.0
+"""Of the sine and of the square [s]."""
+
+BACK_RELAXATION_FROM: Final = 5.0
+"""The measured force of the step falls from here on [s] (Friend, figure 5.68 and its text)."""
+
+AGREES: Final = 0.20
+"""A model within this fraction of the thesis's number reproduces it."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a published number is read from a run of the model."""
+
+    definition: str
+    of: Callable[[FloatArray, FloatArray], float]
+
+
+def _at_start(_time: FloatArray, values: FloatArray) -> float:
+    return float(values[0])
+
+
+def _at_end(_time: FloatArray, values: FloatArray) -> float:
+    return float(values[-1])
+
+
+def _largest(_time: FloatArray, values: FloatArray) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _largest_before_relaxation(time: FloatArray, values: FloatArray) -> float:
+    return float(np.max(values[time <= BACK_RELAXATION_FROM]))
+
+
+def _amplitude(time: FloatArray, values: FloatArray) -> float:
+    return float(np.ptp(values[time >= DURATION - PERIOD]) / 2.0)
+
+
+def _before_first_reversal(time: FloatArray, values: FloatArray) -> float:
+    return float(values[time < PERIOD / 2.0 - 0.5 / RATE][-1])
+
+
+_AMPLITUDE = Reading("amplitude, last period", _amplitude)
+_AT_STEP = Reading("just after the step", _at_start)
+_AT_END = Reading(f"at the end, {DURATION:g} s", _at_end)
+
+READINGS: Final[Mapping[tuple[str, str], Reading]] = {
+    ("step", "peak_current"): _AT_STEP,
+    ("step", "steady_current"): _AT_END,
+    ("step", "max_force"): Reading(f"largest up to {BACK_RELAXATION_FROM:g} s", _largest_before_relaxation),
+    ("step", "max_displacement"): Reading("largest of the record", _largest),
+    ("sine", "peak_current"): _AMPLITUDE,
+    ("sine", "max_force"): _AMPLITUDE,
+    ("sine", "max_displacement"): _AMPLITUDE,
+    ("square", "peak_current"): Reading("largest at a reversal", _largest),
+    ("square", "half_period_end_current"): Reading("before the first reversal", _before_first_reversal),
+    ("square", "max_force"): _AMPLITUDE,
+    ("square", "max_displacement"): _AMPLITUDE,
+}
+"""By waveform and metric of the published table."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One published number beside the model's.
+
+    Parameters
+    ----------
+    figure, measured, waveform, metric : str
+        As in the published table.
+    definition : str
+        Where the model's number was read.
+    published, model : float [SI unit of the quantity]
+    quantity : Quantity
+    qualifier : "stated", "lower_bound" or "upper_bound"
+        What is known about the published number.
+    """
+
+    figure: str
+    measured: str
+    waveform: str
+    metric: str
+    definition: str
+    published: float
+    model: float
+    quantity: Quantity
+    qualifier: Literal["stated", "lower_bound", "upper_bound"]
+
+    @property
+    def name(self) -> str:
+        """The quantity in words, such as ``"step peak current"``."""
+        return f"{self.waveform} {self.metric.replace('_', ' ')}"
+
+    @property
+    def against(self) -> str:
+        """Model against published, such as ``"12.6 against 7 mA"``."""
+        unit = self.quantity.display_unit
+        return (
+            f"{self.quantity.to_display(self.model):.3g} against {self.quantity.to_display(self.published):.3g} {unit}"
+        )
+
+    @property
+    def difference(self) -> float:
+        """Model minus published, as a fraction of the published number."""
+        return (self.model - self.published) / self.published
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the model reproduces the number within ``AGREES``, or keeps to the bound."""
+        if self.qualifier == "lower_bound":
+            return self.difference >= -AGREES
+        if self.qualifier == "upper_bound":
+            return self.difference <= AGREES
+        return abs(self.difference) <= AGREES
+
+
+def compare_with_thesis(actuator: Actuator) -> tuple[Comparison, ...]:
+    """Simulate the thesis's runs of sample 2 in room conditions and read its quantities from them.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        A model of sample 2.
+
+    Returns
+    -------
+    comparisons : tuple of Comparison
+        In the order of the thesis's figures, the force runs first.
+    """
+    runs = {name: simulate(actuator, signal, duration=DURATION, rate=RATE) for name, signal in SIGNALS.items()}
+    compared = []
+    for row in sorted(published_measurements(2), key=lambda row: row.measured != "force"):
+        run = runs[row.waveform]
+        channel = row.metric.rpartition("_")[2]
+        reading = READINGS[row.waveform, row.metric]
+        comparison = Comparison(
+            figure=row.figure,
+            measured=row.measured,
+            waveform=row.waveform,
+            metric=row.metric,
+            definition=reading.definition,
+            published=row.value(CHANNELS[channel]),
+            model=reading.of(run.time, run.channels[channel]),
+            quantity=CHANNELS[channel],
+            qualifier=row.qualifier,
+        )
+        compared.append(comparison)
+        if (row.waveform, row.metric) == ("step", "max_force"):
+            # The measured force is largest at 5 s and falls from there: at the end it is below its largest value.
+            compared.append(
+                replace(
+                    comparison,
+                    metric="final_force",
+                    definition=_AT_END.definition,
+                    model=_AT_END.of(run.time, run.channels[channel]),
+                    qualifier="upper_bound",
+                )
+            )
+    return tuple(compared)

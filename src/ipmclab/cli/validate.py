@@ -1,0 +1,110 @@
+"""``ipmclab validate``: actuators against runs they were not identified from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ipmclab.cli.files import read_runs
+from ipmclab.cli.options import ActuatorName, Json, RunFiles
+from ipmclab.cli.output import (
+    finding_document,
+    print_findings,
+    print_json,
+    print_remarks,
+    print_table,
+    progress,
+    read,
+    significant,
+)
+from ipmclab.cli.remarks import remarks
+from ipmclab.units import CHANNELS, TIME
+
+if TYPE_CHECKING:
+    from ipmclab.identify import Validation
+    from ipmclab.identify.scores import Score
+
+
+def validate(
+    actuator: ActuatorName,
+    runs: RunFiles,
+    also: Annotated[
+        list[str] | None, typer.Option(metavar="ACTUATOR", help="Another actuator beside it; may be repeated.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Predict runs from their voltage alone and hold the prediction against what was measured.
+
+    \b
+    ipmclab validate fitted.toml square.nc --also friend-2
+    """
+    from ipmclab import load_actuator
+    from ipmclab.identify.validate import validate as validate_actuator
+
+    names = [actuator, *(also or [])]
+    models = [load_actuator(name) for name in names]
+    loaded = read_runs(runs)
+    with progress("predicting"):
+        validations = [validate_actuator(model, loaded) for model in models]
+    if as_json:
+        print_json({"validations": [validation_document(*each, runs) for each in zip(names, validations, strict=True)]})
+    else:
+        print_validations(names, validations, runs)
+
+
+def print_validations(names: Sequence[str], validations: Sequence[Validation], runs: Sequence[Path]) -> None:
+    """Print the scores of one or several actuators on the same runs, side by side."""
+    places = [
+        (str(path), [validation.runs[index].scores for validation in validations]) for index, path in enumerate(runs)
+    ]
+    if len(runs) > 1:
+        places.append(("all runs", [validation.scores for validation in validations]))
+    rows, missing = [], []
+    for place, of_each in places:
+        for output in of_each[0]:
+            for name, scores in zip(names, of_each, strict=True):
+                score = scores[output]
+                if score.fit_percent is None:
+                    missing.append(f"No score of {CHANNELS[output].name} in {place}: {score.reason}.")
+                else:
+                    rows.append([place, CHANNELS[output].name, *_cells(score), *([name] if len(names) > 1 else [])])
+    headers = ["run", "output", "fit", "RMSE", "of range", "largest error", "at", "lags outside"]
+    if rows:
+        print_table(headers + (["actuator"] if len(names) > 1 else []), rows)
+    for line in dict.fromkeys(missing):
+        print(line)
+    for name, validation in zip(names, validations, strict=True):
+        if validation.findings:
+            print(f"{name}:")
+            print_findings(validation.findings)
+    print_remarks(list(dict.fromkeys(text for validation in validations for text in _remarks(validation))))
+
+
+def _remarks(validation: Validation) -> list[str]:
+    """Where the predictions leave what the model holds for, with the runs."""
+    return [f"{one.label}: {text}" for one in validation.runs for text in remarks(validation.actuator, one.predicted)]
+
+
+def _cells(score: Score) -> list[str]:
+    quantity = CHANNELS[score.output]
+    percent = f"{significant(score.rmse_percent_of_range, 2)} %" if score.rmse_percent_of_range is not None else "-"
+    return [
+        f"{score.fit_percent:.1f} %",
+        read(score.rmse, quantity, digits=3),
+        percent,
+        read(score.max_error, quantity, digits=3),
+        read(score.max_error_time, TIME),
+        f"{100.0 * score.lags_outside:.0f} %" if score.lags_outside is not None else "-",
+    ]
+
+
+def validation_document(name: str, validation: Validation, runs: Sequence[Path]) -> dict[str, Any]:
+    """A validation as it stands in a JSON document; ``name`` is what the user called the actuator."""
+    document: dict[str, Any] = validation.as_dict() | {"actuator": name}
+    document["runs"] = [{"run": path} | run for path, run in zip(runs, document["runs"], strict=True)]
+    document["remarks"] = _remarks(validation)
+    document["findings"] = [finding_document(finding) for finding in validation.findings]
+    return document

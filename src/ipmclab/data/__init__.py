@@ -1,0 +1,129 @@
+"""Published facts that ipmclab compares itself with.
+
+``published_measurements.csv`` and ``published_samples.csv`` hold what chapter 5 of
+P. J. Friend's thesis, "Modelling and experimental characterization of an ionic polymer
+metal composite actuator", states in words about its seven samples: peak currents,
+steady currents, largest displacements and forces, masses and platings.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Final, Literal
+
+from ipmclab.sample import Sample
+from ipmclab.units import Quantity, parse_quantity
+
+SOURCE: Final = (
+    'P. J. Friend, "Modelling and experimental characterization of an ionic polymer metal composite '
+    'actuator", chapter 5'
+)
+
+
+@dataclass(frozen=True)
+class PublishedMeasurement:
+    """One number that the thesis states about one run.
+
+    Parameters
+    ----------
+    sample : int
+        The thesis's number of the sample, 1 to 7.
+    figure : str
+        The figure that shows the run.
+    measured : "displacement" or "force"
+        What was measured beside the current.
+    waveform : "step", "sine" or "square"
+    conditions : str
+        ``"room"``, or temperature and relative humidity.
+    metric : str
+        For example ``"peak_current"``.
+    number : str
+        The number with its unit, as published.
+    qualifier : "stated" or "lower_bound"
+        ``lower_bound`` where the instrument probably clipped.
+    """
+
+    sample: int
+    figure: str
+    measured: str
+    waveform: str
+    conditions: str
+    metric: str
+    number: str
+    qualifier: Literal["stated", "lower_bound"]
+
+    def value(self, quantity: Quantity) -> float:
+        """The number in the SI unit of a quantity."""
+        return parse_quantity(self.number, quantity, where=f"{SOURCE}, figure {self.figure}")
+
+
+def published_measurements(sample: int, *, conditions: str = "room") -> tuple[PublishedMeasurement, ...]:
+    """The runs with one amplitude, of which the thesis states a number.
+
+    Parameters
+    ----------
+    sample : int
+        The thesis's number of the sample, 1 to 7.
+    conditions : str
+        ``"room"``, or for example ``"20 degC, 80 %RH"``.
+
+    Examples
+    --------
+    >>> [row.number for row in published_measurements(2) if row.figure == "5.18"]
+    ['1.3 mN', '67.01 mA', '7 mA']
+    """
+    rows = []
+    for row in _table("published_measurements.csv"):
+        environment = (row["temperature_C"], row["relative_humidity_pct"])
+        where = "room" if environment == ("room", "room") else f"{environment[0]} degC, {environment[1]} %RH"
+        qualifier = row["qualifier"]
+        if row["sample"] != str(sample) or where != conditions or qualifier not in ("stated", "lower_bound"):
+            continue
+        rows.append(
+            PublishedMeasurement(
+                sample=sample,
+                figure=row["figure"],
+                measured=row["measured"],
+                waveform=row["waveform"],
+                conditions=where,
+                metric=row["metric"],
+                number=f"{row['value']} {row['unit']}",
+                qualifier="stated" if qualifier == "stated" else "lower_bound",
+            )
+        )
+    return tuple(rows)
+
+
+def published_sample(number: int) -> Sample:
+    """What the thesis says about the strip itself.
+
+    Parameters
+    ----------
+    number : int
+        The thesis's number of the sample, 1 to 7.
+
+    Examples
+    --------
+    >>> published_sample(2).hydrated_mass
+    0.000113
+    """
+    (row,) = (row for row in _table("published_samples.csv") if row["sample"] == str(number))
+    return Sample.from_table(
+        {
+            "id": f"friend-{number}",
+            "membrane": row["membrane"],
+            "electrode": "platinum",
+            "plating_loading": f"{row['platinum_loading_mg_per_cm2']} mg/cm^2",
+            "dry_mass": f"{row['dry_mass_mg']} mg",
+            "hydrated_mass": f"{row['hydrated_mass_mg']} mg",
+            "source": SOURCE,
+        }
+        | ({"plated_by": row["plated_by"]} if row["plated_by"] else {})
+    )
+
+
+def _table(name: str) -> list[dict[str, str]]:
+    text = (files("ipmclab.data") / name).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))

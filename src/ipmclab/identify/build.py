@@ -1,0 +1,370 @@
+"""From a solved problem to the fit that is given out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.covariance import Uncertainty, uncertainty
+from ipmclab.identify.diagnosis import DETERMINED, direction_of_one, directions, names_it, relative_errors
+from ipmclab.identify.doubts import message, unexplained
+from ipmclab.identify.estimate import Estimate
+from ipmclab.identify.fit import Direction, Fit, FittedParameter
+from ipmclab.identify.fit_table import fit_to_table
+from ipmclab.identify.observation import Observation, Record
+from ipmclab.identify.problem import Problem
+from ipmclab.identify.profile import profile_interval
+from ipmclab.identify.response import CircuitResponder
+from ipmclab.identify.solve import Solution
+from ipmclab.identify.unknowns import Unknown
+from ipmclab.model import Actuator
+from ipmclab.run import Finding, Run
+from ipmclab.version import __version__
+
+FloatArray = npt.NDArray[np.float64]
+
+_CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
+_HOPELESS: Final = 1.5  # and above which the interval is open without asking: for a circuit, whose profile is quick
+_TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
+_SURE_AT_LIMITS: Final = 0.995
+_OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the readings leave of it
+_AT_BOUND: Final = 1e-3
+_BRANCH = re.compile(r"circuit\.branches\.(\d+)\.")
+
+_OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
+
+
+def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, findings: tuple[Finding, ...]) -> Fit:
+    """Errors, intervals, correlations, diagnosis and the fitted actuator."""
+    problem, solution = result.problem, result.solution
+    parameters = actuator.parameters()
+    free = {unknown.base for unknown in problem.unknowns}
+    stated = {n: p.standard_uncertainty for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0}
+    exact = _exact_names(actuator, problem, free | set(stated))
+    found = uncertainty(problem, solution.theta, solution.evaluation, stated, exact)
+    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
+    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    values = np.array(
+        [unknown.value(float(solution.theta[place])) for unknown, place in zip(asked, places, strict=True)]
+    )
+    relative = relative_errors(asked, values, found)
+    open_directions = directions(asked, values, found, problem.records)
+    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
+
+    order = _branch_order(actuator, problem, solution)
+    fitted: dict[str, FittedParameter] = {}
+    for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
+        name = _renamed(unknown.name, order)
+        error = math.inf if unknown.name in beyond else float(relative[number])
+        value = float(values[number])
+        # Along an open direction a linear unknown stands at the file's value, which may be its bound.
+        at_bound = (unknown.log or math.isfinite(error)) and _is_at_bound(unknown, float(solution.theta[place]))
+        others = [rival[unknown.name] for rival in result.rivals if unknown.name in rival]
+        interval = _interval(problem, solution, unknown, place, found, number, error)
+        interval, alone = _with_rivals(unknown, float(solution.theta[place]), interval, others)
+        fitted[name] = FittedParameter(
+            name=name,
+            value=value,
+            unit=parameters[unknown.base].unit if unknown.base in parameters else _unit(unknown.base),
+            symbol=parameters[_renamed(unknown.base, order)].symbol if unknown.base in parameters else "",
+            standard_error=_standard_error(unknown, value, float(found.covariance[number, number]), error),
+            interval=interval,
+            determined=alone and error <= DETERMINED and not (at_bound and unknown.log),
+            at_bound=at_bound,
+        )
+    rank_names = list(actuator.parameter_values)
+    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], rank_names)))
+    named = tuple(_rename_direction(direction, order) for direction in open_directions)
+    named += tuple(
+        direction_of_one(list(fitted), name, "it went to its bound" if p.at_bound else "other values fit as well")
+        for name, p in fitted.items()
+        if not p.determined and not any(names_it(direction, name) for direction in named)
+    )
+    correlations = _correlations([_renamed(u.name, order) for u in asked], found, relative, beyond, asked)
+    observations = tuple(
+        _observation(problem, solution, record, runs[record.place], order) for record in problem.records
+    )
+    told = (
+        *findings,
+        *unexplained(problem, solution),
+        *_fit_findings(problem, solution, found, fitted, stated, exact, asked, order, named),
+    )
+    fit = Fit(
+        actuator=actuator,
+        parameters=fitted,
+        undetermined=named,
+        correlations=correlations,
+        rank=found.rank,
+        singular_values=tuple(float(value) for value in found.singular_values),
+        observations=observations,
+        findings=told,
+        converged=solution.converged,
+        message=message(solution, told),
+        evaluations=solution.evaluations,
+        residuals=_residuals(problem, solution),
+        software_version=__version__,
+    )
+    return replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
+
+
+def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
+    """Fixed parameters without a stated uncertainty on which the answer leans."""
+    candidates = ["circuit.sheet_resistance"]
+    if not isinstance(problem.responder, CircuitResponder):
+        candidates += ["geometry.thickness", "beam.modulus"]
+    return [name for name in candidates if name not in taken and name in actuator.parameter_values]
+
+
+def _interval(
+    problem: Problem,
+    solution: Solution,
+    unknown: Unknown,
+    place: int,
+    found: Uncertainty,
+    number: int,
+    error: float,
+) -> tuple[float, float]:
+    from scipy.special import stdtrit
+
+    entry = float(solution.theta[place])
+    open_ends = (0.0 if unknown.log or unknown.lower == 0.0 else -math.inf, math.inf)
+    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else DETERMINED
+    if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
+        return open_ends
+    freedom = max(len(solution.evaluation.residual) - len(solution.theta), 1)
+    # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
+    level = _SURE_AT_LIMITS if unknown.log and _edges_are_open(problem, found) else 0.975
+    width = float(stdtrit(freedom, level))
+    variance = float(found.covariance[number, number])
+    reach = width * math.sqrt(variance)
+    if not unknown.log or math.sqrt(variance) <= _CURVED:
+        return unknown.value(entry - reach), unknown.value(entry + reach)
+    plain = float(found.plain[number, number])
+    low, high = profile_interval(problem, solution, place, math.sqrt(plain), width * width * max(variance / plain, 1.0))
+    return (
+        0.0 if math.isinf(low) else unknown.value(low),
+        math.inf if math.isinf(high) else unknown.value(high),
+    )
+
+
+def _edges_are_open(problem: Problem, found: Uncertainty) -> bool:
+    """Whether an edge lies anywhere between its rows for all that the readings show."""
+    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
+    errors = np.sqrt(np.diagonal(found.plain))
+    return any(
+        unknown.prior is not None and error > _OPEN_EDGE * unknown.prior[1]
+        for unknown, error in zip(asked, errors, strict=True)
+    )
+
+
+def _with_rivals(
+    unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[float]
+) -> tuple[tuple[float, float], bool]:
+    """The interval widened to other minima that are as good, and whether they agree on the parameter."""
+    values = [unknown.value(other) for other in others]
+    apart = [abs(other - entry) for other in others if unknown.log]
+    return (min([interval[0], *values]), max([interval[1], *values])), all(gap <= _TWO_ERRORS for gap in apart)
+
+
+def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:
+    return math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value)
+
+
+def _is_at_bound(unknown: Unknown, entry: float) -> bool:
+    lower, upper = unknown.limits
+    return entry - lower < _AT_BOUND or upper - entry < _AT_BOUND
+
+
+def _unit(base: str) -> str:
+    if base == "observation.delay":
+        return "s"
+    unit = _OBSERVATION_UNITS[base.rsplit(".", 1)[1]]
+    return unit if base.startswith("observation.offset") else f"{unit}/s"
+
+
+def _branch_order(actuator: Actuator, problem: Problem, solution: Solution) -> dict[int, int]:
+    """New place of each branch, so that the fastest comes first."""
+    values = problem.values(solution.theta, problem.records[0].place)
+    speed = [
+        values[f"circuit.branches.{i}.resistivity"] * values[f"circuit.branches.{i}.permittivity"]
+        for i in range(actuator.circuit.branches)
+    ]
+    return {int(old): new for new, old in enumerate(np.argsort(speed, kind="stable"))}
+
+
+def _renamed(name: str, order: Mapping[int, int]) -> str:
+    return _BRANCH.sub(lambda match: f"circuit.branches.{order[int(match.group(1))]}.", name)
+
+
+def _rename_direction(direction: Direction, order: Mapping[int, int]) -> Direction:
+    return replace(
+        direction,
+        coefficients={_renamed(name, order): value for name, value in direction.coefficients.items()},
+        sentence=_renamed(direction.sentence, order),
+    )
+
+
+def _file_place(name: str, names: Sequence[str]) -> tuple[int, str]:
+    base = name.split("[")[0]
+    return (names.index(base) if base in names else len(names), name)
+
+
+def _correlations(
+    names: Sequence[str], found: Uncertainty, relative: FloatArray, beyond: set[str], asked: Sequence[Unknown]
+) -> dict[str, dict[str, float]]:
+    deviation = np.sqrt(np.maximum(np.diagonal(found.covariance), 1e-300))
+    matrix = found.covariance / np.outer(deviation, deviation)
+    unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked])
+    matrix = np.where(unknown[:, None] | unknown[None, :], np.nan, np.clip(matrix, -1.0, 1.0))
+    np.fill_diagonal(matrix, 1.0)
+    return {a: {b: float(matrix[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)}
+
+
+def _fitted_actuator(
+    actuator: Actuator,
+    problem: Problem,
+    solution: Solution,
+    fit: Fit,
+    order: Mapping[int, int],
+) -> Actuator:
+    every = [problem.values(solution.theta, record.place) for record in problem.records]
+    values = {name: float(np.mean([run[name] for run in every])) for name in actuator.parameter_values}
+    uncertain = {
+        n: u for n, u in actuator.standard_uncertainties.items() if n not in {x.base for x in problem.unknowns}
+    }
+    values = {_renamed(name, order): value for name, value in values.items()}
+    uncertain = {_renamed(name, order): value for name, value in uncertain.items()}
+    for name, parameter in fit.parameters.items():
+        if name in values and parameter.determined:
+            uncertain[name] = parameter.standard_error
+    return Actuator(
+        name=actuator.name,
+        parameter_values={name: values[name] for name in actuator.parameter_values},
+        standard_uncertainties=uncertain,
+        sample=actuator.sample,
+        fit_table=fit_to_table(fit),
+    )
+
+
+def _observation(
+    problem: Problem, solution: Solution, record: Record, run: Run, order: Mapping[int, int]
+) -> Observation:
+    theta, place = solution.theta, record.place
+
+    def own(what: str) -> dict[str, float]:
+        return {
+            unknown.base.rsplit(".", 1)[1]: unknown.value(float(entry))
+            for unknown, entry in zip(problem.unknowns, theta, strict=True)
+            if unknown.place == place and unknown.base.startswith(f"observation.{what}.")
+        }
+
+    state: dict[str, float] = {}
+    if record.start == "free":
+        found = problem.responder.initial_state(record, problem.values(theta, place), problem.start(theta, place))
+        state = {_renamed(name, order): value for name, value in found.items()}
+    return Observation(
+        label=record.label,
+        content_sha256=run.content_sha256,
+        hold=record.run.hold,
+        delay=problem.delay(theta, record),
+        start=record.start,
+        initial_state=state,
+        offset={**record.known_offset, **own("offset")},
+        drift={**record.known_drift, **own("drift")},
+        noise={output: problem.noise[place, output] for output in record.readings},
+        samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
+        series_resistance=record.series_resistance,
+    )
+
+
+def _residuals(problem: Problem, solution: Solution) -> tuple[dict[str, FloatArray], ...]:
+    pieces = problem.pieces
+    found: list[dict[str, FloatArray]] = []
+    for record in problem.records:
+        of_run: dict[str, FloatArray] = {}
+        for output, reading in record.readings.items():
+            key = record.place, output
+            column = np.full(len(reading.values), np.nan)
+            column[reading.used] = -solution.evaluation.residual[pieces[key]] * problem.noise[key]
+            of_run[output] = column
+        found.append(of_run)
+    return tuple(found)
+
+
+def _fit_findings(
+    problem: Problem,
+    solution: Solution,
+    found: Uncertainty,
+    fitted: Mapping[str, FittedParameter],
+    stated: Mapping[str, float],
+    exact: Sequence[str],
+    asked: Sequence[Unknown],
+    order: Mapping[int, int],
+    named: Sequence[Direction],
+) -> list[Finding]:
+    findings = []
+    labels = {record.place: record.label for record in problem.records}
+    if not solution.converged:
+        findings.append(
+            Finding("not-converged", "error", message(solution, ()), "free fewer parameters, or give longer runs")
+        )
+    findings += [
+        Finding("undetermined", "warning", direction.sentence, "", values=dict(direction.coefficients))
+        for direction in named
+    ]
+    for parameter in fitted.values():
+        if parameter.at_bound:
+            findings.append(
+                Finding(
+                    "at-bound",
+                    "warning",
+                    f"{parameter.name} went to its bound, {parameter.value:.6g} {parameter.unit}".rstrip(),
+                    "the model lacks something that the readings show, or the parameter is not seen: fix it",
+                )
+            )
+    for output in dict.fromkeys(output for _, output in found.coloured):
+        where = ", ".join(labels[place] for place, other in found.coloured if other == output)
+        findings.append(
+            Finding(
+                "coloured-residuals",
+                "info",
+                f"{where}: the residuals of {output} hang together (Ljung-Box, p < 0.1 %); errors and intervals allow "
+                "for it (Newey-West), but the model leaves something unexplained",
+                "look at the residuals in the report; a further branch may help",
+                channel=output,
+            )
+        )
+    finite = np.array([math.isfinite(fitted[_renamed(u.name, order)].standard_error) for u in asked])
+    for name in (*stated, *exact):
+        moved = np.where(finite, np.abs(found.leverage[name]), 0.0)
+        if not len(moved) or np.max(moved) < 1e-9:
+            continue
+        most = _renamed(asked[int(np.argmax(moved))].name, order)
+        leans = f"1 % of {name} moves {most} by {100.0 * float(np.max(moved)):.2g} %"
+        if name in stated:
+            findings.append(
+                Finding(
+                    "fixed-uncertainty",
+                    "info",
+                    f"the stated uncertainty of {name} is passed on to the errors: {leans}",
+                    "",
+                    values={"leverage": float(np.max(moved))},
+                )
+            )
+        else:
+            findings.append(
+                Finding(
+                    "exact-fixed-value",
+                    "info",
+                    f"{name} is taken as exact, because no uncertainty is stated for it: {leans}",
+                    'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file',
+                    values={"leverage": float(np.max(moved))},
+                )
+            )
+    return findings

@@ -1,0 +1,59 @@
+"""What speaks against a fit, although its search ended well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ipmclab.identify.problem import Problem
+from ipmclab.identify.solve import Solution
+from ipmclab.run import Finding
+from ipmclab.units import CHANNELS
+
+_HALF: Final = 0.5  # of what the readings vary
+_NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
+_ENOUGH: Final = 50  # readings from which the noise between neighbours is known
+
+
+def unexplained(problem: Problem, solution: Solution) -> list[Finding]:
+    """A finding for each run and output of which the model leaves half or more, and which is not merely noisy."""
+    found = []
+    for record in problem.records:
+        for output, reading in record.readings.items():
+            piece = problem.pieces[record.place, output]
+            exact = reading.exact[reading.used]
+            left = solution.evaluation.residual[piece][exact] * problem.noise[record.place, output]
+            values = reading.values[reading.exact]
+            if not len(values):
+                continue
+            residual, varies = float(np.sqrt(np.mean(left**2))), float(np.std(values))
+            is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
+            if residual < _HALF * varies or is_noise or varies == 0.0:
+                continue
+            channel = CHANNELS[output]
+            told = [f"{channel.to_display(size):.3g} {channel.display_unit}" for size in (residual, varies)]
+            found.append(
+                Finding(
+                    "model-explains-nothing",
+                    "error",
+                    f"{record.label}: the model explains nothing of the {output}: it leaves {told[0]} (rms) of "
+                    f"readings that vary by {told[1]} about their mean",
+                    "do not use this fit: look at what check says of the run, at what is fixed, and give more rows",
+                    channel=output,
+                    values={"residual": residual, "varies": varies},
+                )
+            )
+    return found
+
+
+def message(solution: Solution, findings: Sequence[Finding]) -> str:
+    """How the search ended, and in the same breath what speaks against the fit."""
+    ended = solution.message if solution.converged else f"did not converge: {solution.message}"
+    errors = dict.fromkeys(f.code for f in findings if f.severity == "error" and f.code != "not-converged")
+    if not errors:
+        return ended
+    if "model-explains-nothing" in errors:
+        return f"{ended}, but the model explains nothing of what was read (see the findings {', '.join(errors)})"
+    return f"{ended}, but there are errors that speak against this fit (see the findings {', '.join(errors)})"

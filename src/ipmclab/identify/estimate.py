@@ -1,0 +1,343 @@
+"""The estimation itself: start, search, weigh, and ask the readings whether the assumptions hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.identify.diagnosis import DETERMINED
+from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.observation import ASSUMED_REST, Record
+from ipmclab.identify.problem import Problem
+from ipmclab.identify.response import ActuatorResponder, CircuitResponder, lumped
+from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, null_directions, polish, settle
+from ipmclab.identify.start import StartingPoint, fastest_rate, leak_shares, other_zeros, starting_points
+from ipmclab.identify.starts import is_idle, not_at_rest
+from ipmclab.identify.unknowns import Unknown, unknowns_of
+from ipmclab.model import Actuator
+from ipmclab.run import Finding
+
+FloatArray = npt.NDArray[np.float64]
+
+_SAME_NOISE: Final = 0.002
+_AT_FLOOR: Final = 1.3  # times the noise between neighbours
+_WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
+_RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The solved problem, and what was found out about the runs on the way.
+
+    ``rivals`` are other minima, as entries by name, that the readings do not tell from the solution.
+    """
+
+    problem: Problem
+    solution: Solution
+    rivals: tuple[Mapping[str, float], ...]
+    findings: tuple[Finding, ...]
+
+
+def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> Estimate:
+    """Fit, and settle what belongs to each run by asking its readings.
+
+    A sensor's zero is an unknown until the readings allow it to be zero; a run is at rest at its start until
+    the readings contradict it.
+    """
+    records = list(records)
+    # Before any numerics; starting states are counted when their number is known.
+    _need_as_many_readings(len(unknowns_of(names, actuator.parameters(), records)), records)
+    given_up: set[int] = set()
+    while True:
+        problem, solution, rivals = _fit(actuator, names, records)
+        problem, solution = _without_idle(problem, solution, names)
+        moving = not_at_rest(problem, solution) - given_up
+        if not moving:
+            break
+        given_up |= moving
+        records = [replace(record, start="free") if record.place in moving else record for record in records]
+    if len(null_directions(solution.evaluation)):
+        solution = settle(problem, solution, _reference(problem, solution))
+    solution = _nearest_zero(problem, solution)
+    findings = [_not_at_rest(r) for r in problem.records if r.place in given_up and r.start == "free"]
+    findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
+    findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
+    return Estimate(problem, solution, rivals, tuple(findings))
+
+
+def _is_asked(unknown: Unknown, names: FreeParameters) -> bool:
+    """Whether it is an offset or a drift that nobody freed by name."""
+    return unknown.base.startswith(("observation.offset.", "observation.drift.")) and (
+        unknown.base not in names.observation
+    )
+
+
+def _nearest_zero(problem: Problem, solution: Solution) -> Solution:
+    """Where the zero of the coupling is not seen, the one of the actuator's file, if the readings allow it."""
+    name = "coupling.zero"
+    held = [unknown.name for unknown in problem.unknowns].index(name) if _has(problem, name) else -1
+    if held < 0 or not _is_hidden(problem, solution, held):
+        return solution
+    unknown = problem.unknowns[held]
+    wanted = float(np.clip(problem.base[name], unknown.lower, unknown.upper))
+    values = problem.values(solution.theta, problem.records[0].place)
+    level = values["coupling.gain"] * values[name]
+    (found,) = _held(problem, solution, name, [{name: wanted, "coupling.gain": level / wanted}])
+    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
+    spent = found.evaluations + solution.evaluations
+    allowed = found.evaluation.cost <= solution.evaluation.cost + _RIVAL * per_reading
+    return replace(found if allowed else solution, evaluations=spent)
+
+
+def _has(problem: Problem, name: str) -> bool:
+    return {name, "coupling.gain"} <= {unknown.name for unknown in problem.unknowns}
+
+
+def _is_hidden(problem: Problem, solution: Solution, held: int) -> bool:
+    zero = problem.unknowns[held].value(float(solution.theta[held]))
+    return zero > fastest_rate(problem.records) or bool(entry_errors(solution.evaluation)[held] > DETERMINED)
+
+
+def _without_idle(problem: Problem, solution: Solution, names: FreeParameters) -> tuple[Problem, Solution]:
+    """Take out offsets and starting states that turned out not to be needed."""
+    unsure = {r.place for r in problem.records if r.start == "free" and r.run.metadata.starts_from_rest is None}
+    groups: dict[tuple[int, str], list[int]] = {}
+    for column, unknown in enumerate(problem.unknowns):
+        offset = _is_asked(unknown, names)
+        if unknown.place is None or not (offset or (unknown.nuisance and unknown.place in unsure)):
+            continue
+        groups.setdefault((unknown.place, unknown.base if offset else "start"), []).append(column)
+    idle = {key: columns for key, columns in groups.items() if is_idle(solution, columns)}
+    if not idle:
+        return problem, solution
+    dropped = {column for columns in idle.values() for column in columns}
+    kept = [column for column in range(len(problem.unknowns)) if column not in dropped]
+    resting = {place for place, what in idle if what == "start"}
+    records = [replace(r, start=ASSUMED_REST) if r.place in resting else r for r in problem.records]
+    smaller = Problem(
+        problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
+    )
+    theta = solution.theta[kept]
+    again = polish(smaller, theta) or minimise(smaller, theta)
+    return _weigh(smaller, replace(again, evaluations=again.evaluations + solution.evaluations))
+
+
+def _fit(
+    actuator: Actuator, names: FreeParameters, records: Sequence[Record]
+) -> tuple[Problem, Solution, tuple[dict[str, float], ...]]:
+    noise = {
+        (record.place, output): max(reading.noise, 1e-300)
+        for record in records
+        for output, reading in record.readings.items()
+    }
+    # The coupling has several minima, of which noise can make the wrong one the first.
+    explore = any(name.startswith("coupling.") for name in names.actuator)
+    tried: list[tuple[Problem, Solution]] = []
+    for point in starting_points(actuator, names, records):
+        problem = _problem(actuator, names, records, point, noise)
+        theta = _first(problem, point)
+        solution = (polish(problem, theta) if point.exact else None) or minimise(problem, theta)
+        tried.append((problem, solution))
+        if not explore and solution.converged and _at_floor(problem, solution):
+            break
+    problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
+    valley = _along_valleys(actuator, names, problem, solution)
+    if valley and min(other.evaluation.cost for other in valley) < solution.evaluation.cost - 1e-3:
+        lowest = min(valley, key=lambda other: other.evaluation.cost)
+        solution = minimise(problem, lowest.theta)
+        valley = _along_valleys(actuator, names, problem, solution)
+    tried += [(problem, other) for other in valley]
+    solution = replace(solution, evaluations=sum(other.evaluations for _, other in tried))
+    allowed = solution.evaluation.cost * (1.0 + _RIVAL / len(solution.evaluation.residual))
+    rivals = tuple(
+        dict(zip((unknown.name for unknown in of.unknowns), map(float, other.theta), strict=True))
+        for of, other in tried
+        if other is not solution and other.evaluation.cost <= allowed
+    )
+    return *_weigh(problem, solution), rivals
+
+
+def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution) -> list[Solution]:
+    """The best fits with a weakly seen parameter held at other values.
+
+    A record that is short for the slowest branch does not tell it from the leak, and one that is slow for the zero of
+    the coupling does not tell it from the gain. At either end of such a valley the curvature shows a parameter as
+    known that is not.
+    """
+    values = problem.values(solution.theta, problem.records[0].place)
+    errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
+    series = {"circuit.sheet_resistance", "circuit.contact_resistance"}
+    found: list[Solution] = []
+    shares = leak_shares(actuator, values)
+    if set(shares[0]) <= set(names.shared) and not series & set(names.actuator):
+        circuit = [error for name, error in errors.items() if name.startswith("circuit.")]
+        if max(circuit) > _WEAK:
+            found += _held(problem, solution, "circuit.dc_resistivity", shares)
+    if {"coupling.gain", "coupling.zero"} <= set(names.shared) and errors["coupling.zero"] > _WEAK:
+        found += _held(problem, solution, "coupling.zero", other_zeros(values, problem.records))
+    return found
+
+
+def _held(problem: Problem, solution: Solution, name: str, points: Sequence[Mapping[str, float]]) -> list[Solution]:
+    held = [unknown.name for unknown in problem.unknowns].index(name)
+    found = []
+    for point in points:
+        theta = solution.theta.copy()
+        for place, unknown in enumerate(problem.unknowns):
+            if unknown.base in point:
+                theta[place] = unknown.entry(float(np.clip(point[unknown.base], unknown.lower, unknown.upper)))
+        pinned, others = Pinned(problem, held, float(theta[held])), np.delete(theta, held)
+        best = polish(pinned, others) or minimise(pinned, others, evaluations=25)
+        full = np.insert(best.theta, held, theta[held])
+        found.append(replace(best, theta=full, evaluation=problem.evaluate(full)))
+    return found
+
+
+def _problem(
+    actuator: Actuator,
+    names: FreeParameters,
+    records: Sequence[Record],
+    point: StartingPoint,
+    noise: Mapping[tuple[int, str], float],
+) -> Problem:
+    responder: CircuitResponder | ActuatorResponder
+    if all(set(record.readings) == {"current"} for record in records):
+        responder = CircuitResponder(actuator.circuit.branches)
+    else:
+        responder = ActuatorResponder(actuator)
+        near = {**actuator.parameter_values, **point.values}
+        for record in records:
+            if record.start == "free":
+                responder.prepare(record, near)
+    states = {record.place: responder.amplitudes(record) for record in records if record.start == "free"}
+    unknowns = unknowns_of(names, actuator.parameters(), records, states=states, delays=point.delays)
+    _need_as_many_readings(len(unknowns), records)
+    return Problem(actuator.parameter_values, records, unknowns, responder, noise)
+
+
+def _need_as_many_readings(unknowns: int, records: Sequence[Record]) -> None:
+    readings = sum(int(np.count_nonzero(reading.used)) for r in records for reading in r.readings.values())
+    if readings < unknowns:
+        raise InputError(
+            f"{unknowns} unknowns for {readings} usable readings",
+            code="more-unknowns-than-data",
+            where="free",
+            repair="free fewer parameters, or give longer runs",
+        )
+
+
+def _first(problem: Problem, point: StartingPoint) -> FloatArray:
+    """The vector of a starting point, its linear unknowns solved for."""
+    theta = np.zeros(len(problem.unknowns))
+    linear = np.zeros(len(theta), dtype=bool)
+    for place, unknown in enumerate(problem.unknowns):
+        if unknown.base in point.values:
+            value = float(np.clip(point.values[unknown.base], unknown.lower, unknown.upper))
+            theta[place] = unknown.entry(value)
+        elif unknown.base == "observation.delay":
+            assert unknown.place is not None
+            theta[place] = unknown.entry(point.delays[unknown.place].value)
+        else:
+            linear[place] = True
+    if np.any(linear):
+        here = problem.evaluate(theta)
+        theta[linear] -= np.linalg.lstsq(here.jacobian[:, linear], here.residual, rcond=1e-12)[0]
+    return theta
+
+
+def found_noise(problem: Problem, solution: Solution) -> dict[tuple[int, str], float]:
+    """Standard deviation of the residuals of each run and output, for the parameters that they had to feed."""
+    pieces = problem.pieces
+    total = sum(piece.stop - piece.start for piece in pieces.values())
+    freedom = max(total - len(problem.unknowns), 1) / total
+    noise = {}
+    for key, piece in pieces.items():
+        residual = solution.evaluation.residual[piece]
+        active = max(int(np.count_nonzero(residual)), 1)  # a bound that holds says nothing about noise
+        sigma = problem.noise[key] * float(np.sqrt(residual @ residual / (active * freedom)))
+        noise[key] = max(sigma, problem.floors[key])
+    return noise
+
+
+def _at_floor(problem: Problem, solution: Solution) -> bool:
+    """Whether what is left looks like the noise between neighbouring readings."""
+    found = found_noise(problem, solution)
+    return all(found[key] < _AT_FLOOR * problem.noise[key] for key in found)
+
+
+def _weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
+    """Take the weights from the residuals until they no longer change."""
+    for _ in range(6):
+        noise = found_noise(problem, solution)
+        if max(abs(noise[key] / problem.noise[key] - 1.0) for key in noise) < _SAME_NOISE:
+            break
+        weighed = problem.with_noise(noise)
+        here = problem.weighed(solution.evaluation, noise)
+        again = polish(weighed, solution.theta, here) or minimise(weighed, solution.theta)
+        spent = again.evaluations + solution.evaluations
+        problem, solution = weighed, replace(again, converged=again.converged and solution.converged, evaluations=spent)
+    return problem, solution
+
+
+def _reference(problem: Problem, solution: Solution) -> FloatArray:
+    """Where an open direction is closed: the values of the file, no delay, no offset."""
+    reference = solution.theta.copy()
+    for place, unknown in enumerate(problem.unknowns):
+        if unknown.base in problem.base:
+            reference[place] = unknown.entry(float(np.clip(problem.base[unknown.base], unknown.lower, unknown.upper)))
+        elif not unknown.nuisance:
+            reference[place] = 0.0
+    return reference
+
+
+def _not_at_rest(record: Record) -> Finding:
+    return Finding(
+        "start-not-at-rest",
+        "warning",
+        f"{record.label}: its readings contradict a start from rest (p < 0.1 %): the state at its start was fitted too",
+        "let the strip rest at 0 V before the first row, and record a second of it",
+    )
+
+
+def _sensor_error(problem: Problem, unknown: Unknown) -> Finding:
+    what, output = unknown.base.split(".")[1:]
+    label = next(record.label for record in problem.records if record.place == unknown.place)
+    said = f"the zero of its {output} is not at zero" if what == "offset" else f"its {output} drifts"
+    return Finding(
+        "sensor-zero" if what == "offset" else "sensor-drift",
+        "info",
+        f"{label}: {said} (p < 0.1 %), so the {what} was fitted too",
+        "zero the channel at import, on the rows before the first edge" if what == "offset" else "",
+        channel=output,
+    )
+
+
+def _impossible_current(problem: Problem, solution: Solution, record: Record) -> Finding | None:
+    """A current that not even a short circuit behind the electrodes could draw."""
+    reading = record.readings.get("current")
+    if reading is None or not np.any(reading.exact):
+        return None
+    values = problem.values(solution.theta, record.place)
+    branches = len({name.split(".")[2] for name in values if name.startswith("circuit.branches.")})
+    series = lumped(branches, values, record.series_resistance).series
+    voltage = record.run.voltage
+    most = float(max(np.max(voltage), 0.0) - min(np.min(voltage), 0.0)) / series if series else np.inf
+    noise = problem.noise[record.place, "current"]
+    seen = float(np.max(np.abs(reading.values[reading.exact])))
+    if seen <= 1.02 * most or seen <= most + 6.0 * reading.noise or noise <= 0.0:
+        return None
+    return Finding(
+        "impossible-current",
+        "error",
+        f"{record.label}: the current reaches {1e3 * seen:.4g} mA, but {series:.4g} ohm in series with the branches "
+        f"allow {1e3 * most:.4g} mA at most",
+        "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure it, or "
+        "free circuit.sheet_resistance",
+        channel="current",
+        values={"current": seen, "largest": most, "series_resistance": series},
+    )

@@ -1,0 +1,66 @@
+"""A fit in the types that TOML has: the ``[fit]`` table of a fitted actuator's file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ipmclab.identify.fit import Fit
+
+
+def fit_to_table(fit: Fit) -> dict[str, Any]:
+    """Everything of a fit but its actuator and its residuals, in the types that TOML has."""
+    names = list(fit.parameters)
+    return {
+        "software_version": fit.software_version,
+        "converged": fit.converged,
+        "message": fit.message,
+        "evaluations": fit.evaluations,
+        "rank": fit.rank,
+        "singular_values": list(fit.singular_values),
+        "parameters": [
+            {
+                "name": parameter.name,
+                "value": parameter.value,
+                "unit": parameter.unit,
+                "symbol": parameter.symbol,
+                "standard_error": parameter.standard_error,
+                "interval": list(parameter.interval),
+                "determined": parameter.determined,
+                "at_bound": parameter.at_bound,
+            }
+            for parameter in fit.parameters.values()
+        ],
+        "correlations": [[fit.correlations[a][b] for b in names] for a in names],
+        "undetermined": [
+            {"coefficients": dict(d.coefficients), "sentence": d.sentence, "error": d.error} for d in fit.undetermined
+        ],
+        "runs": [
+            {
+                "label": run.label,
+                "content_sha256": run.content_sha256,
+                "hold": run.hold,
+                "delay": run.delay,
+                "start": run.start,
+                "initial_state": dict(run.initial_state),
+                "offset": dict(run.offset),
+                "drift": dict(run.drift),
+                "noise": dict(run.noise),
+                "samples": dict(run.samples),
+                "series_resistance": run.series_resistance,
+            }
+            for run in fit.observations
+        ],
+        "findings": [
+            {
+                "code": finding.code,
+                "severity": finding.severity,
+                "message": finding.message,
+                "repair": finding.repair,
+                "channel": finding.channel or "",
+                "samples": [list(pair) for pair in finding.samples],
+                "effect": finding.effect,
+                "values": {key: value for key, value in finding.values.items() if value is not None},
+            }
+            for finding in fit.findings
+        ],
+    }

@@ -1,0 +1,62 @@
+"""What a fit says of the runs it was made from: the model as each run's observation reads it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ipmclab.identify.free_run import seen_from_sensor
+from ipmclab.identify.observation import READ_OUTPUTS, model_hold, prepare
+from ipmclab.identify.scores import Comparison
+from ipmclab.model.sensitivity import simulate_outputs
+from ipmclab.quality import check
+from ipmclab.run import Run
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit
+
+
+def fitted_outputs(fit: Fit, run: Run, place: int) -> dict[str, Comparison]:
+    """Measured and fitted values of the outputs that a run gave to a fit.
+
+    Unlike a prediction, the fitted values carry everything that the fit settled for this run:
+    its delay, offset, drift, starting state, and parameters of its own.
+
+    Parameters
+    ----------
+    fit : Fit
+    run : Run
+    place : int
+        The run's place in the call of ``identify``.
+
+    Returns
+    -------
+    comparisons : dict of output to Comparison
+    """
+    observation = fit.observations[place]
+    outputs = [name for name in READ_OUTPUTS if name in observation.noise and name in run.channels]
+    record = prepare(run, place, outputs, check(run))
+    ending = f"[{place}]"
+    own = {
+        name.removesuffix(ending): parameter.value
+        for name, parameter in fit.parameters.items()
+        if name.endswith(ending) and not name.startswith("observation.")
+    }
+    model = seen_from_sensor(fit.actuator.replace(**own), observation.series_resistance)
+    fitted = simulate_outputs(
+        model,
+        run.time,
+        record.run.voltage,
+        model_hold(record),
+        outputs=outputs,
+        initial_state=observation.initial_state or None,
+        delay=observation.delay,
+    )
+    since = run.time - run.time[0]
+    comparisons: dict[str, Comparison] = {}
+    for output, values in zip(outputs, fitted, strict=True):
+        shifted = values + observation.offset.get(output, 0.0) + observation.drift.get(output, 0.0) * since
+        reading = record.readings[output]
+        comparisons[output] = Comparison(run.time, run.channels[output], np.asarray(shifted), reading.exact)
+    return comparisons

@@ -1,0 +1,148 @@
+"""Which parameters a fit may move: groups, dotted names, and the ones that each run has for itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.errors import InputError, suggest
+
+OBSERVATION_OUTPUTS: Final = ("current", "displacement", "force")
+OBSERVATION_NAMES: Final = tuple(
+    f"observation.{what}.{output}" for what in ("offset", "drift") for output in OBSERVATION_OUTPUTS
+)
+"""What a run's observation can have freed by name; its delay and its start are decided from the data."""
+
+_PLACE = re.compile(r"\[\d+\]$")
+
+
+@dataclass(frozen=True)
+class FreeParameters:
+    """The parameters that a fit may move, in the order of the actuator's file.
+
+    Parameters
+    ----------
+    shared : tuple of str
+        One value for all runs.
+    per_run : tuple of str
+        One value for each run, without the place.
+    observation : tuple of str
+        Offsets and drifts of the readings, one for each run.
+    """
+
+    shared: tuple[str, ...]
+    per_run: tuple[str, ...] = ()
+    observation: tuple[str, ...] = ()
+
+    @property
+    def actuator(self) -> tuple[str, ...]:
+        """Every free parameter of the actuator, shared or not."""
+        return (*self.shared, *self.per_run)
+
+
+def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | Iterable[str] = ()) -> FreeParameters:
+    """Read the names of free parameters.
+
+    Parameters
+    ----------
+    known : iterable of str
+        The actuator's parameters.
+    free : str or iterable of str
+        Groups (``electrical``, ``coupling``), dotted names, or comma lists of them.
+    per_run : str or iterable of str
+        The same, for parameters of which each run has its own. Naming one here frees it.
+
+    Returns
+    -------
+    free : FreeParameters
+
+    Raises
+    ------
+    InputError
+        An unknown name (with the nearest right one), nothing free, a per-run name with a place.
+
+    Examples
+    --------
+    >>> known = ["circuit.contact_resistance", "circuit.dc_resistivity", "coupling.gain"]
+    >>> parse_free(known, "electrical", per_run="circuit.contact_resistance").per_run
+    ('circuit.contact_resistance',)
+    """
+    names = list(known)
+    groups = {
+        "electrical": [n for n in names if n == "circuit.dc_resistivity" or n.startswith("circuit.branches.")],
+        "coupling": [n for n in names if n.startswith("coupling.")],
+    }
+    shared = _expand(free, groups, names, "free")
+    own = _expand(per_run, groups, names, "per_run")
+    if not shared and not own:
+        raise InputError(
+            "nothing is free",
+            code="nothing-free",
+            where="free",
+            repair="give 'electrical', 'coupling' or dotted names such as 'circuit.sheet_resistance'",
+        )
+    return FreeParameters(
+        shared=tuple(n for n in names if n in shared and n not in own),
+        per_run=tuple(n for n in names if n in own),
+        observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
+    )
+
+
+def _expand(given: str | Iterable[str], groups: Mapping[str, list[str]], names: list[str], where: str) -> set[str]:
+    texts = [given] if isinstance(given, str) else list(given)
+    found: set[str] = set()
+    for text in texts:
+        if not isinstance(text, str):
+            raise InputError(
+                f"{text!r} is not a name",
+                code="bad-name",
+                where=where,
+                repair="give names as text, such as 'electrical'",
+            )
+        for word in text.split(","):
+            name = word.strip()
+            if not name:
+                continue
+            if name in groups:
+                found.update(groups[name])
+            elif name in names or name in OBSERVATION_NAMES:
+                found.add(name)
+            elif _of_sensors(name):
+                of_these = [known for known in OBSERVATION_NAMES if f".{_of_sensors(name)}." in known]
+                raise InputError(
+                    f"{name!r} does not say of which sensor",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=f"give {', '.join(map(repr, of_these[:-1]))} or {of_these[-1]!r}",
+                )
+            elif name.startswith("observation.") and name not in OBSERVATION_NAMES:
+                raise InputError(
+                    f"{name!r} cannot be freed by name",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=suggest(name, OBSERVATION_NAMES)
+                    + "; the delay of a run with unknown hold and the state at its start are found without being named",
+                )
+            elif _PLACE.search(name) and _PLACE.sub("", name) in names:
+                raise InputError(
+                    f"{name!r} names one run",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=f"give {_PLACE.sub('', name)!r} as per_run: each run then has its own",
+                )
+            else:
+                raise InputError(
+                    f"no parameter or group is called {name!r}",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=suggest(name, [*groups, *names]),
+                )
+    return found
+
+
+def _of_sensors(name: str) -> str:
+    """Which of offset and drift is meant by a name that leaves out the sensor; empty for other names."""
+    what = name.removeprefix("observation.").removesuffix("s")
+    return what if what in ("offset", "drift") else ""

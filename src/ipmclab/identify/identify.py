@@ -1,0 +1,210 @@
+"""From runs to a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ipmclab.errors import InputError
+from ipmclab.identify.build import build_fit
+from ipmclab.identify.estimate import estimate
+from ipmclab.identify.fit import Fit
+from ipmclab.identify.free import FreeParameters, parse_free
+from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
+from ipmclab.model import Actuator
+from ipmclab.quality import check
+from ipmclab.run import Finding, Run
+
+_ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown"})
+"""Findings of a record that are no errors, but on which every time constant of the fit hangs."""
+
+
+def identify(
+    actuator: Actuator,
+    runs: Sequence[Run] | Run,
+    *,
+    free: str | Iterable[str] = "electrical",
+    per_run: str | Iterable[str] = (),
+    labels: Sequence[str] | None = None,
+) -> Fit:
+    """Identify parameters of an actuator from one or more runs at once.
+
+    No starting values are needed: a free parameter's value in ``actuator`` is not used, except that along a
+    direction that the readings leave open altogether the answer stays nearest to it. The input is the
+    measured voltage. Current is used where a circuit parameter is free; displacement and force where
+    a coupling, beam or dimension parameter or a series resistance is.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Gives the fixed parameters, with their stated uncertainties.
+    runs : sequence of Run
+        Of any lengths, rates and channels. They share every parameter that is not per run.
+    free : str or iterable of str
+        ``electrical``, ``coupling``, dotted names, or comma lists of them. ``observation.offset.<output>`` and
+        ``observation.drift.<output>`` free the zero and the slope of a sensor, for each run.
+    per_run : str or iterable of str
+        Parameters of which each run has its own, such as ``circuit.contact_resistance``.
+    labels : sequence of str, optional
+        A short name for each run, for messages and tables; else its source file, its signal or its place.
+
+    Returns
+    -------
+    fit : Fit
+
+    Raises
+    ------
+    InputError
+        An unknown name, no runs, a run without the readings that the free parameters need, more unknowns than
+        readings.
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> actuator = load_actuator("friend-2")
+    >>> run = simulate(actuator, "step 1 V", duration=40, rate=50)
+    >>> fit = identify(actuator, [run], free="electrical")
+    >>> round(fit.parameters["circuit.dc_resistivity"].value, 6)
+    43.420408
+    """
+    given = _runs(runs)
+    names = parse_free(actuator.parameters(), free, per_run)
+    outputs = _outputs(names)
+    found = [check(run) for run in given]
+    silent = [noise_only(findings) & set(outputs) for findings in found]
+    records = [
+        prepare(run, place, [output for output in outputs if output not in silent[place]], found[place])
+        for place, run in enumerate(given)
+    ]
+    if labels is not None:
+        records = [replace(record, label=label) for record, label in zip(records, labels, strict=True)]
+    earlier = fitted_runs(actuator.fit_table)
+    circuit_is_free = any(name.startswith(("circuit.", "geometry.")) for name in names.actuator)
+    records = [
+        as_read_before(record, earlier[run.content_sha256], circuit_is_free=circuit_is_free)
+        if run.content_sha256 in earlier
+        else record
+        for run, record in zip(given, records, strict=True)
+    ]
+    _refuse_twice(given, records)
+    _need_readings(names, records, silent)
+    left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
+    result = estimate(actuator, names, records)
+    return build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
+
+
+def _runs(runs: Sequence[Run] | Run) -> list[Run]:
+    given = [runs] if isinstance(runs, Run) else list(runs)
+    if not given:
+        raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
+    for place, run in enumerate(given):
+        if not isinstance(run, Run):
+            raise InputError(
+                f"item {place} is a {type(run).__name__}, not a run",
+                code="not-a-run",
+                where="runs",
+                repair="read it with read_run, or make one with Run.from_arrays",
+            )
+    return given
+
+
+def _refuse_twice(runs: Sequence[Run], records: Sequence[Record]) -> None:
+    """The same record counted twice would make every error too small."""
+    seen: dict[str, str] = {}
+    for run, record in zip(runs, records, strict=True):
+        if run.content_sha256 in seen:
+            raise InputError(
+                f"the same record is given twice, as {seen[run.content_sha256]} too",
+                code="same-run-twice",
+                where=record.label,
+                repair="give each record once",
+            )
+        seen[run.content_sha256] = record.label
+
+
+def _outputs(names: FreeParameters) -> tuple[str, ...]:
+    """The channels that the free parameters need.
+
+    Force and displacement also depend on the circuit, through the drop over its series resistance; but
+    while the coupling is fixed, perhaps at values of another strip, they would spoil what the current knows
+    better. They are asked where current alone is known not to be enough.
+    """
+    free = set(names.actuator)
+    chosen = {name.split(".")[2] for name in names.observation}
+    stages = {name.split(".")[0] for name in free}
+    if stages & {"circuit", "geometry"}:
+        chosen.add("current")
+    if stages & {"coupling", "beam", "geometry"} or free & {"circuit.sheet_resistance", "circuit.contact_resistance"}:
+        chosen |= {"displacement", "force"}
+    return tuple(output for output in READ_OUTPUTS if output in chosen)
+
+
+def _left_out(record: Record, silent: Set[str]) -> Finding:
+    listed, verb = " and ".join(sorted(silent)), "was" if len(silent) == 1 else "were"
+    return Finding(
+        "channel-left-out",
+        "warning",
+        f"{record.label}: {listed} held nothing but noise and {verb} left out of the fit",
+        "check that the instrument was connected and in range",
+        channel=min(silent) if len(silent) == 1 else None,
+    )
+
+
+def _need_readings(names: FreeParameters, records: Sequence[Record], silent: Sequence[Set[str]]) -> None:
+    """Refuse a free parameter that no run can show."""
+    needs = {
+        "circuit.": ("current",),
+        "coupling.": ("displacement", "force"),
+        "beam.": ("displacement", "force"),
+        "beam.density": ("displacement",),
+        "beam.damping_ratio": ("displacement",),
+    }
+    for prefix, channels in needs.items():
+        shared = [name for name in names.shared if name.startswith(prefix)]
+        own = [name for name in names.per_run if name.startswith(prefix)]
+        wanting = [record for record in records if not _shows(record, channels)]
+        if (own and wanting) or (shared and len(wanting) == len(records)):
+            noisy = sorted({output for record in wanting for output in silent[record.place] & set(channels)})
+            because = f": the {' and '.join(noisy)} held nothing but noise" if noisy else ""
+            raise InputError(
+                f"{(own or shared)[0]} is free, and there is no usable {' or '.join(channels)}{because}",
+                code="no-readings",
+                where=wanting[0].label if own or len(records) == 1 else "runs",
+                repair="add runs that have it, or fix the parameter",
+            )
+    for record in records:
+        if not np.any(record.run.voltage):
+            raise InputError(
+                "the voltage is zero throughout: nothing answers to it",
+                code="no-excitation",
+                where=record.label,
+                repair="leave the run out, or give the voltage that was applied",
+            )
+        if not any(np.any(reading.exact) for reading in record.readings.values()):
+            noisy = sorted(silent[record.place])
+            because = f": its {' and '.join(noisy)} held nothing but noise" if noisy else ""
+            raise InputError(
+                f"this run has no usable reading of what the free parameters need{because}",
+                code="no-readings",
+                where=record.label,
+                repair="see what check says of it, and leave the run out",
+            )
+
+
+def _shows(record: Record, channels: Sequence[str]) -> bool:
+    return any(np.any(record.readings[channel].exact) for channel in channels if channel in record.readings)
+
+
+def _used_findings(records: Sequence[Record], found: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
+    """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to."""
+    return tuple(
+        replace(finding, message=f"{record.label}: {finding.message}")
+        for record, findings in zip(records, found, strict=True)
+        for finding in findings
+        if finding.severity == "error"
+        or finding.code in _ALWAYS_TOLD
+        or (finding.effect != "none" and (finding.channel is None or finding.channel in record.readings))
+    )

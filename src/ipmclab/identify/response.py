@@ -1,0 +1,223 @@
+"""What an actuator answers to a run, with exact derivatives: the circuit alone, or the whole actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.admittance import Admittance, Elements, admittance, capacitor_voltages
+from ipmclab.identify.observation import Record, drive, model_hold
+from ipmclab.identify.varpro import Drive, responses
+from ipmclab.model import Actuator
+from ipmclab.model.circuit import Circuit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """One run's outputs and their derivatives, in SI units.
+
+    Parameters
+    ----------
+    values : float array, shape (n_output, n_time)
+    parameters : float array, shape (n_output, n_time, n_name)
+    states : float array, shape (n_output, n_time, n_amplitude)
+        For the starting amplitudes of this responder.
+    delay : float array, shape (n_output, n_time)
+    """
+
+    values: FloatArray
+    parameters: FloatArray
+    states: FloatArray
+    delay: FloatArray
+
+
+class Responder(Protocol):
+    """Computes a run's outputs and their derivatives."""
+
+    def amplitudes(self, record: Record) -> int:
+        """How many starting amplitudes a run with a free start has."""
+
+    def start_columns(self, record: Record, values: Mapping[str, float], delay: float) -> FloatArray:
+        """How the outputs of a run at rest would change with its start, shape (n_output, n_time, n_column)."""
+
+    def initial_state(self, record: Record, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:
+        """The states of the actuator that starting amplitudes stand for [SI]."""
+
+    def respond(
+        self, record: Record, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
+    ) -> Response:
+        """The outputs of one run, in the order of its readings."""
+
+
+def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> Elements:
+    """The elements of a circuit in numbers, with a further series resistance."""
+    parts = Circuit(branches).elements(values)
+    return Elements(
+        float(np.real(parts.series)) + series,
+        float(np.real(parts.dc)),
+        np.real(parts.branch_resistances).astype(float),
+        np.real(parts.branch_capacitances).astype(float),
+    )
+
+
+def lumped_derivatives(branches: int, values: Mapping[str, float], names: Sequence[str]) -> FloatArray:
+    """Derivatives of (series, log R_dc, log R_i, log C_i) with respect to parameters, by complex step.
+
+    Shape (2 + 2 n_branch, n_name).
+    """
+    circuit = Circuit(branches)
+    columns = np.empty((2 + 2 * branches, len(names)))
+    for column, name in enumerate(names):
+        step = 1e-30 * max(abs(values[name]), 1e-12)
+        parts = circuit.elements({**values, name: complex(values[name], step)})
+        rest = np.array([parts.dc, *parts.branch_resistances, *parts.branch_capacitances])
+        columns[0, column] = np.imag(parts.series) / step
+        columns[1:, column] = rest.imag / rest.real / step
+    return columns
+
+
+class CircuitResponder:
+    """Current alone, from poles and residues. A start that is not rest is an amplitude of each mode [A]."""
+
+    def __init__(self, branches: int) -> None:
+        self._branches = branches
+        # The latest answers are kept: runs share their circuit, and a point is often asked again with more names.
+        self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
+        self._moved: dict[int, tuple[object, tuple[Drive, FloatArray, FloatArray]]] = {}
+
+    def _circuit(
+        self, record: Record, values: Mapping[str, float], names: Sequence[str]
+    ) -> tuple[Admittance, FloatArray]:
+        """Poles and residues, and the derivatives of (direct, residues, poles) with respect to the parameters."""
+        key = (record.series_resistance, tuple(names), tuple(values.values()))
+        if key not in self._seen:
+            if len(self._seen) > 8:
+                self._seen.clear()
+            seen, derivatives = admittance(lumped(self._branches, values, record.series_resistance))
+            self._seen[key] = seen, derivatives @ lumped_derivatives(self._branches, values, names)
+        return self._seen[key]
+
+    def _responses(self, record: Record, poles: FloatArray, delay: float) -> tuple[Drive, FloatArray, FloatArray]:
+        key = (poles.tobytes(), delay, record.start)
+        kept = self._moved.get(record.place)
+        if kept is None or kept[0] != key:
+            given = drive(record, delay)
+            kept = key, (given, *responses(given, poles))
+            self._moved[record.place] = kept
+        return kept[1]
+
+    def amplitudes(self, record: Record) -> int:  # noqa: ARG002  # the protocol's signature
+        """One for each pole."""
+        return self._branches
+
+    def start_columns(self, record: Record, values: Mapping[str, float], delay: float) -> FloatArray:  # noqa: ARG002
+        """The decay of each mode."""
+        poles = admittance(lumped(self._branches, values, record.series_resistance))[0].poles
+        return np.exp(np.outer(record.run.time - record.run.time[0], poles))[None]
+
+    def initial_state(self, record: Record, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:
+        """Capacitor voltages [V]."""
+        voltages = capacitor_voltages(lumped(self._branches, values, record.series_resistance), start)
+        return {f"circuit.branches.{number}.voltage": float(value) for number, value in enumerate(voltages)}
+
+    def respond(
+        self, record: Record, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
+    ) -> Response:
+        """Current and its derivatives."""
+        seen, derivatives = self._circuit(record, values, names)
+        given, state, slope = self._responses(record, seen.poles, delay)
+        current = seen.direct * given.present + seen.residues @ state
+        by_pole = seen.residues[:, None] * slope
+        # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
+        by_delay = -(seen.residues @ (seen.poles[:, None] * state + given.present))
+        decay = np.zeros((self._branches, 0))
+        if record.start == "free":
+            free = start if len(start) else np.zeros(self._branches)
+            since = record.run.time - record.run.time[0]
+            decay = np.exp(np.outer(seen.poles, since))
+            current += free @ decay
+            by_pole += free[:, None] * since * decay
+            by_delay += record.run.voltage[0] * (seen.residues @ decay)
+        by_coefficient = np.vstack([given.present[None, :], state, by_pole])
+        by_name = by_coefficient.T @ derivatives
+        return Response(current[None], by_name[None], decay.T[None], by_delay[None])
+
+
+class ActuatorResponder:
+    """Any outputs, through the assembled actuator. A start that is not rest is a set of states."""
+
+    def __init__(self, actuator: Actuator) -> None:
+        self._actuator = actuator
+        self._bases: dict[int, FloatArray] = {}
+
+    def amplitudes(self, record: Record) -> int:
+        """As many as the readings of this run can tell apart."""
+        return int(self.basis(record).shape[1])
+
+    def basis(self, record: Record) -> FloatArray:
+        """Directions of the starting state that the readings can see, shape (n_states, n_amplitude)."""
+        return self._bases[record.place]
+
+    def prepare(self, record: Record, values: Mapping[str, float]) -> None:
+        """Choose the basis of a run with a free start, for parameters near the final ones."""
+        rest = np.zeros(len(self._actuator.state_names))
+        states = self._sensitivities(record, values, (), 0.0, rest).states
+        weighted = np.concatenate(
+            [
+                states[row][reading.exact] / max(reading.noise, 1e-300)
+                for row, reading in enumerate(record.readings.values())
+            ]
+        )
+        _, singular, directions = np.linalg.svd(weighted, full_matrices=False)
+        seen = singular > 1e-6 * singular[0]
+        self._bases[record.place] = directions[seen].T / singular[seen] * np.sqrt(len(weighted))
+
+    def start_columns(self, record: Record, values: Mapping[str, float], delay: float) -> FloatArray:
+        """The response to each state."""
+        return self._sensitivities(record, values, (), delay, np.zeros(len(self._actuator.state_names))).states
+
+    def initial_state(self, record: Record, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:  # noqa: ARG002
+        """The states that the readings can see; the others as small as they can be."""
+        state = self._bases[record.place] @ start
+        return dict(zip(self._actuator.state_names, map(float, state), strict=True))
+
+    def respond(
+        self, record: Record, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
+    ) -> Response:
+        """Outputs and their derivatives."""
+        basis = self._bases.get(record.place)
+        state = None if basis is None else basis @ start if len(start) else np.zeros(len(basis))
+        found = self._sensitivities(record, values, names, delay, state)
+        states = found.states @ basis if basis is not None else found.states[:, :, :0]
+        return Response(found.values, found.parameters, states, found.delay)
+
+    def _sensitivities(
+        self,
+        record: Record,
+        values: Mapping[str, float],
+        names: Sequence[str],
+        delay: float,
+        state: FloatArray | None,
+    ) -> Response:
+        from ipmclab.model.sensitivity import sensitivities
+
+        changes = {name: value for name, value in values.items() if value != self._actuator[name]}
+        if record.series_resistance:
+            changes["circuit.contact_resistance"] = values["circuit.contact_resistance"] + record.series_resistance
+        found = sensitivities(
+            self._actuator.replace(**changes),
+            tuple(names),
+            record.run.time,
+            record.run.voltage,
+            model_hold(record),
+            outputs=tuple(record.readings),
+            initial_state=state,
+            delay=delay,
+        )
+        return Response(found.values, found.parameters, found.states, found.delay)

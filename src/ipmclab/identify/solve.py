@@ -1,0 +1,206 @@
+"""Minimise a weighted least-squares problem inside its bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.problem import Evaluation, Problem
+
+FloatArray = npt.NDArray[np.float64]
+
+STRUCTURAL: Final = 1e-7
+"""A singular value below this part of the largest is a direction that no amount of such data determines."""
+
+NEGLIGIBLE: Final = 1e-6
+"""A decrease of the cost that moves no parameter by a thousandth of its standard error."""
+
+_REASONS: Final = {
+    0: "the limit of evaluations was reached before the cost stopped falling",
+    1: "the gradient vanished",
+    2: "the cost stopped falling",
+    3: "the parameters stopped moving",
+    4: "the cost and the parameters stopped moving",
+}
+
+
+class Solvable(Protocol):
+    """What can be minimised: weighted residuals inside bounds."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian."""
+
+
+class Pinned:
+    """A problem with one entry held."""
+
+    def __init__(self, problem: Solvable, place: int, entry: float) -> None:
+        self._problem, self._place, self._entry = problem, place, entry
+        self.lower, self.upper = np.delete(problem.lower, place), np.delete(problem.upper, place)
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian of the others."""
+        full = self._problem.evaluate(np.insert(theta, self._place, self._entry))
+        return Evaluation(full.residual, np.delete(full.jacobian, self._place, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A minimum, or the best point where the search ended.
+
+    ``evaluations`` counts how often the model was run on all records.
+    """
+
+    theta: FloatArray
+    evaluation: Evaluation
+    converged: bool
+    message: str
+    evaluations: int
+
+
+def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None, *, steps: int = 12) -> Solution | None:
+    """Gauss-Newton steps from a point near the minimum; None where they leave the bounds or do not lower the cost.
+
+    Along directions of which the readings say nothing the step is zero.
+
+    Parameters
+    ----------
+    problem : Solvable
+    theta : float array, shape (n_unknown,)
+    here : Evaluation, optional
+        At ``theta``, where it is known already.
+    steps : int
+        Limit of evaluations.
+    """
+    if np.any(theta <= problem.lower) or np.any(theta >= problem.upper):
+        return None
+    spent = 0
+    if here is None:
+        here, spent = problem.evaluate(theta), 1
+    for _ in range(steps):
+        step, expected = _gauss_newton(here)
+        if expected <= max(NEGLIGIBLE, 1e-12 * here.cost):
+            return Solution(theta, here, True, _REASONS[1], spent)
+        trial = theta + step
+        if np.any(trial <= problem.lower) or np.any(trial >= problem.upper) or np.max(np.abs(step)) > 3.0:
+            return None
+        there = problem.evaluate(trial)
+        spent += 1
+        if not there.cost < here.cost:
+            stopped = expected <= 1e-9 * here.cost
+            return Solution(theta, here, True, _REASONS[2], spent) if stopped else None
+        theta, here = trial, there
+    return None
+
+
+def _decompose(here: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Singular values and directions of the Jacobian, its turned residual, and the size of its columns."""
+    columns = here.jacobian.shape[1]
+    triangle, right = here.triangle[:columns, :columns], here.triangle[:columns, columns]
+    size = np.linalg.norm(triangle, axis=0)
+    size[size == 0] = 1.0
+    left, singular, directions = np.linalg.svd(triangle / size)
+    return singular, directions, left.T @ right, size
+
+
+def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
+    """The step, and the decrease of the cost that it promises."""
+    singular, directions, right, size = _decompose(here)
+    kept = singular > STRUCTURAL * singular[0]
+    turned = right[kept]
+    return -(directions[kept].T @ (turned / singular[kept])) / size, float(turned @ turned)
+
+
+def entry_errors(here: Evaluation) -> FloatArray:
+    """Standard error of each entry, infinite where a direction of which the readings say nothing moves it."""
+    singular, directions, _, size = _decompose(here)
+    kept = singular > STRUCTURAL * singular[0]
+    errors = np.sqrt(np.sum((directions[kept] / singular[kept, None]) ** 2, axis=0)) / size
+    moved = np.any(np.abs(directions[~kept]) > 1e-3, axis=0)
+    return np.where(moved, np.inf, errors)
+
+
+def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
+    """Along directions of which the readings say nothing, move to the point nearest to a reference.
+
+    Such directions bend: each short step along them is followed by steps back to the minimum.
+    """
+    reach = 0.5
+    spent = solution.evaluations
+    for _ in range(60):
+        null = null_directions(solution.evaluation)
+        move = null.T @ (null @ (reference - solution.theta))
+        length = float(np.linalg.norm(move))
+        if length < 1e-4 or reach < 1e-3:
+            break
+        trial = solution.theta + move * min(1.0, reach / length)
+        inside = np.clip(trial, problem.lower + 1e-6, problem.upper - 1e-6)
+        back = polish(problem, inside)
+        gained = (
+            back is not None
+            and back.evaluation.cost <= solution.evaluation.cost + 1e-3 + 1e-9 * solution.evaluation.cost
+        )
+        if back is not None and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
+            solution = back
+            spent += back.evaluations
+        else:
+            reach *= 0.5
+    return replace(solution, evaluations=spent)
+
+
+def _distance(theta: FloatArray, reference: FloatArray) -> float:
+    return float(np.linalg.norm(theta - reference))
+
+
+def null_directions(here: Evaluation) -> FloatArray:
+    """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
+    columns = here.jacobian.shape[1]
+    _, singular, directions = np.linalg.svd(here.triangle[:columns, :columns])
+    found: FloatArray = directions[singular <= STRUCTURAL * singular[0]]
+    return found
+
+
+def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300) -> Solution:
+    """Trust-region reflective least squares with the exact Jacobian (SciPy's TRF).
+
+    Parameters
+    ----------
+    problem : Solvable
+    theta : float array, shape (n_unknown,)
+        Where the search starts; it is moved inside the bounds.
+    evaluations : int
+        Limit of model evaluations.
+    """
+    from scipy.optimize import least_squares
+
+    kept: dict[bytes, Evaluation] = {}
+
+    def at(point: FloatArray) -> Evaluation:
+        key = point.tobytes()
+        if key not in kept:
+            kept.clear()
+            kept[key] = problem.evaluate(point)
+        return kept[key]
+
+    finite = np.isfinite(problem.upper - problem.lower)
+    margin = np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0)
+    inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
+    # Turned by the Q of its own point, residual and Jacobian are a few rows with the same cost and the same steps.
+    found = least_squares(
+        lambda point: at(point).triangle[:, -1],
+        inside,
+        jac=lambda point: at(point).triangle[:, :-1],
+        bounds=(problem.lower, problem.upper),
+        x_scale="jac",
+        ftol=1e-10,
+        xtol=1e-10,
+        gtol=1e-10,
+        max_nfev=evaluations,
+    )
+    return Solution(found.x, at(found.x), found.status > 0, _REASONS[found.status], int(found.nfev))

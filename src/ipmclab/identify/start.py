@@ -1,0 +1,170 @@
+"""Where a fit starts: found from the data, never from the values of the free parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.observation import EdgeDelay, Record
+from ipmclab.identify.response import lumped
+from ipmclab.identify.start_circuit import circuit_values, find_circuit
+from ipmclab.identify.start_coupling import coupling_starts
+from ipmclab.model import Actuator, geometry
+
+_SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
+"""Parts of the first resistance V/I(0+) that are tried as series resistance where it is free."""
+
+_SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
+
+_ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)
+"""Zeros of the coupling that are tried, in Nyquist rates."""
+
+TYPICAL: Final[Mapping[str, float]] = {
+    "geometry.free_length": 25e-3,
+    "geometry.clamped_length": 5e-3,
+    "geometry.width": 5e-3,
+    "geometry.thickness": 0.2e-3,
+    "geometry.sensing_length": 20e-3,
+    "coupling.gain": 1e-8,
+    "coupling.zero": 100.0,
+    "coupling.p1": 10.0,
+    "coupling.p2": 30.0,
+    "beam.density": 3000.0,
+    "beam.modulus": 5e8,
+    "beam.damping_ratio": 0.05,
+}
+"""Sizes of a usual strip, for parameters of which no estimate is made."""
+
+
+@dataclass(frozen=True)
+class StartingPoint:
+    """Values of the free actuator parameters and of the delays of foreign records.
+
+    ``exact`` when the point is already the least-squares solution of the circuit.
+    """
+
+    values: Mapping[str, float]
+    delays: Mapping[int, EdgeDelay]
+    exact: bool = False
+
+
+def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> list[StartingPoint]:
+    """Starting points, the most likely first."""
+    free = set(names.actuator)
+    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
+    bases = [{name: TYPICAL[name] for name in free if name in TYPICAL}]
+    exact = False
+    if any(name.startswith("circuit.") for name in free):
+        with_current = [record for record in records if "current" in record.readings]
+        series_known = None
+        if not free & {"circuit.sheet_resistance", "circuit.contact_resistance"}:
+            series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
+        found = find_circuit(with_current, actuator.circuit.branches, series_known)
+        delays.update(found.delays)
+        seen = found.admittance
+        bases = []
+        for base in [{name: TYPICAL[name] for name in free if name in TYPICAL}]:
+            for series_values in _series_values(actuator, free, base, seen.direct):
+                values = {**actuator.parameter_values, **base, **series_values}
+                series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
+                electric, exact = circuit_values(seen, values, series)
+                bases.append({**base, **series_values, **electric})
+    points = []
+    for base in bases:
+        if any(name.startswith("coupling.") for name in free):
+            strip = actuator.replace(**_allowed(actuator, base))
+            known = {record.place: record.known_delay for record in records if record.known_delay is not None}
+            shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
+            for start in coupling_starts(strip, records, shifts, stiffness_is_free="beam.modulus" in free):
+                points.append(StartingPoint({**base, **start}, delays))
+        else:
+            points.append(StartingPoint(base, delays, exact and _only_electrical(actuator, free, records)))
+    return points
+
+
+def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[Record]) -> bool:
+    """Whether the poles and residues of all currents together are the whole problem."""
+    electrical = {n for n in actuator.parameter_values if n.startswith("circuit.branches.")} | {
+        "circuit.dc_resistivity"
+    }
+    return free == electrical and len({record.series_resistance for record in records}) == 1
+
+
+def _allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+    parameters = actuator.parameters()
+    return {
+        name: float(np.clip(value, parameters[name].lower, parameters[name].upper)) for name, value in values.items()
+    }
+
+
+def _series_values(
+    actuator: Actuator, free: set[str], base: Mapping[str, float], direct: float
+) -> list[dict[str, float]]:
+    """Values of the free ones of sheet and contact resistance; one empty mapping where both are fixed."""
+    sheet, contact = "circuit.sheet_resistance" in free, "circuit.contact_resistance" in free
+    if not sheet and not contact:
+        return [{}]
+    values = {**actuator.parameter_values, **base}
+    squares = 2.0 * float(np.real(geometry.squares(values)))
+    first = 1.0 / max(direct, 1e-12)
+    found = []
+    for part in _SERIES_PARTS:
+        series = part * first
+        if sheet and contact:
+            found.append(
+                {"circuit.sheet_resistance": 0.9 * series / squares, "circuit.contact_resistance": 0.1 * series}
+            )
+        elif sheet:
+            rest = max(series - values["circuit.contact_resistance"], 0.05 * series)
+            found.append({"circuit.sheet_resistance": rest / squares})
+        else:
+            rest = max(series - values["circuit.sheet_resistance"] * squares, 0.01 * series)
+            found.append({"circuit.contact_resistance": rest})
+    return found
+
+
+def leak_shares(actuator: Actuator, values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Circuits that differ in how the leak and the slowest branch share the current that remains.
+
+    Where a record is short for the slowest branch they all look alike.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    values : mapping of name to float [SI]
+        Every parameter, at a solution.
+    """
+    slow = max(
+        range(actuator.circuit.branches),
+        key=lambda i: values[f"circuit.branches.{i}.resistivity"] * values[f"circuit.branches.{i}.permittivity"],
+    )
+    resistivity, permittivity = (values[f"circuit.branches.{slow}.{what}"] for what in ("resistivity", "permittivity"))
+    conductivity = 1.0 / values["circuit.dc_resistivity"] + 1.0 / resistivity
+    found = []
+    for share in _SHARES:
+        changed = 1.0 / ((1.0 - share) * conductivity)
+        found.append(
+            {
+                "circuit.dc_resistivity": 1.0 / (share * conductivity),
+                f"circuit.branches.{slow}.resistivity": changed,
+                # The slope with which the current begins to fall stays as it is.
+                f"circuit.branches.{slow}.permittivity": permittivity * (resistivity / changed) ** 2,
+            }
+        )
+    return found
+
+
+def other_zeros(values: Mapping[str, float], records: Sequence[Record]) -> list[dict[str, float]]:
+    """Couplings with the zero elsewhere and the same K_d Z_d: where the zero is too fast to be seen they look alike."""
+    level = values["coupling.gain"] * values["coupling.zero"]
+    nyquist = fastest_rate(records)
+    return [{"coupling.zero": part * nyquist, "coupling.gain": level / (part * nyquist)} for part in _ZEROS]
+
+
+def fastest_rate(records: Sequence[Record]) -> float:
+    """The highest Nyquist rate [1/s] of the records that show motion."""
+    return float(np.pi * max(record.run.rate for record in records if {"force", "displacement"} & set(record.readings)))

@@ -1,0 +1,159 @@
+"""The unknowns of a fit as one vector: shared, per run, and what only an observation needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.observation import LONGEST_DELAY, EdgeDelay, Record
+from ipmclab.model.parameters import Parameter
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One entry of the vector that a fit moves.
+
+    Parameters
+    ----------
+    name : str
+        With its place where it belongs to one run: ``circuit.contact_resistance[0]``.
+    base : str
+        Without it.
+    place : int or None
+        The run, or None when all share it.
+    log : bool
+        Whether the entry is the logarithm of the value; else the value over ``scale``.
+    scale : float [SI]
+        What counts as a change of order one of a linear unknown.
+    lower, upper : float [SI]
+    nuisance : bool
+        Needed for the fit, but not asked for: starting states.
+    prior : pair of float, optional
+        Centre and standard deviation of what is known of the entry beforehand.
+    """
+
+    name: str
+    base: str
+    place: int | None
+    log: bool
+    scale: float
+    lower: float
+    upper: float
+    nuisance: bool = False
+    prior: tuple[float, float] | None = None
+
+    def entry(self, value: float) -> float:
+        """The entry of the vector for a value."""
+        return math.log(value) if self.log else value / self.scale
+
+    def value(self, entry: float) -> float:
+        """The value that an entry stands for, inside the bounds."""
+        value = math.exp(min(entry, 700.0)) if self.log else entry * self.scale
+        return min(max(value, self.lower), self.upper)
+
+    def chain(self, value: float) -> float:
+        """Derivative of the value with respect to its entry."""
+        return value if self.log else self.scale
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Bounds of the entry."""
+        return self.entry(self.lower), self.entry(self.upper)
+
+
+_FAR: Final = 100.0  # Nyquist rates
+
+# Where a linear parameter's value is zero its own size says nothing about what a large change is.
+_LINEAR_SCALES = {"circuit.contact_resistance": 1.0, "geometry.clamped_length": 1e-3}
+
+
+def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
+    """The unknown of one actuator parameter."""
+    name = parameter.name if place is None else f"{parameter.name}[{place}]"
+    log = parameter.transform == "log"
+    scale = 1.0 if log else _LINEAR_SCALES.get(parameter.name, 1.0)
+    return Unknown(name, parameter.name, place, log, scale, parameter.lower, parameter.upper)
+
+
+def unknowns_of(
+    free: FreeParameters,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[Record],
+    *,
+    states: Mapping[int, int] | None = None,
+    delays: Mapping[int, EdgeDelay] | None = None,
+) -> tuple[Unknown, ...]:
+    """Every unknown, in a fixed order.
+
+    Parameters
+    ----------
+    free : FreeParameters
+    parameters : mapping of name to Parameter
+    records : sequence of Record
+    states : mapping of place to int
+        Number of unknown starting amplitudes of the runs that do not start from rest.
+    delays : mapping of place to EdgeDelay
+        What is known beforehand of the edges of foreign records.
+    """
+    delays = delays or {record.place: record.at_its_rows for record in records}
+    foreign = sum(record.delay_is_free for record in records)
+    found = [actuator_unknown(parameters[name], None) for name in free.shared]
+    rates = [record.run.rate for record in records if {"force", "displacement"} & set(record.readings)]
+    if rates:
+        # A zero far beyond the Nyquist rate cannot be seen: without a bound it runs away.
+        found = [
+            replace(u, upper=min(u.upper, _FAR * math.pi * max(rates))) if u.base == "coupling.zero" else u
+            for u in found
+        ]
+    for name in free.per_run:
+        found += [actuator_unknown(parameters[name], record.place) for record in records]
+    for record in records:
+        if record.delay_is_free:
+            reach = LONGEST_DELAY * record.period
+            known = delays[record.place]
+            found.append(
+                Unknown(
+                    f"observation.delay[{record.place}]",
+                    "observation.delay",
+                    record.place,
+                    log=False,
+                    scale=record.period,
+                    lower=-reach,
+                    upper=reach,
+                    # Steps show how their edges lie to each other, and so the rows of all of them confine one
+                    # common shift: that their limits agree is no reason to believe in the middle between them.
+                    prior=(known.value / record.period, known.error * math.sqrt(foreign) / record.period),
+                )
+            )
+    for what in ("offset", "drift"):
+        for record in records:
+            duration = float(record.run.time[-1] - record.run.time[0])
+            for output, reading in record.readings.items():
+                base = f"observation.{what}.{output}"
+                if base not in free.observation and (what, output) not in record.unsettled:
+                    continue
+                scale = float(np.ptp(reading.values[reading.used])) or 1.0
+                found.append(
+                    Unknown(
+                        f"{base}[{record.place}]",
+                        base,
+                        record.place,
+                        log=False,
+                        scale=scale if what == "offset" else scale / duration,
+                        lower=-math.inf,
+                        upper=math.inf,
+                    )
+                )
+    for place, count in (states or {}).items():
+        for number in range(count):
+            base = f"observation.initial_state.{number}"
+            found.append(Unknown(f"{base}[{place}]", base, place, False, 1.0, -math.inf, math.inf, nuisance=True))
+    return tuple(found)

@@ -1,0 +1,32 @@
+"""The model: stages as data, joined into one system that is simulated exactly."""
+
+from __future__ import annotations
+
+from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.actuator_file import (
+    actuator_from_text,
+    actuator_to_text,
+    library_names,
+    load_actuator,
+    write_actuator,
+)
+from ipmclab.model.parameters import Parameter
+from ipmclab.model.sensitivity import Sensitivities, sensitivities, simulate_outputs
+from ipmclab.model.simulate import simulate
+from ipmclab.model.stepping import Simulator
+
+__all__ = [
+    "OUTPUTS",
+    "Actuator",
+    "Parameter",
+    "Sensitivities",
+    "Simulator",
+    "actuator_from_text",
+    "actuator_to_text",
+    "library_names",
+    "load_actuator",
+    "sensitivities",
+    "simulate",
+    "simulate_outputs",
+    "write_actuator",
+]

@@ -1,0 +1,289 @@
+"""Actuator files: TOML, quantities as texts with their unit, nothing unknown, nothing silently wrong."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final
+
+from ipmclab.destination import replacing
+from ipmclab.errors import InputError, suggest
+from ipmclab.model import geometry
+from ipmclab.model.actuator import Actuator, count_branches, declarations
+from ipmclab.model.parameters import Declaration
+from ipmclab.sample import Sample
+from ipmclab.units import Quantity, format_quantity, parse_quantity
+
+_LIBRARY: Final = resources.files("ipmclab.model") / "library"
+_TABLES: Final = ("geometry", "circuit", "coupling", "beam")
+_OTHER_KEYS: Final = ("name", "sample", "fit")
+_UNCERTAIN_KEYS: Final = ("value", "standard_uncertainty")
+_RUN_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
+
+
+def library_names() -> list[str]:
+    """Names of the actuators that come with ipmclab.
+
+    Examples
+    --------
+    >>> library_names()
+    ['friend-2']
+    """
+    return sorted(entry.name.removesuffix(".toml") for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_actuator(name_or_path: str | Path) -> Actuator:
+    """Read an actuator from the library or from a TOML file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A library name (``"friend-2"``) or the path of a file.
+
+    Returns
+    -------
+    actuator : Actuator
+
+    Raises
+    ------
+    InputError
+        No such actuator, no TOML, an unknown or missing key, a wrong unit, a value out of range.
+
+    Examples
+    --------
+    >>> load_actuator("friend-2")["circuit.branches.1.permittivity"]
+    0.48106
+    """
+    if isinstance(name_or_path, str) and name_or_path in library_names():
+        text = (_LIBRARY / f"{name_or_path}.toml").read_text(encoding="utf-8")
+        return actuator_from_text(text, where=name_or_path)
+    path = Path(name_or_path)
+    _refuse_other_things(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
+    except FileNotFoundError:
+        raise InputError(
+            f"there is no actuator {str(name_or_path)!r}, neither in the library nor as a file",
+            code="no-actuator",
+            where="actuator",
+            repair=suggest(str(name_or_path), library_names()),
+        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
+        ) from error
+    return actuator_from_text(text, where=str(path))
+
+
+def _refuse_other_things(path: Path) -> None:
+    """Refuse a folder and a run, which stand here when arguments are in the wrong order."""
+    try:
+        if path.is_dir():
+            raise InputError(
+                "this is a folder, not an actuator", code="is-a-folder", where=str(path), repair="name a file in it"
+            )
+        with path.open("rb") as stream:
+            is_run = stream.read(len(_RUN_SIGNATURE)) == _RUN_SIGNATURE
+    except InputError:
+        raise
+    except (OSError, ValueError):
+        return  # reading the text says what is wrong
+    if is_run:
+        raise InputError(
+            "this is a run, not an actuator",
+            code="not-an-actuator",
+            where=str(path),
+            repair="the actuator comes first, then the runs",
+        )
+
+
+def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
+    """Read an actuator from the text of its TOML file.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        What the messages name: the file.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # a huge integer or deep nesting raises another than TOMLDecodeError
+        raise InputError(
+            f"not a TOML file: {error}", code="bad-toml", where=where, repair="compare with the library's friend-2"
+        ) from error
+    for key in document:
+        if key not in (*_TABLES, *_OTHER_KEYS):
+            known = (*_TABLES, *_OTHER_KEYS)
+            raise InputError(
+                f"unknown key {key!r}", code="unknown-key", where=f"{where}: {key}", repair=suggest(key, known)
+            )
+    name, sample, fit = document.get("name"), document.get("sample"), document.get("fit")
+    if not isinstance(name, str) or not name:
+        raise InputError(
+            "an actuator needs a name", code="missing-key", where=f"{where}: name", repair='add name = "..." at the top'
+        )
+    for key, table in (("sample", sample), ("fit", fit)):
+        if table is not None and not isinstance(table, dict):
+            raise InputError(
+                f"{table!r} is not a table", code="bad-value", where=f"{where}: {key}", repair=f"write it below [{key}]"
+            )
+    values, uncertainties = _read_parameters({key: document[key] for key in _TABLES if key in document}, where)
+    return Actuator(
+        name=name,
+        parameter_values=values,
+        standard_uncertainties=uncertainties,
+        sample=None if sample is None else Sample.from_table(sample, where=f"{where}: sample"),
+        fit_table=fit,
+    )
+
+
+def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, float], dict[str, float]]:
+    given = dict(_flatten(tables, ""))
+    known = declarations(count_branches(given))
+    for name in given:
+        if name not in known:
+            parent = name.rpartition(".")[0]
+            siblings = [other for other in known if other.rpartition(".")[0] == parent] or list(known)
+            raise InputError(
+                f"unknown key {name!r}", code="unknown-key", where=f"{where}: {name}", repair=suggest(name, siblings)
+            )
+    values: dict[str, float] = {}
+    uncertainties: dict[str, float] = {}
+    for name, declaration in known.items():
+        place = f"{where}: {name}"
+        if name not in given:
+            if declaration.default is None:
+                unit = declaration.quantity.display_unit
+                raise InputError(
+                    "this key is missing",
+                    code="missing-key",
+                    where=place,
+                    repair=f'add {name.rpartition(".")[2]} = "... {unit}" ({declaration.symbol})',
+                )
+            continue
+        raw = given[name]
+        if isinstance(raw, dict):
+            raw, uncertainties[name] = _read_uncertain(raw, declaration, place)
+        values[name] = _read_number(raw, declaration, place)
+        declaration.check(values[name], where=place)
+    geometry.check(values, where=f"{where}: ")
+    return values, uncertainties
+
+
+def _flatten(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Dotted names and what stands there; a table that holds a value is one entry, not a table of entries."""
+    if isinstance(value, list) and all(isinstance(entry, dict) for entry in value):
+        entries: Any = enumerate(value)
+    elif isinstance(value, dict) and (not prefix or not set(value) & set(_UNCERTAIN_KEYS)):
+        entries = value.items()
+    else:
+        yield prefix, value
+        return
+    for key, entry in entries:
+        yield from _flatten(entry, f"{prefix}.{key}" if prefix else str(key))
+
+
+def _read_uncertain(table: dict[str, Any], declaration: Declaration, place: str) -> tuple[Any, float]:
+    for key in table:
+        if key not in _UNCERTAIN_KEYS:
+            raise InputError(
+                f"unknown key {key!r}", code="unknown-key", where=f"{place}.{key}", repair=suggest(key, _UNCERTAIN_KEYS)
+            )
+    if "value" not in table:
+        raise InputError("this key is missing", code="missing-key", where=f"{place}.value", repair="add value = ...")
+    if "standard_uncertainty" not in table:
+        return table["value"], 0.0
+    uncertainty_place = f"{place}.standard_uncertainty"
+    uncertainty = _read_number(table["standard_uncertainty"], declaration, uncertainty_place)
+    if not uncertainty >= 0:
+        raise InputError(
+            f"{table['standard_uncertainty']!r} is not 0 or more",
+            code="out-of-range",
+            where=uncertainty_place,
+            repair="give one standard deviation",
+        )
+    return table["value"], uncertainty
+
+
+def _read_number(raw: Any, declaration: Declaration, place: str) -> float:
+    quantity = declaration.quantity
+    if isinstance(raw, str):
+        return parse_quantity(raw, quantity, where=place)
+    if not quantity.unit and isinstance(raw, (int, float)) and not isinstance(raw, bool):
+        try:
+            return float(raw)
+        except OverflowError:
+            return math.inf  # which no declaration allows
+    example = f'"... {quantity.display_unit}"' if quantity.unit else "a number"
+    what = "has no unit" if isinstance(raw, (int, float)) and not isinstance(raw, bool) else f"is not a {quantity.name}"
+    raise InputError(f"{raw!r} {what}", code="bad-value", where=place, repair=f"write {example}")
+
+
+def write_actuator(actuator: Actuator, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write an actuator to a TOML file, from which ``load_actuator`` reads the same floats.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    path : str or Path
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    InputError
+        No such folder, or an existing file.
+    IpmclabError
+        The system refuses to write there.
+    """
+    text = actuator_to_text(actuator)
+    with replacing(path, overwrite=overwrite) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def actuator_to_text(actuator: Actuator) -> str:
+    """The text of an actuator's TOML file.
+
+    Examples
+    --------
+    >>> print(actuator_to_text(load_actuator("friend-2")).splitlines()[2])
+    free_length = "25 mm"
+    """
+    import tomli_w
+
+    lines = [tomli_w.dumps({"name": actuator.name}).rstrip()]
+    table = ""
+    for name, parameter in actuator.parameters().items():
+        parent, _, key = name.rpartition(".")
+        if parent != table:
+            table = parent
+            is_branch = parent.startswith("circuit.branches.")
+            lines.append("[[circuit.branches]]" if is_branch else f"[{parent}]")
+        value = _number_text(parameter.value, parameter.quantity)
+        if parameter.standard_uncertainty > 0:
+            uncertainty = _number_text(parameter.standard_uncertainty, parameter.quantity)
+            value = f"{{ value = {value}, standard_uncertainty = {uncertainty} }}"
+        lines.append(f"{key} = {value}")
+    text = "\n".join(lines) + "\n"
+    if actuator.sample is not None:
+        text += tomli_w.dumps({"sample": actuator.sample.to_table()})
+    if actuator.fit_table is not None:
+        text += tomli_w.dumps({"fit": actuator.fit_table})
+    return text
+
+
+def _number_text(value: float, quantity: Quantity) -> str:
+    """The number as TOML: in the unit that people read where that gives the same float, else in SI."""
+    if not quantity.unit:
+        return repr(value)
+    readable = f"{quantity.to_display(value):.15g} {quantity.display_unit}"
+    same = parse_quantity(readable, quantity, where="") == value
+    return f'"{readable if same else format_quantity(value, quantity)}"'

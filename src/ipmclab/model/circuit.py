@@ -1,0 +1,92 @@
+"""Circuit: what current the strip draws, and the voltage behind its electrodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ipmclab.model import geometry
+from ipmclab.model.blocks import Block, block
+from ipmclab.model.parameters import Declaration, Values
+from ipmclab.units import PERMITTIVITY, RESISTANCE, RESISTIVITY, SHEET_RESISTANCE
+
+
+class Elements(NamedTuple):
+    """The lumped elements of the circuit.
+
+    ``series`` is 2 R_e plus the contact resistance [ohm], ``electrode`` R_e [ohm], ``dc`` R_dc [ohm];
+    ``branch_resistances`` [ohm] and ``branch_capacitances`` [F] have one entry for each branch.
+    """
+
+    series: complex
+    electrode: complex
+    dc: complex
+    branch_resistances: tuple[complex, ...]
+    branch_capacitances: tuple[complex, ...]
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """Electrodes, R_dc and any number of RC branches behind them (Friend, eqs 4.1 to 4.6).
+
+    The electrode resistance R_e stands twice in series; a lumped contact resistance stands
+    in series with both.
+
+    Parameters
+    ----------
+    branches : int
+        Number of RC branches, at least 1.
+    """
+
+    branches: int
+
+    @property
+    def declarations(self) -> tuple[Declaration, ...]:
+        """The parameters of this stage."""
+        fixed = (
+            Declaration("circuit.sheet_resistance", SHEET_RESISTANCE, "R_s", 1e-6, 1e6),
+            Declaration("circuit.contact_resistance", RESISTANCE, "R_c", 0.0, 1e6, "linear", default=0.0),
+            Declaration("circuit.dc_resistivity", RESISTIVITY, "ρ_dc", 1e-6, 1e9),
+        )
+        branches = (
+            declaration
+            for i in range(self.branches)
+            for declaration in (
+                Declaration(f"circuit.branches.{i}.resistivity", RESISTIVITY, f"ρ_{i + 1}", 1e-6, 1e9),
+                Declaration(f"circuit.branches.{i}.permittivity", PERMITTIVITY, f"ε_{i + 1}", 1e-12, 1e6),
+            )
+        )
+        return (*fixed, *branches)
+
+    def elements(self, values: Values) -> Elements:
+        """The lumped elements (Friend, eqs 4.1 to 4.6)."""
+        scale = geometry.area_per_thickness(values)
+        electrode = values["circuit.sheet_resistance"] * geometry.squares(values)
+        indices = range(self.branches)
+        return Elements(
+            series=2.0 * electrode + values["circuit.contact_resistance"],
+            electrode=electrode,
+            dc=values["circuit.dc_resistivity"] / scale,
+            branch_resistances=tuple(values[f"circuit.branches.{i}.resistivity"] / scale for i in indices),
+            branch_capacitances=tuple(values[f"circuit.branches.{i}.permittivity"] * scale for i in indices),
+        )
+
+    def block(self, values: Values) -> Block:
+        """``voltage`` to ``current`` and ``node_voltage``; its states are the capacitor voltages."""
+        element = self.elements(values)
+        resistances, capacitances = element.branch_resistances, element.branch_capacitances
+        conductance = 1.0 / element.series + 1.0 / element.dc + sum(1.0 / r for r in resistances)
+        # The node voltage is the mean of what pulls at the node, weighted by conductance.
+        from_voltage = 1.0 / (element.series * conductance)
+        from_state = [1.0 / (r * conductance) for r in resistances]
+        indices = range(self.branches)
+        rates = [1.0 / (resistances[i] * capacitances[i]) for i in indices]
+        return block(
+            states=[f"circuit.branches.{i}.voltage" for i in indices],
+            inputs=["voltage"],
+            outputs=["current", "node_voltage"],
+            a=[[rates[i] * (from_state[j] - (1.0 if i == j else 0.0)) for j in indices] for i in indices],
+            b=[[rates[i] * from_voltage] for i in indices],
+            c=[[-weight / element.series for weight in from_state], from_state],
+            d=[[(1.0 - from_voltage) / element.series], [from_voltage]],
+        )

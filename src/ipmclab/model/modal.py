@@ -1,0 +1,238 @@
+"""Poles and residues of a cascade in closed form, and the modal recursion made of them.
+
+The state x of one pole p moves over a period T by ``x+ = a x + b0 u + b1 u+`` with a = exp(p T).
+With ``z = (x - b1 u)/(b0 + a b1)`` this is ``z+ = a z + u``: the gains fold into the weights of
+the outputs, and a real pole costs one multiplication and one addition.
+"""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.blocks import Block
+from ipmclab.run import Hold
+
+NEARLY_MEET: Final = 1e-4
+"""Relative gap between two poles below which residues are not used: they lose about 1e-15/gap."""
+
+SECTIONS: Final = 3
+"""Pairs of modes that the compiled recursion carries; see ``kernels.modal`` for who reads which."""
+
+
+@dataclass(frozen=True)
+class Fractions:
+    """A transfer function as ``direct + sum of residue/(s - pole)``; complex poles come with their conjugates."""
+
+    direct: complex
+    residues: dict[complex, complex]
+
+    def at(self, s: complex) -> complex:
+        """Its value at one s."""
+        return self.direct + sum(residue / (s - pole) for pole, residue in self.residues.items())
+
+    def __mul__(self, other: Fractions) -> Fractions:
+        """One after the other; they share no pole."""
+        own = {pole: residue * other.at(pole) for pole, residue in self.residues.items()}
+        others = {pole: residue * self.at(pole) for pole, residue in other.residues.items()}
+        return Fractions(self.direct * other.direct, own | others)
+
+    def __add__(self, other: Fractions) -> Fractions:
+        """Side by side; equal poles are one pole."""
+        residues = dict(self.residues)
+        for pole, residue in other.residues.items():
+            residues[pole] = residues.get(pole, 0.0) + residue
+        return Fractions(self.direct + other.direct, residues)
+
+
+def poles(block: Block) -> tuple[complex, ...] | None:
+    """The poles of a block with at most two states, in closed form; None for a larger one."""
+    if len(block.states) > 2:
+        return None
+    if len(block.states) < 2:
+        return tuple(complex(value) for value in block.a.ravel())
+    (a11, a12), (a21, a22) = block.a.tolist()
+    middle, half_difference = 0.5 * (a11 + a22), 0.5 * (a11 - a22)
+    root = cmath.sqrt(half_difference**2 + a12 * a21)
+    if root.imag:
+        return complex(middle, root.imag), complex(middle, -root.imag)
+    # The larger root by addition, the smaller from the product, so that neither cancels.
+    larger = middle - root.real if middle < 0 else middle + root.real
+    return complex(larger), complex((a11 * a22 - a12 * a21) / larger) if larger else 0j
+
+
+def _fractions(block: Block, own_poles: Sequence[complex], output: int, port: int) -> Fractions:
+    """One transfer function of a block with at most two states, from ``c adj(s - a) b / det(s - a)``."""
+    b, c = block.b[:, port].tolist(), block.c[output].tolist()
+    direct = complex(block.d[output, port])
+    if not any(b) or not any(c):
+        return Fractions(direct, {})
+    if len(own_poles) == 1:
+        return Fractions(direct, {own_poles[0]: c[0] * b[0]})
+    (a11, a12), (a21, a22) = block.a.tolist()
+    linear = c[0] * b[0] + c[1] * b[1]
+    constant = c[0] * (a12 * b[1] - a22 * b[0]) + c[1] * (a21 * b[0] - a11 * b[1])
+    first, second = own_poles
+    return Fractions(
+        direct,
+        {
+            first: (linear * first + constant) / (first - second),
+            second: (linear * second + constant) / (second - first),
+        },
+    )
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Poles, one tuple for each block of the cascade, and the fractions of each output."""
+
+    poles: tuple[tuple[complex, ...], ...]
+    outputs: tuple[Fractions, ...]
+
+
+def modes(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> Modes | None:
+    """Poles and residues of a cascade in closed form.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        In the order of the cascade.
+    external : str
+        The port that is driven from outside.
+    outputs : sequence of str
+        The ports that are read.
+
+    Returns
+    -------
+    modes : Modes or None
+        None where there is no closed form: a block of more than two states, a loop, or two
+        poles that nearly meet.
+    """
+    sections: list[tuple[complex, ...]] = []
+    signals = {external: Fractions(1.0, {})}
+    for block in blocks:
+        own_poles = poles(block)
+        if own_poles is None or any(port not in signals for port in block.inputs):
+            return None
+        earlier = [pole for section in sections for pole in section]
+        for index, pole in enumerate(own_poles):
+            for other in (*earlier, *own_poles[:index]):
+                if abs(pole - other) <= NEARLY_MEET * max(abs(pole), abs(other)):
+                    return None
+        sections.append(own_poles)
+        for row, name in enumerate(block.outputs):
+            total = Fractions(0.0, {})
+            for column, port in enumerate(block.inputs):
+                transfer = _fractions(block, own_poles, row, column)
+                if transfer.direct or transfer.residues:
+                    total = total + transfer * signals[port]
+            signals[name] = total
+    return Modes(tuple(sections), tuple(signals[name] for name in outputs))
+
+
+def _exponential_integrals(z: complex) -> tuple[complex, complex]:
+    """phi_1(z) = (exp(z) - 1)/z and phi_2(z) = (phi_1(z) - 1)/z, by series where they would cancel."""
+    if abs(z) > 0.5:
+        first = (cmath.exp(z) - 1.0) / z
+        return first, (first - 1.0) / z
+    second = term = 0.5 + 0j
+    for k in range(3, 19):
+        term *= z / k
+        second += term
+    return 1.0 + z * second, second
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """One pole over a period: ``z+ = a z + u``, ``x = gain z + ahead u``, and z at row 0 per volt there."""
+
+    a: complex
+    gain: complex
+    ahead: complex
+    start: complex
+
+
+_NOBODY: Final = _Mode(0j, 0j, 0j, 0j)
+"""Fills up a section that has one pole."""
+
+
+def _mode(pole: complex, period: float, hold: Hold) -> _Mode | None:
+    """One pole for one hold, from rest; None where it vanishes."""
+    a = cmath.exp(pole * period)
+    first, second = _exponential_integrals(pole * period)
+    if hold == "zero":
+        return _Mode(a, period * first, 0j, 0j)
+    if hold == "zero-before":
+        if abs(a) < 1e-100:  # gone within a period: it cannot be carried in this form
+            return None
+        return _Mode(a, a * period * first, period * first, -1.0 / a)
+    if abs(first) < 1e-3:  # an undamped mode that turns a whole number of times in a period
+        return None
+    return _Mode(a, period * first**2, period * second, -second / first**2)
+
+
+def coefficients(modes: Modes, period: float, hold: Hold) -> npt.NDArray[np.float64] | None:
+    """The numbers of ``kernels.modal`` for one period and hold.
+
+    Parameters
+    ----------
+    modes : Modes
+        With outputs in the order current, applied voltage, displacement, force.
+    period : float [s]
+    hold : "zero", "zero-before" or "first"
+
+    Returns
+    -------
+    coefficients : float array or None
+        In the layout that ``kernels.modal`` documents; None when these modes do not fit it.
+    """
+    if len(modes.poles) != SECTIONS or any(pole.imag for pole in modes.poles[0]):
+        return None
+    numbers: list[float] = []
+    starts: list[float] = []
+    weights: list[list[float]] = [[] for _ in modes.outputs]
+    directs = [output.direct for output in modes.outputs]
+    for place, section in enumerate(modes.poles):
+        own: list[_Mode] = []
+        gains: list[list[complex]] = [[] for _ in modes.outputs]  # of both modes, for each output
+        for pole in sorted(section, key=abs):  # slow first: a chain must not carry what is gone within a period
+            mode = _mode(pole, period, hold)
+            if mode is None:
+                return None
+            own.append(mode)
+            for index, output in enumerate(modes.outputs):
+                residue = output.residues.get(pole, 0j)
+                gains[index].append(residue * mode.gain)
+                directs[index] += residue * mode.ahead
+        own += [_NOBODY] * (2 - len(own))
+        for of_output in gains:
+            of_output += [0j] * (2 - len(of_output))
+        (one, other), a1, a2 = own, own[0].a, own[1].a
+        apart = a1.imag if a1.imag else (a2 - a1).real
+        if place == 0:
+            numbers += [a1.real, a2.real]
+            starts += [one.start.real, other.start.real]
+            combined = [[w1.real, w2.real] for w1, w2 in gains]
+        elif hold != "zero" and abs(apart) < 1e-9:
+            return None  # the chained modes at row 0 divide by it
+        elif a1.imag:
+            numbers += [a1.real, -(apart**2), a1.real]
+            starts += [one.start.real, one.start.imag / apart if hold != "zero" else 0.0]
+            combined = [[2.0 * w1.real, -2.0 * w1.imag * apart] for w1, _ in gains]
+        else:
+            numbers += [a1.real, 0.0, a2.real]
+            starts += [one.start.real, (other.start - one.start).real / apart if hold != "zero" else 0.0]
+            combined = [[(w1 + w2).real, w2.real * apart] for w1, w2 in gains]
+        for row, pair in zip(weights, combined, strict=True):
+            row += pair
+    current, applied, displacement, force = weights
+    if any(current[2:]) or any(applied[2:]) or any(force[4:]):
+        return None
+    direct = [value.real for value in directs]
+    reading = [*current[:2], direct[0], *applied[:2], direct[1], *displacement, direct[2], *force[:4], direct[3]]
+    return np.array([*numbers, *reading, *starts])

@@ -1,0 +1,53 @@
+"""The modal loop as plain Python, which ``kernels`` compiles.
+
+It stands alone so that a process that simulates one record need not load a compiler first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) -> None:
+    """Six modes in three sections, from rest.
+
+    Section 1 is two real modes side by side, ``z+ = a z + u``. Sections 2 and 3 are chained pairs,
+    ``z3+ = p z3 + q z4 + u``, ``z4+ = z3 + s z4``: two real modes (q = 0) or a complex pair
+    (p = s, q < 0) at the same cost. Current and applied voltage read section 1, force sections 1
+    and 2, displacement all three.
+
+    Parameters
+    ----------
+    voltage : float array, shape (n_time,) [V]
+    coefficients : float array, shape (32,)
+        In this order: a1, a2; p, q, s of section 2; p, q, s of section 3; weights and direct term
+        of current (3), applied voltage (3), displacement (7) and force (5); the factors by
+        which the first voltage gives the six modes at row 0.
+    outputs : float array, shape (4, n_time)
+        Written: current, applied voltage, displacement, force.
+    """
+    a1, a2 = coefficients[0], coefficients[1]
+    p2, q2, s2 = coefficients[2], coefficients[3], coefficients[4]
+    p3, q3, s3 = coefficients[5], coefficients[6], coefficients[7]
+    i1, i2, i0 = coefficients[8], coefficients[9], coefficients[10]
+    v1, v2, v0 = coefficients[11], coefficients[12], coefficients[13]
+    d1, d2, d3, d4 = coefficients[14], coefficients[15], coefficients[16], coefficients[17]
+    d5, d6, d0 = coefficients[18], coefficients[19], coefficients[20]
+    f1, f2, f3, f4, f0 = coefficients[21], coefficients[22], coefficients[23], coefficients[24], coefficients[25]
+    first = voltage[0]
+    z1, z2, z3 = coefficients[26] * first, coefficients[27] * first, coefficients[28] * first
+    z4, z5, z6 = coefficients[29] * first, coefficients[30] * first, coefficients[31] * first
+    current, applied, displacement, force = outputs[0], outputs[1], outputs[2], outputs[3]
+    for k in range(voltage.shape[0]):
+        u = voltage[k]
+        current[k] = (i1 * z1 + i2 * z2) + i0 * u
+        applied[k] = (v1 * z1 + v2 * z2) + v0 * u
+        displacement[k] = ((d1 * z1 + d2 * z2) + (d3 * z3 + d4 * z4)) + ((d5 * z5 + d6 * z6) + d0 * u)
+        force[k] = ((f1 * z1 + f2 * z2) + (f3 * z3 + f4 * z4)) + f0 * u
+        z1 = a1 * z1 + u
+        z2 = a2 * z2 + u
+        z3, z4 = p2 * z3 + (q2 * z4 + u), s2 * z4 + z3
+        z5, z6 = p3 * z5 + (q3 * z6 + u), s3 * z6 + z5

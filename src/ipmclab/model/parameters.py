@@ -1,0 +1,92 @@
+"""Parameters: how a stage declares them, and what an actuator gives out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from ipmclab.errors import InputError
+from ipmclab.units import Quantity
+
+Transform = Literal["log", "linear"]
+Values = Mapping[str, complex]
+"""Parameters by dotted name, in SI units: floats, or complex where a derivative is taken."""
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a stage says about one of its parameters.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name, such as ``"coupling.gain"``.
+    quantity : Quantity
+        What it is; gives the SI unit.
+    symbol : str
+        The thesis's symbol.
+    lower, upper : float [SI]
+        The allowed range, ends included: far beyond what a strip can have, so that only
+        a slip (a wrong unit, a lost exponent) falls outside.
+    transform : "log" or "linear"
+        The scale on which a fit moves the parameter.
+    default : float [SI], optional
+        The value where a file says nothing; None when it must be given.
+    """
+
+    name: str
+    quantity: Quantity
+    symbol: str
+    lower: float
+    upper: float
+    transform: Transform = "log"
+    default: float | None = None
+
+    def check(self, value: float, *, where: str) -> None:
+        """Refuse a value outside the allowed range.
+
+        Raises
+        ------
+        InputError
+        """
+        if math.isfinite(value) and self.lower <= value <= self.upper:
+            return
+        unit = f" {self.quantity.unit}" if self.quantity.unit else ""
+        raise InputError(
+            f"the value {value:.15g}{unit} is outside the allowed {self.lower:g} to {self.upper:g}{unit}",
+            code="out-of-range",
+            where=where,
+            repair=f"give {self.symbol} within that range",
+        )
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an actuator, with its value.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name, such as ``"circuit.branches.0.resistivity"``.
+    value : float [SI]
+    unit : str
+        Its SI unit; empty when it has none.
+    symbol : str
+    quantity : Quantity
+    lower, upper : float [SI]
+    transform : "log" or "linear"
+    standard_uncertainty : float [SI]
+        0 when none was stated: the value is then taken as exact.
+    """
+
+    name: str
+    value: float
+    unit: str
+    symbol: str
+    quantity: Quantity
+    lower: float
+    upper: float
+    transform: Transform
+    standard_uncertainty: float

@@ -1,0 +1,111 @@
+"""What the strip saw between the rows: intervals of straight-line voltage, and where rows are read.
+
+A record's rows and the edges of its voltage need not coincide (a delay of less than a sample, an
+irregular clock). Both are put on one time line; between two neighbours the voltage is a straight line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.run import Hold
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+_SAME_TIME = 1e-9
+"""An edge within this part of a period of a row is on the row (rounding of the clock)."""
+
+_SAME_DURATION = 1e-7
+"""Intervals that differ by less than this part of a period share one transition, of their mean duration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Intervals in order; the arguments of ``kernels.dense`` and ``kernels.dense_delay`` of the same names.
+
+    ``durations`` [s] has one entry for each kind of interval.
+    """
+
+    durations: FloatArray
+    interval: IndexArray
+    start: FloatArray
+    end: FloatArray
+    row: IndexArray
+    reading: FloatArray
+    rate: FloatArray
+    jump: FloatArray
+    reading_rate: FloatArray
+    read_before_jump: bool
+
+
+def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float, from_rest: bool) -> Timeline:
+    """Lay rows and voltage edges on one time line.
+
+    Parameters
+    ----------
+    time : float array, shape (n_time,) [s]
+    voltage : float array, shape (n_time,) [V]
+    hold : "zero", "zero-before" or "first"
+    delay : float [s]
+        By how much the voltage reaches the strip later than its rows say; negative for earlier.
+    from_rest : bool
+        True: before its first edge the strip was at rest, and at 0 V. False: a state is given for
+        row 0, and before its first edge the strip saw the first voltage.
+
+    Returns
+    -------
+    timeline : Timeline
+    """
+    period = float(np.median(np.diff(time)))
+    # A row that is read before its edge (zero-before) shows the voltage of the edge one row earlier;
+    # row 0 shows a voltage that came with row 0.
+    read_before = hold == "zero-before"
+    edges = _snap((time[:-1] if read_before else time) + delay, time, _SAME_TIME * period)
+    before = 0.0 if from_rest and (delay < 0 or not read_before) else voltage[0]
+    begin = min(time[0], edges[0]) if from_rest else time[0]
+    events = np.unique(np.concatenate([[begin], time, edges]))
+    events = events[(events >= begin) & (events <= time[-1])]
+    at_event = np.searchsorted(edges, events, side="right") - 1
+    levels = np.concatenate([[before], voltage[1:] if read_before else voltage])  # levels[k + 1] since edge k
+    lengths = np.diff(events)
+    jump = np.zeros(len(events))
+    if hold == "first":
+        at_times = np.interp(events, edges, voltage, left=before)
+        start = at_times[:-1]
+        end = np.where(events[1:] <= edges[0], before, at_times[1:])
+        reading = np.interp(time, edges, voltage, left=before)
+        slopes = np.concatenate([[0.0], np.diff(voltage) / np.diff(edges), [0.0]])
+        rate = -slopes[at_event[:-1] + 1]
+        # A row on a corner of the voltage takes the mean of both slopes, as a central difference would.
+        sides = [np.searchsorted(edges, time, side="left"), np.searchsorted(edges, time, side="right")]
+        reading_rate = -0.5 * (slopes[sides[0]] + slopes[sides[1]])
+        jump[events == edges[0]] = before - voltage[0]
+    else:
+        start = end = levels[at_event[:-1] + 1]
+        reading = levels[np.searchsorted(edges, time, side="left" if read_before else "right")]
+        rate, reading_rate = np.zeros(len(lengths)), np.zeros(len(time))
+        jumps = -np.diff(levels)
+        edge_events = np.searchsorted(events, edges)
+        inside = (edges >= events[0]) & (edges <= events[-1])
+        jump[edge_events[inside]] = jumps[inside]
+    durations, interval = _kinds(lengths, _SAME_DURATION * period)
+    row = np.full(len(events), -1, dtype=np.int64)
+    row[np.searchsorted(events, time)] = np.arange(len(time))
+    return Timeline(durations, interval, start, end, row, reading, rate, jump, reading_rate, read_before)
+
+
+def _snap(edges: FloatArray, time: FloatArray, tolerance: float) -> FloatArray:
+    """Edges that fall on a row but for rounding are put exactly on it."""
+    after = np.searchsorted(time, edges).clip(1, len(time) - 1)
+    nearest = np.where(edges - time[after - 1] < time[after] - edges, time[after - 1], time[after])
+    return np.where(np.abs(edges - nearest) <= tolerance, nearest, edges)
+
+
+def _kinds(lengths: FloatArray, quantum: float) -> tuple[FloatArray, IndexArray]:
+    """The distinct lengths, and which of them each interval has."""
+    _, kind, counts = np.unique(np.round(lengths / quantum), return_inverse=True, return_counts=True)
+    return np.bincount(kind, weights=lengths) / counts, kind.astype(np.int64)

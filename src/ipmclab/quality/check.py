@@ -1,0 +1,111 @@
+"""Every check on one record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from ipmclab.quality.contact import missing_contact
+from ipmclab.quality.drift import before_step
+from ipmclab.quality.limits import clipping, possible_range_limit, range_limits
+from ipmclab.quality.lost import flagged_rows, lost_readings
+from ipmclab.quality.record import Record
+from ipmclab.quality.response import no_excitation, nothing_but_noise, opposite_response
+from ipmclab.quality.ringing import predicted_ringing, seen_ringing
+from ipmclab.quality.rising import rising_current
+from ipmclab.quality.sampling import sampling
+from ipmclab.quality.skew import channel_skew
+from ipmclab.quality.stale import stale_readings
+from ipmclab.quality.sudden import sudden_changes
+from ipmclab.run import Finding, Run
+
+if TYPE_CHECKING:
+    from ipmclab.model import Actuator
+
+_CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
+    sampling,
+    no_excitation,
+    missing_contact,
+    lost_readings,
+    flagged_rows,
+    clipping,
+    range_limits,
+    possible_range_limit,
+    sudden_changes,
+    channel_skew,
+    stale_readings,
+    opposite_response,
+    nothing_but_noise,
+    rising_current,
+    before_step,
+    seen_ringing,
+)
+_ORDER: Final = {"error": 0, "warning": 1, "info": 2}
+
+
+def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
+    """What is wrong with a record, the gravest first. The run is not changed.
+
+    Parameters
+    ----------
+    run : Run
+    actuator : Actuator, optional
+        A model of the strip; with it, an aliased resonance is predicted.
+
+    Returns
+    -------
+    findings : tuple of Finding
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ipmclab.run import Run
+    >>> time = np.arange(500) / 50.0
+    >>> current = 0.05 * np.exp(-time) + np.random.default_rng(20261121).normal(0.0, 1e-4, 500)
+    >>> current[200] = 0.15
+    >>> run = Run.from_arrays(time=time, voltage=np.ones(500), current=current)
+    >>> [(finding.code, finding.samples) for finding in check(run)]
+    [('spike', ((200, 201),))]
+    """
+    record = Record.of(run)
+    found = _without_echoes([finding for one in _CHECKS for finding in one(record)])
+    if actuator is not None:
+        found += predicted_ringing(record, actuator)
+    return tuple(sorted(found, key=lambda finding: _ORDER[finding.severity]))
+
+
+def _without_echoes(findings: list[Finding]) -> list[Finding]:
+    """Without findings that another one explains: one event, one finding."""
+    late = {stop for finding in findings if finding.code == "contact-missing" for _, stop in finding.samples}
+    lost = {stop: start for finding in findings if finding.code == "contact-lost" for start, stop in finding.samples}
+    ends = late | lost.keys() | {start + shift for start in lost.values() for shift in range(-5, 6)}
+    clipped = {finding.channel for finding in findings if finding.code == "clipped"}
+    opposite = {finding.channel for finding in findings if finding.code == "response-opposite"}
+
+    stated = [finding for finding in findings if finding.code == "range-limit"]
+
+    def is_echo(finding: Finding) -> bool:
+        starts = {start for start, _ in finding.samples}
+        stops = {stop for _, stop in finding.samples}
+        match finding.code:
+            case "contact-changed":
+                return starts <= ends
+            case "clipped":
+                return any(
+                    finding.channel == other.channel and finding.effect == other.effect and _covers(other, finding)
+                    for other in stated
+                )
+            case "contact-lost":
+                return stops <= late
+            case "current-rises":
+                return "current" in opposite or any(min(starts) <= stop < max(stops) for stop in lost)
+            case "possible-range-limit":
+                return finding.channel in clipped
+        return False
+
+    return [finding for finding in findings if not is_echo(finding)]
+
+
+def _covers(one: Finding, other: Finding) -> bool:
+    """Whether every row of the other finding is a row of this one."""
+    return all(any(first <= start and stop <= last for first, last in one.samples) for start, stop in other.samples)

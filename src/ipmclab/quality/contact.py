@@ -1,0 +1,76 @@
+"""No current although the voltage has stepped: the clamp has no contact."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.record import Channel, Record
+from ipmclab.run import Finding
+
+_SHORTEST: Final = 8
+_LATE: Final = 5
+
+
+def missing_contact(record: Record) -> list[Finding]:
+    """``contact-missing``: after a step of the voltage the current stays away for at least five rows.
+
+    The current has come when it has moved by a fifth of its largest change on that stretch and
+    by eight standard deviations of the noise, and stays.
+    """
+    channel = record.channels.get("current")
+    edges, ends = record.edges, record.ends
+    if channel is None or not len(edges) or (channel.missing is not None and channel.missing[edges].any()):
+        return []
+    size = np.abs(record.heights)
+    judged = record.constant_after & (ends - edges >= _SHORTEST) & (size >= 0.5 * size.max()) & (edges != 1)
+    if not judged.any():
+        return []
+    current = channel.readings
+    before = np.where(edges == 0, 0.0, current[np.maximum(edges - 3, 0)])
+    early = np.abs(current[(edges[:, None] + np.arange(-2, _LATE)).clip(0, len(current) - 1)] - before[:, None])
+    peaks = np.maximum(np.fmax.reduceat(current, edges) - before, before - np.fmin.reduceat(current, edges))
+    least = np.maximum(8.0 * channel.noise, 0.2 * peaks)
+    late = judged & (np.fmax.reduce(early, axis=1) <= least)
+    found = []
+    for place in np.flatnonzero(late):
+        finding = _judge(record, channel, int(place), float(before[place]), float(least[place]))
+        if finding is not None:
+            found.append(finding)
+    return found
+
+
+def _judge(record: Record, channel: Channel, place: int, before: float, least: float) -> Finding | None:
+    edge, end = int(record.edges[place]), int(record.ends[place])
+    moved = np.abs(channel.readings[edge:end] - before)
+    with np.errstate(invalid="ignore"):
+        above = np.flatnonzero(moved > least)
+    if len(above):
+        came = edge + int(above[0])
+        if came - edge < _LATE or np.nanmedian(moved[above[0] : above[0] + 5]) < 0.4 * least:
+            return None  # a spike, not the current
+    elif end - edge < 0.05 * len(record):
+        return None
+    else:
+        came = end
+    count = came - edge
+    seconds = float(record.run.time[min(came, len(record) - 1)] - record.run.time[edge])
+    until = f"until {record.at(came)}" if came < end else "until the voltage changes again or the record ends"
+    return Finding(
+        code="contact-missing",
+        severity="error",
+        channel="current",
+        message=(
+            f"the voltage steps by {record.heights[place]:.4g} V at {record.at(edge)} but no current flows for "
+            f"{count} rows ({seconds:.4g} s), {until}"
+        ),
+        repair=(
+            "no channel is used in these rows, and the strip saw the step later than the record says: "
+            "clean or tighten the clamp and record again, or cut the record and set its voltage to zero before the "
+            "contact"
+        ),
+        samples=((edge, came),),
+        effect="mask",
+        values={"edge_row": edge, "count": count, "seconds": seconds, "contact_row": came if came < end else None},
+    )

@@ -1,0 +1,92 @@
+"""A response that moves, or a current that is not zero, before the voltage steps."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from ipmclab.quality.record import Channel, Record
+from ipmclab.run import Finding, FloatArray
+from ipmclab.units import CHANNELS
+
+_FEWEST: Final = 20
+_STANDARD_ERRORS: Final = 5.0
+
+
+def before_step(record: Record) -> list[Finding]:
+    """``drift-before-step`` and ``offset-before-step``, from a straight line through the rows before the first edge.
+
+    The standard errors count how the residuals follow each other. A drift needs a slope of
+    five standard errors that carries the reading by one and a half standard deviations of the
+    noise; it is a warning when, over the rest of the record, it would make a twentieth of the
+    range. An offset is a mean current of five standard errors and a thousandth of the range.
+    """
+    if not record.steps_from_rest or record.edges[0] < _FEWEST:
+        return []
+    stop = int(record.edges[0]) - 3
+    time = record.run.time[:stop] - record.run.time[:stop].mean()
+    found = []
+    for channel in record.channels.values():
+        readings = channel.readings[:stop]
+        if (channel.missing is not None and channel.missing[:stop].any()) or channel.span == 0.0:
+            continue
+        sum_of_squares = float(time.dot(time))
+        mean, slope = float(readings.mean()), float(time.dot(readings)) / sum_of_squares
+        variance = _variance(readings - mean - slope * time)
+        slope_error, mean_error = math.sqrt(variance / sum_of_squares), math.sqrt(variance / stop)
+        travelled = abs(slope) * float(time[-1] - time[0])
+        visible = travelled > max(1.5 * channel.noise, 2.0 * channel.quantum)
+        if variance > 0.0 and visible and abs(slope) > _STANDARD_ERRORS * slope_error:
+            found.append(_drift(record, channel, slope, slope_error, stop))
+        if channel.name == "current" and abs(mean) > max(_STANDARD_ERRORS * mean_error, 1e-3 * channel.span):
+            found.append(_offset(channel, mean, mean_error, stop))
+    return found
+
+
+def _variance(residuals: FloatArray) -> float:
+    """Variance of residuals, as large as it counts for their mean: neighbours that are alike tell less."""
+    power = float(residuals.dot(residuals))
+    if power == 0.0:
+        return 0.0
+    follow = min(max(float(residuals[1:].dot(residuals[:-1])) / power, 0.0), 0.99)
+    return power / (len(residuals) - 2) * (1.0 + follow) / (1.0 - follow)
+
+
+def _drift(record: Record, channel: Channel, slope: float, error: float, stop: int) -> Finding:
+    remaining = float(record.run.time[-1] - record.run.time[stop])
+    share = abs(slope) * remaining / channel.span
+    quantity = CHANNELS[channel.name]
+    return Finding(
+        code="drift-before-step",
+        severity="warning" if share > 0.05 else "info",
+        channel=channel.name,
+        message=(
+            f"before the voltage steps the {channel.name} drifts by {quantity.to_display(slope):.3g} ± "
+            f"{quantity.to_display(1.96 * error):.2g} {quantity.display_unit}/s (95 %); over the rest of the "
+            f"record that would be {channel.show(slope * remaining)}, {100 * share:.3g} % of its range"
+        ),
+        repair=(
+            "identification fits a drift of this channel beside the parameters; better, wait until the strip is at "
+            "rest before the step"
+        ),
+        samples=((0, stop),),
+        values={"slope": slope, "standard_error": error, "share_of_range": share},
+    )
+
+
+def _offset(channel: Channel, mean: float, error: float, stop: int) -> Finding:
+    return Finding(
+        code="offset-before-step",
+        severity="warning",
+        channel=channel.name,
+        message=(
+            f"before the voltage steps the current reads {channel.show(mean)} ± {channel.show(1.96 * error)} (95 %) "
+            "instead of zero"
+        ),
+        repair=(
+            "identification fits an offset of this run beside the parameters; better, set the zero of the current in "
+            "the import map or the rig file"
+        ),
+        samples=((0, stop),),
+        values={"offset": mean, "standard_error": error},
+    )

@@ -1,0 +1,172 @@
+"""The extreme of a noisy curve, which is not the extreme of its noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.record import GUARD_ROWS, Channel, IntArray
+from ipmclab.run import FloatArray
+
+_FEWEST: Final = 7
+_WIDEST: Final = 2000
+_GROWTH: Final = 1.3
+_BENT: Final = 12.0
+"""Chi-square with two degrees of freedom at which a curve is no parabola: 99.75 %."""
+_CANDIDATES: Final = 20
+_CLIMBS: Final = 5
+
+_UNSEEN: Final = 1.15
+"""What the bend that the test does not see adds to the standard error (by simulation)."""
+
+HOW: Final = (
+    "Where the channel is noisy this is no single reading but the top of the parabola through the readings around it: "
+    "over half the widest stretch in which a polynomial of degree four is not significantly better, so that it bends "
+    "with the response and not with its noise. The stretch does not reach across a jump at a voltage edge. The reading "
+    "itself is taken where the response bends within seven rows (an inrush) and where the rounding hides the noise. "
+    "Of several peaks alike within their errors it is their mean, as far as noise explains their scatter."
+)
+"""How extremes are read, for the definitions of metrics."""
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """Where a curve is highest: the row, the height, and the height's standard error."""
+
+    row: int
+    value: float
+    error: float
+
+
+def breaks_of(channel: Channel, values: FloatArray, edges: IntArray) -> IntArray:
+    """Rows at which a channel starts anew: where its readings jump beside a voltage edge.
+
+    A current jumps with the voltage even where its noise hides it; displacement and force run on.
+    """
+    breaks: list[int] = []
+    for edge in edges:
+        first = max(int(edge) - GUARD_ROWS, 1)
+        jumps = np.nan_to_num(np.abs(np.diff(values[first - 1 : edge + GUARD_ROWS + 1])))
+        if len(jumps) and jumps.max() > 8.0 * channel.noise:
+            breaks.append(first + int(jumps.argmax()))
+        elif channel.name == "current":
+            breaks.append(int(edge))
+    return np.unique(np.array(breaks, dtype=np.intp))
+
+
+def highest(
+    channel: Channel, time: FloatArray, values: FloatArray, breaks: IntArray, before: int | None = None
+) -> Extreme:
+    """The maximum of a curve from its noisy readings.
+
+    The highest readings lead to candidates: around each, the parabola of ``HOW`` is fitted, and
+    again where its top lies elsewhere. The candidate with the highest top counts.
+
+    Parameters
+    ----------
+    channel : Channel
+        Whose noise the readings have.
+    time : float array, shape (n_time,) [s]
+    values : float array, shape (n_time,)
+        Readings, or their negatives for the minimum; NaN where there is none.
+    breaks : int array
+        Rows that no parabola reaches across from the row before.
+    before : int, optional
+        The maximum is looked for before this row; the parabola may reach beyond it.
+
+    Returns
+    -------
+    highest : Extreme
+    """
+    left = np.where(np.isfinite(values), values, -math.inf)[:before]
+    row = int(left.argmax())
+    reading = Extreme(row, float(values[row]), channel.noise)
+    if channel.noise <= 1.001 * channel.quantum / math.sqrt(12.0):
+        return reading
+    best: Extreme | None = None
+    found: list[Extreme] = []
+    while len(found) < _CANDIDATES:
+        row = int(left.argmax())
+        if best is not None and left[row] <= best.value:
+            break
+        top, seen = _climb(channel.noise, time, values, breaks, row, len(left))
+        left[row] = -math.inf
+        left[seen] = -math.inf
+        found.append(top)
+        best = max(found, key=lambda extreme: extreme.value - extreme.error)
+    return _without_luck(best, found) if best else reading
+
+
+def _without_luck(best: Extreme, found: list[Extreme]) -> Extreme:
+    """The best of several equal peaks owes its height to noise: it is drawn to the mean of those like it."""
+    alike = [top.value for top in found if best.value - top.value <= 3.0 * math.hypot(best.error, top.error)]
+    mean = sum(alike) / len(alike)
+    scatter = sum((value - mean) ** 2 for value in alike) / max(len(alike) - 1, 1)
+    real = max(0.0, 1.0 - best.error**2 / scatter) if scatter > 0.0 else 1.0
+    return Extreme(best.row, mean + real * (best.value - mean), best.error)
+
+
+def _climb(
+    noise: float, time: FloatArray, values: FloatArray, breaks: IntArray, row: int, before: int
+) -> tuple[Extreme, slice]:
+    """The top that a row leads to, and the rows that it speaks for."""
+    found = Extreme(row, float(values[row]), noise)
+    seen = slice(row, row + 1)
+    for _ in range(_CLIMBS):
+        place = int(np.searchsorted(breaks, row, side="right"))
+        start = int(breaks[place - 1]) if place else 0
+        stop = int(breaks[place]) if place < len(breaks) else len(values)
+        wide = _widest(noise, time, values, row, start, stop)
+        if wide is None:
+            break
+        seen = wide
+        half = max(1, (wide.stop - 1 - row) // 2, (row - wide.start) // 2)
+        low, high = max(start, row - half), min(stop, row + half + 1)
+        rows = low + np.flatnonzero(np.isfinite(values[low:high]))
+        basis = _basis(time[rows], 2)
+        fitted = basis @ (basis.T @ values[rows])
+        # The ends of a parabola are loose: only its middle half counts, and an end of the whole stretch.
+        reach = half // 2
+        middle = (rows >= (low if low == start else row - reach)) & (rows < before)
+        middle &= rows <= (high if high == stop else row + reach)
+        if not middle.any():
+            break
+        top = int(np.where(middle, fitted, -math.inf).argmax())
+        scatter = math.sqrt(float(np.sum((values[rows] - fitted) ** 2)) / max(len(rows) - 3, 1))
+        error = _UNSEEN * max(noise, scatter) * math.sqrt(float(basis[top] @ basis[top]))
+        found = Extreme(int(rows[top]), float(fitted[top]), error)
+        if abs(found.row - row) < max(reach, 1):
+            break
+        row = found.row
+    return found, seen
+
+
+def _widest(noise: float, time: FloatArray, values: FloatArray, row: int, start: int, stop: int) -> slice | None:
+    """The widest stretch around a row in which terms of third and fourth degree do not show; None if there is none."""
+    wide: slice | None = None
+    half = _FEWEST // 2
+    bent = 0
+    while half <= _WIDEST and bent < 2:
+        low, high = max(start, row - half), min(stop, row + half + 1)
+        rows = low + np.flatnonzero(np.isfinite(values[low:high]))
+        half = math.ceil(_GROWTH * half)
+        if len(rows) >= _FEWEST:
+            bend = _basis(time[rows], 4)[:, 3:].T @ values[rows]
+            if float(bend @ bend) > _BENT * noise**2:
+                bent += 1
+            else:
+                bent = 0
+                wide = slice(low, high)
+        if low == start and high == stop:
+            break
+    return wide
+
+
+def _basis(time: FloatArray, degree: int) -> FloatArray:
+    """Orthonormal polynomials over the given times, a column for each degree."""
+    scaled = (time - time.mean()) / max(float(np.ptp(time)), np.finfo(float).tiny)
+    basis: FloatArray = np.linalg.qr(np.vander(scaled, min(degree + 1, len(time)), increasing=True))[0]
+    return basis

@@ -1,0 +1,338 @@
+"""The numbers by which people compare runs, each with its definition in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.check import check
+from ipmclab.quality.extreme import HOW, breaks_of, highest
+from ipmclab.quality.period import period_of
+from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
+from ipmclab.quality.steady import settle
+from ipmclab.quality.usable import usable
+from ipmclab.run import FloatArray, Run
+from ipmclab.units import CHANNELS
+
+_HARMONICS: Final = 5
+_FALLEN: Final = 0.02
+_SETTLING: Final = 0.25
+_FEWEST: Final = 50
+_REST_ROWS: Final = 25
+
+_FROM_REST: Final = (
+    "Deviations are from the reading at rest: the mean of the last 25 rows before the voltage first leaves zero "
+    "(three rows before it), or zero where there are fewer than five."
+)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number of a run.
+
+    Parameters
+    ----------
+    name : str
+        For example ``"peak_at_first_edge"``.
+    channel : str
+    value : float [SI unit of the channel, or ``unit``]
+    unit : str
+        SI unit; empty for a ratio.
+    interval : (float, float), optional
+        95 %, infinite where open; None where none is known.
+    definition : str
+        What exactly was computed.
+    """
+
+    name: str
+    channel: str
+    value: float
+    unit: str
+    interval: tuple[float, float] | None
+    definition: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Response:
+    """A channel's deviations from rest, the rows at which they jump, and the standard error of the rest."""
+
+    channel: Channel
+    values: FloatArray
+    breaks: IntArray
+    rest_error: float
+
+
+def measure(run: Run) -> tuple[Metric, ...]:
+    """The metrics that a run allows, channel by channel.
+
+    A voltage that jumps and stands gives the peak at the first edge, the time to it and, where the
+    response comes back, the back relaxation after it; one that stands to the end of the record
+    gives the steady value and the mean of the last tenth. A periodic voltage gives amplitude,
+    phase and harmonics 2 to 5; a square gives the current at the end of a half period. Every run
+    gives the largest deviation from rest. Rows that ``check`` masks are left out.
+
+    Parameters
+    ----------
+    run : Run
+
+    Returns
+    -------
+    metrics : tuple of Metric
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ipmclab.run import Run
+    >>> time = np.arange(2000) / 50.0
+    >>> run = Run.from_arrays(time=time, voltage=np.ones(2000), current=0.01 + 0.05 * np.exp(-time / 4.0))
+    >>> {metric.name: round(metric.value, 4) for metric in measure(run)}
+    {'largest': 0.06, 'peak_at_first_edge': 0.06, 'time_to_peak': 0.0, 'steady_value': 0.01, 'mean_of_last_tenth': 0.01}
+    """
+    record = Record.of(run)
+    masks = usable(run, [finding for finding in check(run) if finding.effect == "mask"])
+    period = period_of(run)
+    metrics: list[Metric] = []
+    for channel in record.channels.values():
+        values = np.where(masks[channel.name], channel.readings, np.nan)
+        if np.count_nonzero(np.isfinite(values)) < 2:
+            continue
+        rest, rest_error = _at_rest(record, channel, values)
+        values -= rest
+        response = _Response(channel, values, breaks_of(channel, values, record.edges), rest_error)
+        metrics.append(_largest(record, response))
+        if record.steps_from_rest and record.constant_after[0]:
+            metrics += _first_peak(record, response)
+        if period is not None:
+            metrics += _periodic(record, response, period)
+        elif len(record.edges) and record.constant_after[-1]:
+            metrics += _steady(record, response)
+    return tuple(metrics)
+
+
+def _at_rest(record: Record, channel: Channel, values: FloatArray) -> tuple[float, float]:
+    """The reading at rest and its standard error."""
+    size = np.abs(record.run.voltage)
+    driven = np.flatnonzero(size > max(NO_VOLTAGE, 0.01 * float(size.max())))
+    before = values[: max(int(driven[0]) - GUARD_ROWS, 0)][-_REST_ROWS:] if len(driven) else values[:0]
+    before = before[np.isfinite(before)]
+    return (float(before.mean()), channel.noise / math.sqrt(len(before))) if len(before) >= 5 else (0.0, 0.0)
+
+
+def _metric(channel: Channel, name: str, value: float, error: float, definition: str) -> Metric:
+    interval = (float(value - 1.96 * error), float(value + 1.96 * error))
+    return Metric(name, channel.name, value, CHANNELS[channel.name].unit, interval, definition)
+
+
+def _largest(record: Record, response: _Response) -> Metric:
+    channel, values, time = response.channel, response.values, record.run.time
+    up, down = highest(channel, time, values, response.breaks), highest(channel, time, -values, response.breaks)
+    return _metric(
+        channel,
+        "largest",
+        up.value if up.value >= down.value else -down.value,
+        math.hypot(up.error if up.value >= down.value else down.error, response.rest_error),
+        "The largest deviation from rest over the whole record, with its sign (the maximum from rest). "
+        + HOW
+        + " "
+        + _FROM_REST,
+    )
+
+
+def _first_peak(record: Record, response: _Response) -> list[Metric]:
+    channel, values, breaks = response.channel, response.values, response.breaks
+    edge, end = int(record.edges[0]), int(record.ends[0])
+    start = max(edge - GUARD_ROWS, 0)
+    stretch = values[start:end]
+    if not np.isfinite(stretch).any():
+        return []
+    direction = _direction(record, channel, values)
+    towards = direction * stretch
+    so_far = np.fmax.accumulate(towards)
+    fallen = np.flatnonzero(so_far - towards > np.maximum(8.0 * channel.noise, _FALLEN * so_far))
+    inside = breaks[(breaks > start) & (breaks < end)] - start
+    until = int(fallen[0]) if len(fallen) else None
+    peak = highest(channel, record.run.time[start:end], towards, inside, until)
+    value = direction * peak.value
+    metrics = [
+        _metric(
+            channel,
+            "peak_at_first_edge",
+            value,
+            math.hypot(peak.error, response.rest_error),
+            "The first maximum after the first edge of the voltage, in the direction in which the response starts: the "
+            "largest deviation from rest before the response has come back from it by 2 % (and by eight standard "
+            "deviations of the noise), or before the voltage changes. " + HOW + " " + _FROM_REST,
+        ),
+        Metric(
+            "time_to_peak",
+            channel.name,
+            float(record.run.time[start + peak.row] - record.run.time[edge]),
+            "s",
+            None,
+            "Time from the row of the first edge of the voltage to the row of peak_at_first_edge.",
+        ),
+    ]
+    rows = end - edge
+    last = stretch[-max(1, rows // 10) :]
+    if channel.name == "current" or not len(fallen) or not np.isfinite(last).any():
+        return metrics
+    remains = float(np.nanmean(last))
+    scatter = math.hypot(channel.noise / math.sqrt(len(last)), peak.error * remains / value)
+    error = math.hypot(scatter, response.rest_error * (1.0 - remains / value)) / abs(value)
+    share = 1.0 - remains / value
+    metrics.append(
+        Metric(
+            "back_relaxation",
+            channel.name,
+            share,
+            "",
+            (share - 1.96 * error, share + 1.96 * error),
+            "What is lost of peak_at_first_edge by the end of the stretch of constant voltage, as a fraction of that "
+            "peak: 1 - (mean of the last tenth of the stretch) / peak. Above 1 the response has passed through rest. "
+            + _FROM_REST,
+        )
+    )
+    return metrics
+
+
+def _direction(record: Record, channel: Channel, values: FloatArray) -> float:
+    """1 or -1: the way the response starts, where it is clear of the noise; that of the voltage otherwise."""
+    edge, end = int(record.edges[0]), int(record.ends[0])
+    after = values[max(edge - GUARD_ROWS, 0) : end]
+    clear = np.flatnonzero(np.abs(after) > 8.0 * channel.noise)
+    return math.copysign(1.0, float(after[clear[0]]) if len(clear) else float(record.heights[0]))
+
+
+def _steady(record: Record, response: _Response) -> list[Metric]:
+    channel, values = response.channel, response.values
+    edge = int(record.edges[-1])
+    tail = values[-max(1, len(record) // 10) :]
+    start = edge + int(_SETTLING * (len(record) - edge))
+    rows = start + np.flatnonzero(np.isfinite(values[start:]))
+    if len(record) - edge <= len(tail) or len(rows) < _FEWEST or not np.isfinite(tail).any():
+        return []
+    limit, (low, high) = settle(record.run.time[rows], values[rows])
+    rest = 1.96 * response.rest_error
+    interval = (limit - math.hypot(limit - low, rest), limit + math.hypot(high - limit, rest))
+    mean = float(np.nanmean(tail))
+    count = int(np.isfinite(tail).sum())
+    unit = CHANNELS[channel.name].unit
+    return [
+        Metric(
+            "steady_value",
+            channel.name,
+            limit,
+            unit,
+            interval,
+            "The limit of c + a exp(-t / tau), fitted to the response from a quarter of the last stretch of constant "
+            "voltage to its end. The interval is open where slower settling cannot be excluded. " + _FROM_REST,
+        ),
+        _metric(
+            channel,
+            "mean_of_last_tenth",
+            mean,
+            math.hypot(channel.noise / math.sqrt(count), response.rest_error),
+            "The mean of the last tenth of the record. " + _FROM_REST,
+        ),
+    ]
+
+
+def _periodic(record: Record, response: _Response, period: float) -> list[Metric]:
+    channel, values = response.channel, response.values
+    count = round(period / record.period)
+    if count < 4 or count > len(values):
+        return []
+    time, last = record.run.time[-count:], values[-count:]
+    if not np.isfinite(last).all():
+        return []
+    first = len(values) - count
+    inside = response.breaks[response.breaks > first] - first
+    up, down = highest(channel, time, last, inside), highest(channel, time, -last, inside)
+    metrics = [
+        _metric(
+            channel,
+            "amplitude",
+            0.5 * (up.value + down.value),
+            0.5 * math.hypot(up.error, down.error),
+            f"Half the peak to peak value over the last whole period ({period:.6g} s) of the record. " + HOW,
+        )
+    ]
+    orders = min(_HARMONICS, (count - 1) // 2)
+    waves = _harmonics(time, last, period, orders)
+    drive = _harmonics(time, record.run.voltage[-count:], period, 1)
+    size = abs(waves[0])
+    error = channel.noise * math.sqrt(2.0 / count)
+    if size > 5.0 * error and abs(drive[0]) > 0.0:
+        phase = float(np.angle(waves[0] / drive[0]))
+        half = 1.96 * error / float(size)
+        metrics.append(
+            Metric(
+                "phase",
+                channel.name,
+                phase,
+                "rad",
+                (phase - half, phase + half),
+                "Phase of the fundamental against that of the voltage, over the last whole period; negative when the "
+                "response is late.",
+            )
+        )
+        for order in range(2, orders + 1):
+            ratio = float(abs(waves[order - 1]) / size)
+            metrics.append(
+                Metric(
+                    f"harmonic_{order}",
+                    channel.name,
+                    ratio,
+                    "",
+                    (max(0.0, ratio - half), ratio + half),
+                    f"Amplitude of harmonic {order} over that of the fundamental, over the last whole period.",
+                )
+            )
+    if channel.name == "current":
+        metrics += _half_period_ends(record, response, period)
+    return metrics
+
+
+def _harmonics(
+    time: FloatArray, values: FloatArray, period: float, orders: int
+) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+    """Complex amplitudes of the harmonics 1 to ``orders``, by least squares with a constant."""
+    angle = 2.0 * math.pi / period * time
+    waves = [wave(order * angle) for order in range(1, orders + 1) for wave in (np.cos, np.sin)]
+    fitted, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(time), *waves]), values, rcond=None)
+    return np.asarray(fitted[1::2] - 1j * fitted[2::2], dtype=np.complex128)
+
+
+def _half_period_ends(record: Record, response: _Response, period: float) -> list[Metric]:
+    """Only for a square: two edges in a period, the voltage constant between them."""
+    channel, values = response.channel, response.values
+    edges, ends = record.edges, record.ends
+    half = 0.5 * period / record.period
+    whole = record.constant_after & (np.abs(ends - edges - half) <= 1.5)
+    whole[-1:] &= len(record) - edges[-1:] >= half - 1.5
+    if len(edges) < 2 or np.count_nonzero(whole) < 2 or not whole[0]:
+        return []
+    rows = max(1, round(0.02 * half))
+    last = np.array([np.nanmedian(values[end - rows : end]) for end in ends[whole]])
+    error = channel.noise * math.sqrt(math.pi / 2.0 / rows)
+    words = f"median of the last {rows} row{'s' if rows > 1 else ''} of it"
+    return [
+        _metric(
+            channel,
+            "half_period_end",
+            float(last[0]),
+            math.hypot(error, response.rest_error),
+            f"The current at the end of the first half period of the square: {words}. " + _FROM_REST,
+        ),
+        _metric(
+            channel,
+            "half_period_end_last",
+            0.5 * abs(float(last[-1] - last[-2])),
+            error / math.sqrt(2.0),
+            f"The current at the end of a half period of the square: {words}; half the difference between the last two "
+            "whole half periods.",
+        ),
+    ]

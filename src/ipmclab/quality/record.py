@@ -1,0 +1,321 @@
+"""What several checks need of a run, computed once: edges of the voltage, readings, noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.quality.noise import noise_of_readings, quantum_of, runs_of_true, stale_fraction
+from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
+from ipmclab.units import CHANNELS
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.intp]
+Ranges = tuple[tuple[int, int], ...]
+
+RESPONSES: Final = ("current", "displacement", "force")
+"""The measured channels that answer to the voltage."""
+
+GUARD_ROWS: Final = 3
+"""Rows before and after a voltage edge in which a jump or a peak is the edge's own."""
+
+NO_VOLTAGE: Final = 0.01
+"""A voltage [V] that never leaves this band is no excitation."""
+
+_SENTINEL_REPEATS: Final = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One measured channel: its readings, where it has none, and how noisy it is.
+
+    Parameters
+    ----------
+    name : str
+    readings : float array, shape (n_time,)
+        NaN where there is no reading, also where a raw sentinel stood.
+    missing : bool array, shape (n_time,), or None
+        Rows without a reading; None when every row has one.
+    sentinels : int
+        How many of the missing rows held a sentinel.
+    beyond : float array
+        The values of missing rows that were no sentinel but lay far out beside one.
+    """
+
+    name: str
+    readings: FloatArray
+    missing: BoolArray | None = None
+    sentinels: int = 0
+    beyond: tuple[float, ...] = ()
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """Rows that have a reading."""
+        return np.arange(len(self.readings)) if self.missing is None else np.flatnonzero(~self.missing)
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """The readings without the missing ones."""
+        return self.readings if self.missing is None else self.readings[self.rows]
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """First differences of ``values``."""
+        return self.values[1:] - self.values[:-1]
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the noise."""
+        return noise_of_readings(self.values)
+
+    @cached_property
+    def quantum(self) -> float:
+        """The smallest change from row to row."""
+        return quantum_of(self.steps)
+
+    @cached_property
+    def stale(self) -> float:
+        """Fraction of the rows that repeat the reading before for no reason of rounding."""
+        return stale_fraction(self.steps, self.quantum) if len(self.values) >= 5 else 0.0
+
+    @cached_property
+    def low(self) -> float:
+        return float(self.values.min())
+
+    @cached_property
+    def high(self) -> float:
+        return float(self.values.max())
+
+    @property
+    def span(self) -> float:
+        return self.high - self.low
+
+    def show(self, value: float) -> str:
+        """A value with its unit, as people read it."""
+        quantity = CHANNELS[self.name]
+        return f"{quantity.to_display(value):.4g} {quantity.display_unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A run with what its checks share.
+
+    Parameters
+    ----------
+    run : Run
+    channels : mapping of name to Channel
+        The measured responses that have at least one reading.
+    empty : tuple of str
+        Responses that are there but have no reading at all.
+    edges : int array
+        Rows at which the voltage has jumped (row k: between the rows k-1 and k). Row 0 is
+        one when the record starts with a voltage.
+    heights : float array [V]
+        The jump at each edge.
+    """
+
+    run: Run
+    channels: dict[str, Channel]
+    empty: tuple[str, ...]
+    edges: IntArray
+    heights: FloatArray
+
+    @classmethod
+    def of(cls, run: Run) -> Record:
+        edges, heights = voltage_edges(run.voltage)
+        channels: dict[str, Channel] = {}
+        empty: list[str] = []
+        for name in RESPONSES:
+            readings = getattr(run, name)
+            if readings is None:
+                continue
+            channel = _channel(run, name, readings, edges)
+            if channel.missing is not None and channel.missing.all():
+                empty.append(name)
+            else:
+                channels[name] = channel
+        return cls(run=run, channels=channels, empty=tuple(empty), edges=edges, heights=heights)
+
+    def __len__(self) -> int:
+        return len(self.run.time)
+
+    @cached_property
+    def period(self) -> float:
+        """Median time between rows [s]."""
+        steps = self.run.time[1:] - self.run.time[:-1]
+        return float(np.partition(steps, len(steps) // 2)[len(steps) // 2])
+
+    @cached_property
+    def excited(self) -> bool:
+        """Whether there is any voltage."""
+        return bool(np.abs(self.run.voltage).max() > NO_VOLTAGE)
+
+    @cached_property
+    def ends(self) -> IntArray:
+        """The row at which the stretch after each edge ends: the next edge, or the end of the record."""
+        return np.append(self.edges[1:], len(self)) if len(self.edges) else self.edges
+
+    @cached_property
+    def steps_from_rest(self) -> bool:
+        """Whether there is no voltage before the first edge."""
+        if not len(self.edges):
+            return False
+        before = self.run.voltage[: self.edges[0]]
+        return not len(before) or bool(np.abs(before).max() <= max(NO_VOLTAGE, 0.02 * abs(float(self.heights[0]))))
+
+    @cached_property
+    def near_edge(self) -> BoolArray:
+        """Rows within ``GUARD_ROWS`` of an edge."""
+        near = np.zeros(len(self), dtype=bool)
+        if len(self.edges):
+            rows = self.edges[:, None] + np.arange(-GUARD_ROWS, GUARD_ROWS + 1)
+            near[rows.clip(0, len(self) - 1)] = True
+        return near
+
+    @cached_property
+    def constant_after(self) -> BoolArray:
+        """For each edge, whether the voltage then stays where it is (no sine that merely starts with a jump)."""
+        voltage = self.run.voltage
+        tolerance = 0.1 * np.abs(self.heights)
+        if not len(self.edges):
+            return np.zeros(0, dtype=bool)
+        highest = np.maximum.reduceat(voltage, self.edges)
+        lowest = np.minimum.reduceat(voltage, self.edges)
+        return np.asarray(highest - lowest <= tolerance)
+
+    def at(self, row: int) -> str:
+        """A row with its time, for messages."""
+        return f"row {row} ({self.run.time[row]:.6g} s)"
+
+
+def voltage_edges(voltage: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Rows at which the voltage jumps, and by how much; a fast smooth signal has none.
+
+    A jump is more than a twentieth of the largest voltage. Where the voltage has few levels
+    (steps, squares, binary sequences) every such change is one; otherwise only a change that
+    stands alone, four times the two before and the two after it.
+    """
+    largest = max(float(voltage.max()), -float(voltage.min()))
+    none = np.zeros(0, dtype=np.intp), np.zeros(0)
+    if largest <= NO_VOLTAGE:
+        return none
+    changes = np.empty_like(voltage)
+    changes[0] = voltage[0]
+    np.subtract(voltage[1:], voltage[:-1], out=changes[1:])
+    size = np.abs(changes)
+    threshold = 0.05 * largest
+    big = size > threshold
+    rows = np.flatnonzero(big)
+    if not len(rows):
+        return none
+    calm = np.count_nonzero(size < 0.2 * threshold)
+    if calm + len(rows) < 0.95 * len(voltage):
+        padded = np.concatenate(([0.0, 0.0], size, [np.inf, np.inf]))
+        others = np.maximum(np.maximum(padded[rows], padded[rows + 1]), np.maximum(padded[rows + 3], padded[rows + 4]))
+        rows = rows[size[rows] > 4.0 * others]
+    return rows, changes[rows]
+
+
+def counted(count: int, thing: str) -> str:
+    """A count with its thing, in the plural where there are several.
+
+    Examples
+    --------
+    >>> counted(1, "spike"), counted(3, "spike")
+    ('1 spike', '3 spikes')
+    """
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def ranges_of(rows: IntArray) -> Ranges:
+    """Half-open ranges of sorted rows.
+
+    Examples
+    --------
+    >>> ranges_of(np.array([3, 4, 5, 9]))
+    ((3, 6), (9, 10))
+    """
+    if not len(rows):
+        return ()
+    breaks = np.flatnonzero(np.diff(rows) > 1)
+    starts = rows[np.concatenate(([0], breaks + 1))]
+    stops = rows[np.concatenate((breaks, [len(rows) - 1]))] + 1
+    return tuple((int(start), int(stop)) for start, stop in zip(starts, stops, strict=True))
+
+
+def _channel(run: Run, name: str, readings: FloatArray, edges: IntArray) -> Channel:
+    finite = np.isfinite(readings)
+    flags = run.quality.get(name)
+    if flags is not None and flags.any():
+        finite &= (flags & (QUALITY_FLAGS["missing"] | QUALITY_FLAGS["sentinel"])) == 0
+    elif finite.all() and not _may_hold_sentinel(name, readings, edges):
+        return Channel(name, readings)
+    missing = ~finite
+    if name == "displacement":
+        missing |= _raw_sentinels(readings, finite, edges)
+    sentinels = int(np.count_nonzero(missing))
+    beyond = _beyond(readings, missing) if sentinels and not missing.all() else np.zeros(0, dtype=np.intp)
+    missing[beyond] = True
+    if not missing.any():
+        return Channel(name, readings)
+    return Channel(
+        name,
+        np.where(missing, np.nan, readings),
+        missing,
+        sentinels=sentinels,
+        beyond=tuple(float(value) for value in readings[beyond]),
+    )
+
+
+def _may_hold_sentinel(name: str, readings: FloatArray, edges: IntArray) -> bool:
+    """A cheap first look: an extreme reading that comes back to the digit."""
+    if name != "displacement":
+        return False
+    largest = readings[int(np.abs(readings).argmax())]
+    if np.count_nonzero(readings == largest) < _SENTINEL_REPEATS:
+        return False
+    return bool(_raw_sentinels(readings, np.ones(len(readings), dtype=bool), edges).any())
+
+
+def _raw_sentinels(readings: FloatArray, finite: BoolArray, edges: IntArray) -> BoolArray:
+    """Rows at one exact value that is further from all others than these are from each other.
+
+    A laser that sees no target gives such a value. It comes and goes at times of its own, not
+    at the edges of the voltage.
+    """
+    found = np.zeros(len(readings), dtype=bool)
+    for extreme in (readings[finite].min(), readings[finite].max()) if finite.any() else ():
+        held = readings == extreme
+        others = readings[finite & ~held]
+        if np.count_nonzero(held) < _SENTINEL_REPEATS or len(others) < _SENTINEL_REPEATS:
+            continue
+        low, high = np.percentile(others, (1.0, 99.0))
+        distance = low - extreme if extreme < low else extreme - high
+        if distance <= 2.0 * max(high - low, np.finfo(float).tiny):
+            continue
+        starts, stops = runs_of_true(held)
+        changes = np.concatenate((starts[starts > 0], stops[stops < len(readings)]))
+        if len(edges) and all(np.abs(edges - row).min() <= 1 for row in changes):
+            continue
+        found |= held
+    return found
+
+
+def _beyond(readings: FloatArray, missing: BoolArray) -> IntArray:
+    """Readings beside missing ones that lie further out than the whole range of the others."""
+    others = readings[~missing]
+    low, high = np.percentile(others, (1.0, 99.0))
+    reach = high - low
+    with np.errstate(invalid="ignore"):
+        far = ~missing & ((readings < low - reach) | (readings > high + reach))
+    beside = missing.copy()
+    for _ in range(GUARD_ROWS):
+        grown = beside.copy()
+        grown[1:] |= beside[:-1]
+        grown[:-1] |= beside[1:]
+        beside = missing | (grown & far)
+    return np.flatnonzero(beside & ~missing)

@@ -1,0 +1,64 @@
+"""The clock of the record."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ipmclab.quality.record import Record, ranges_of
+from ipmclab.run import Finding
+
+
+def sampling(record: Record) -> list[Finding]:
+    """``sampling-period-unknown``, ``sampling-irregular`` and ``rows-missing``.
+
+    Rows are missing where the time between two rows exceeds one and a half periods. The
+    sampling is irregular when the period varies by more than a millionth (information, for
+    example rounded times) or a twentieth (warning).
+    """
+    found = []
+    period = record.period
+    if not record.run.metadata.sampling_period_known:
+        found.append(
+            Finding(
+                code="sampling-period-unknown",
+                severity="warning",
+                message=f"the file did not hold its sampling period; {period:.6g} s was assumed",
+                repair=(
+                    "every time constant and every frequency scales with it: find the true period, "
+                    "or compare only with runs of the same clock"
+                ),
+                values={"period": period},
+            )
+        )
+    if record.run.is_uniform:
+        return found
+    steps = record.run.time[1:] - record.run.time[:-1]
+    gaps = np.flatnonzero(steps > 1.5 * period)
+    if len(gaps):
+        lost = int(np.rint(steps[gaps] / period - 1.0).sum())
+        found.append(
+            Finding(
+                code="rows-missing",
+                severity="warning",
+                message=(
+                    f"about {lost} rows are missing in {len(gaps)} gaps of the time, "
+                    f"the first after {record.at(int(gaps[0]))}"
+                ),
+                repair="the voltage inside the gaps is unknown: use a part without gaps, or record again",
+                samples=ranges_of(gaps + 1),
+                values={"gaps": len(gaps), "rows": lost, "longest": float(steps.max())},
+            )
+        )
+    regular = steps[steps <= 1.5 * period]
+    jitter = float(np.abs(regular - period).max()) / period
+    if jitter > 1e-6:
+        found.append(
+            Finding(
+                code="sampling-irregular",
+                severity="warning" if jitter > 0.05 else "info",
+                message=(f"the time between rows varies by up to {100 * jitter:.3g} % around {period:.6g} s"),
+                repair="the times of the record are used as they are; check that they are true",
+                values={"period": period, "largest_deviation": jitter},
+            )
+        )
+    return found

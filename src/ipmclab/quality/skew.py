@@ -1,0 +1,137 @@
+"""Channels that are not read at the same time as the voltage."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.record import GUARD_ROWS, Channel, IntArray, Record, ranges_of
+from ipmclab.run import Finding, FloatArray
+
+_APART: Final = 7
+_REST_ROWS: Final = 10
+
+
+def channel_skew(record: Record) -> list[Finding]:
+    """``channel-skew`` and ``edge-reading-partial``.
+
+    The current jumps with the voltage, so at each edge the first row in which it has moved (by a
+    fifth of its change and six standard deviations of the noise) should be the row of the edge.
+    Displacement and force answer smoothly and can only be seen to lead: at the first edge after
+    rest they must not have left their straight line before the edge does. Readings between the
+    first move and the peak of the current, which hold neither the old nor the new state, are
+    left out.
+    """
+    found: list[Finding] = []
+    for channel in record.channels.values():
+        if channel.name == "current":
+            edges, moved = _edges_of_current(record, channel)
+            leads = _current_leads(channel, moved)
+            found += _partial(record, channel, edges, moved)
+        else:
+            leads = _first_lead(record, channel)
+        values, counts = np.unique(leads, return_counts=True)
+        if len(values) and counts.max() >= 0.7 * len(leads) and values[counts.argmax()] != 0:
+            found.append(_skew(record, channel, int(values[counts.argmax()]), len(leads)))
+    return found
+
+
+def _edges_of_current(record: Record, channel: Channel) -> tuple[IntArray, FloatArray]:
+    """Large edges after calm, with room, and the change of the current since four rows before each.
+
+    The change is given from three rows before the edge to three after it. Calm is where the
+    voltage has stood and the current has moved by less than half of what counts as a move.
+    """
+    edges, size = record.edges, np.abs(record.heights)
+    if not len(edges):
+        return edges, np.zeros((0, 2 * GUARD_ROWS + 1))
+    gaps = np.diff(edges, prepend=-len(record), append=2 * len(record))
+    room = (gaps[:-1] >= _APART) & (gaps[1:] >= _APART)
+    inside = (edges >= _APART) & (edges < len(record) - _APART)
+    kept = room & inside & record.constant_after & (size >= 0.3 * size.max())
+    edges, heights = edges[kept], size[kept]
+    before = edges[:, None] - np.arange(2, _APART + 1)
+    around = channel.readings[edges[:, None] + np.arange(-GUARD_ROWS - 1, GUARD_ROWS + 1)]
+    moved: FloatArray = np.abs(around[:, 1:] - around[:, :1])
+    with np.errstate(invalid="ignore"):
+        stood = np.ptp(record.run.voltage[before], axis=1) < 0.1 * heights
+        drifted = np.abs(channel.readings[edges - _APART] - around[:, 0])
+        calm = stood & (drifted < 0.5 * np.maximum(6.0 * channel.noise, 0.1 * moved.max(axis=1)))
+    return edges[calm], moved[calm]
+
+
+def _current_leads(channel: Channel, moved: FloatArray) -> IntArray:
+    peak = moved.max(axis=1)
+    known = peak > 10.0 * channel.noise
+    above = moved > np.maximum(6.0 * channel.noise, 0.2 * peak)[:, None]
+    leads: IntArray = (GUARD_ROWS - above.argmax(axis=1))[known]
+    return leads
+
+
+def _first_lead(record: Record, channel: Channel) -> IntArray:
+    none = np.zeros(0, dtype=np.intp)
+    if not record.steps_from_rest:
+        return none
+    edge = int(record.edges[0])
+    start = edge - GUARD_ROWS - _REST_ROWS
+    if start < 0 or edge + 10 >= len(record):
+        return none
+    window = channel.readings[start : edge + 10]
+    rest = window[:_REST_ROWS]
+    place = np.arange(_REST_ROWS) - 0.5 * (_REST_ROWS - 1)
+    slope = float(place.dot(rest)) / float(place.dot(place))
+    expected = rest.mean() + slope * (np.arange(len(window)) - 0.5 * (_REST_ROWS - 1))
+    away = np.abs(window - expected)[_REST_ROWS:]
+    scatter = float(np.sqrt(((rest - expected[:_REST_ROWS]) ** 2).sum() / (_REST_ROWS - 2)))
+    least = max(8.0 * scatter, 8.0 * channel.quantum, 0.01 * float(away.max()))
+    early = np.flatnonzero(away[:GUARD_ROWS] > least)
+    return np.array([GUARD_ROWS - early[0]] if len(early) else [0], dtype=np.intp)
+
+
+def _skew(record: Record, channel: Channel, lead: int, edges: int) -> Finding:
+    which = "leads" if lead > 0 else "lags behind"
+    rows = "one row" if abs(lead) == 1 else f"{abs(lead)} rows"
+    return Finding(
+        code="channel-skew",
+        severity="warning",
+        channel=channel.name,
+        message=(
+            f"the {channel.name} {which} the voltage channel by {rows} ({abs(lead) * record.period:.4g} s), "
+            f"seen at {edges} edge{'s' if edges > 1 else ''}"
+        ),
+        repair=(
+            "the channels were not read at one time: "
+            + (
+                "identification estimates one delay of this run's edges, as its hold is unknown; shift the channel "
+                "where others lead by another"
+                if record.run.hold == "unknown"
+                else "give the run the hold 'unknown', so that its edge delay is estimated, or shift the channel"
+            )
+        ),
+        values={"lead_rows": lead, "lead_seconds": lead * record.period, "edges": edges},
+    )
+
+
+def _partial(record: Record, channel: Channel, edges: IntArray, moved: FloatArray) -> list[Finding]:
+    peak = moved.max(axis=1)
+    between = (moved > np.maximum(6.0 * channel.noise, 0.1 * peak)[:, None]) & (moved < 0.8 * peak[:, None])
+    between &= np.arange(moved.shape[1]) < moved.argmax(axis=1)[:, None]
+    rows = (edges[:, None] + np.arange(-GUARD_ROWS, GUARD_ROWS + 1))[between]
+    if not len(rows):
+        return []
+    return [
+        Finding(
+            code="edge-reading-partial",
+            severity="warning",
+            channel=channel.name,
+            message=(
+                f"{len(rows)} readings at edges of the voltage hold neither the old nor the new current, the first at "
+                f"{record.at(rows[0])} ({channel.show(float(channel.readings[rows[0]]))}, the peak follows)"
+            ),
+            repair="these rows are left out; they are old readings, or the voltage was changing while they were taken",
+            samples=ranges_of(np.unique(rows)),
+            effect="mask",
+            values={"count": len(rows), "first_row": int(rows[0])},
+        )
+    ]

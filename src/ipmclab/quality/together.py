@@ -1,0 +1,138 @@
+"""Runs of one sample held against each other."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.record import GUARD_ROWS, Record
+from ipmclab.run import Finding, FloatArray, Run
+
+_VOLTAGE_AGREES: Final = 0.01
+_FEWEST: Final = 20
+_BLOCKS: Final = 20
+
+
+def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
+    """Compare the runs of one sample whose voltages agree up to a time.
+
+    Up to that time the responses must agree too, if the strip was in the same state: no model
+    is needed. The runs are aligned at their first voltage edge. ``state-changed`` is a warning
+    with the ratio of the responses and the root mean square of their difference against the
+    noise; ``state-unchanged`` tells that a comparison found no difference. Runs whose voltages
+    differ from the start, or whose sample ids differ, are not compared.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+
+    Returns
+    -------
+    findings : tuple of Finding
+        ``values`` hold the places ``first`` and ``second`` of the runs in the sequence, the
+        ``until`` time [s] after the edge, ``ratio`` (second over first), ``difference`` (root
+        mean square, SI) and ``noise`` (of that difference).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ipmclab.run import Run
+    >>> time = np.arange(500) / 50.0
+    >>> rng = np.random.default_rng(20261121)
+    >>> def step(gain):
+    ...     current = gain * np.exp(-time / 2.0) + rng.normal(0.0, 1e-4, 500)
+    ...     return Run.from_arrays(time=time, voltage=np.ones(500), current=current)
+    >>> [finding.code for finding in check_together([step(0.06), step(0.06), step(0.03)])]
+    ['state-unchanged', 'state-changed', 'state-changed']
+    """
+    records = [Record.of(run) for run in runs]
+    found: list[Finding] = []
+    for (first, one), (second, other) in itertools.combinations(enumerate(records), 2):
+        ids = {record.run.metadata.sample.id for record in (one, other) if record.run.metadata.sample}
+        if len(ids) < 2:
+            found += _compare(first, one, second, other)
+    return tuple(found)
+
+
+def _compare(first: int, one: Record, second: int, other: Record) -> list[Finding]:
+    if not one.excited or not other.excited or abs(one.period / other.period - 1.0) > 1e-3:
+        return []
+    starts = [_start(one), _start(other)]
+    lead = min(starts[0], starts[1])
+    begins = [start - lead for start in starts]
+    rows = min(len(one) - begins[0], len(other) - begins[1])
+    voltages = [record.run.voltage[begin : begin + rows] for record, begin in zip((one, other), begins, strict=True)]
+    largest = max(float(np.abs(voltages[0]).max()), float(np.abs(voltages[1]).max()))
+    differs = np.flatnonzero(np.abs(voltages[0] - voltages[1]) > _VOLTAGE_AGREES * largest)
+    stop = int(differs[0]) if len(differs) else rows
+    if stop - lead < _FEWEST or np.abs(voltages[0][:stop]).max() < 0.1 * largest:
+        return []
+    found = []
+    for name in one.channels.keys() & other.channels.keys():
+        responses = [
+            _from_rest(record, name, begin, lead, stop) for record, begin in zip((one, other), begins, strict=True)
+        ]
+        both = np.isfinite(responses[0]) & np.isfinite(responses[1])
+        if np.count_nonzero(both) >= _FEWEST:
+            seconds = float(one.run.time[begins[0] + stop - 1] - one.run.time[begins[0] + lead])
+            noise = math.hypot(one.channels[name].noise, other.channels[name].noise)
+            finding = _difference(name, responses[0][both], responses[1][both], noise, seconds, (first, second), one)
+            if finding is not None:
+                found.append(finding)
+    return sorted(found, key=lambda finding: finding.channel or "")
+
+
+def _start(record: Record) -> int:
+    return int(record.edges[0]) if len(record.edges) else 0
+
+
+def _from_rest(record: Record, name: str, begin: int, lead: int, stop: int) -> FloatArray:
+    """Readings from behind the edge on, less their mean before it where the record has rows before it."""
+    readings = record.channels[name].readings[begin : begin + stop]
+    before = readings[: max(lead - GUARD_ROWS, 0)]
+    rest = float(np.nanmean(before)) if np.isfinite(before).sum() >= GUARD_ROWS else 0.0
+    return readings[lead + GUARD_ROWS if lead else 0 :] - rest
+
+
+def _difference(
+    name: str, one: FloatArray, other: FloatArray, noise: float, seconds: float, places: tuple[int, int], record: Record
+) -> Finding | None:
+    power = float(one.dot(one))
+    difference = other - one
+    rms = math.sqrt(float(difference.dot(difference)) / len(difference))
+    if power == 0.0 or math.sqrt(power / len(one)) < 2.0 * noise:
+        return None  # nothing but noise to compare
+    ratio = float(one.dot(other)) / power
+    rows = max(1, len(difference) // _BLOCKS)
+    means = difference[: len(difference) // rows * rows].reshape(-1, rows).mean(axis=1)
+    least = max(6.0 * noise / math.sqrt(rows), 0.02 * math.sqrt(power / len(one)))
+    changed = float(np.abs(means).max()) > least
+    channel = record.channels[name]
+    numbers = (
+        f"{name}: over {seconds:.4g} s of equal voltage run {places[1]} reads {ratio:.3g} times run {places[0]}; the "
+        f"difference is {channel.show(rms)} (root mean square) against a noise of {channel.show(noise)}"
+    )
+    return Finding(
+        code="state-changed" if changed else "state-unchanged",
+        severity="warning" if changed else "info",
+        channel=name,
+        message=numbers,
+        repair=(
+            "the strip was not in the same state: do not fit both runs with one set of parameters, or free what "
+            "changed per run; equalise hydration and clamping before recording again"
+            if changed
+            else ""
+        ),
+        values={
+            "first": places[0],
+            "second": places[1],
+            "until": seconds,
+            "ratio": ratio,
+            "difference": rms,
+            "noise": noise,
+        },
+    )

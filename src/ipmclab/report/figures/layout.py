@@ -1,0 +1,63 @@
+"""Where panels stand in a figure, in inches: the same margins everywhere, and no search for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from matplotlib.figure import Figure
+
+from ipmclab.report.style import PAGE_WIDTH
+
+Axis = Literal["all", "col", "row", "none"]
+
+
+def panel_grid(
+    heights: Sequence[float],
+    columns: int = 1,
+    *,
+    left: float = 0.6,
+    right: float = 0.15,
+    top: float = 0.27,
+    bottom: float = 0.42,
+    row_gap: float = 0.27,
+    column_gap: float = 0.12,
+    sharex: Axis = "none",
+    sharey: Axis = "none",
+) -> tuple[Figure, Any]:
+    """A page-wide figure of rows of panels.
+
+    A search for the best margins costs more than the drawing, and would give every figure
+    another left edge.
+
+    Parameters
+    ----------
+    heights : sequence of float [inch]
+        Of each row of panels.
+    columns : int
+    left, right, top, bottom : float [inch]
+        Around all panels, for tick labels, titles, axis labels and legend.
+    row_gap, column_gap : float [inch]
+    sharex, sharey : "all", "col", "row" or "none"
+
+    Returns
+    -------
+    figure : Figure
+    panels : array of Axes, shape (n_rows, columns)
+    """
+    height = top + sum(heights) + row_gap * (len(heights) - 1) + bottom
+    width = PAGE_WIDTH - left - right
+    each = (width - column_gap * (columns - 1)) / columns
+    figure = Figure(figsize=(PAGE_WIDTH, height))
+    grid = figure.add_gridspec(
+        len(heights),
+        columns,
+        left=left / PAGE_WIDTH,
+        right=1.0 - right / PAGE_WIDTH,
+        top=1.0 - top / height,
+        bottom=bottom / height,
+        wspace=column_gap / each,
+        hspace=row_gap / (sum(heights) / len(heights)),
+        height_ratios=list(heights),
+    )
+    return figure, grid.subplots(sharex=sharex, sharey=sharey, squeeze=False)

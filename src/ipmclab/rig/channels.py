@@ -1,0 +1,213 @@
+"""Channels of a rig as data: converter, sensor, and the scaling between volts and quantity.
+
+The default rig is that of chapter 3 of Friend's thesis: an NI 9205 (16 bit) that reads a shunt of
+1 ohm, a laser displacement sensor (optoNCDT 1420-25, 4 to 20 mA over 500 ohm for 25 mm), and a
+load cell (GSO-10) whose amplifier gives 10 V for 10 gf. An NI 9263 with a current amplifier
+drives the strip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.units import CHANNELS, Quantity
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Converter:
+    """An analogue input: its range, resolution and noise.
+
+    Parameters
+    ----------
+    low, high : float [V]
+        The codes go from ``low`` to one step below ``high``.
+    bits : int
+    noise : float [V]
+        Standard deviation of what it adds.
+
+    Examples
+    --------
+    >>> converter = Converter(-5.0, 5.0, noise=0.0)
+    >>> converter.convert([0.0001, 7.0]).tolist()
+    [0.000152587890625, 4.999847412109375]
+    """
+
+    low: float
+    high: float
+    noise: float
+    bits: int = 16
+
+    @property
+    def step(self) -> float:
+        """The least significant bit [V]."""
+        return (self.high - self.low) / float(2**self.bits)
+
+    @property
+    def top(self) -> float:
+        """The largest reading [V]."""
+        return self.high - self.step
+
+    def convert(self, volts: npt.ArrayLike) -> FloatArray:
+        """The reading for each voltage: the nearest step within the range."""
+        codes = np.round(np.asarray(volts, dtype=np.float64) / self.step)
+        return np.clip(codes * self.step, self.low, self.top)
+
+    def at_limit(self, readings: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which readings are the lowest or the highest that there is."""
+        return (readings <= self.low) | (readings >= self.top)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of a rig: ``quantity = gain * volts + offset``.
+
+    Parameters
+    ----------
+    name : str
+        A channel of a run.
+    converter : Converter
+    gain : float [SI unit of the channel per V]
+    offset : float [SI unit of the channel]
+        What 0 V means.
+    sensor_range : (low, high) [SI unit of the channel], optional
+        What the sensor can tell, before zeroing.
+    sensor_noise : float [SI unit of the channel]
+        Standard deviation of what the sensor adds, before the converter.
+    rest : float [SI unit of the channel]
+        What the sensor tells while the strip rests: the distance of the laser, the preload of the load cell.
+    lost : float [V], optional
+        What the sensor gives when it has lost what it measures: beyond what it gives within its range.
+    zeroed : bool
+        Whether the reading at rest is subtracted.
+    """
+
+    name: str
+    converter: Converter
+    gain: float = 1.0
+    offset: float = 0.0
+    sensor_range: tuple[float, float] | None = None
+    sensor_noise: float = 0.0
+    rest: float = 0.0
+    lost: float | None = None
+    zeroed: bool = False
+
+    @property
+    def quantity(self) -> Quantity:
+        """What the channel measures."""
+        return CHANNELS[self.name]
+
+    @property
+    def resolution(self) -> float:
+        """The step of the converter in the unit of the channel [SI]."""
+        return abs(self.gain) * self.converter.step
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """What the channel can read, before zeroing [SI]: the sensor's range within the converter's."""
+        low, high = sorted((self.to_quantity(self.converter.low), self.to_quantity(self.converter.top)))
+        if self.sensor_range is None:
+            return low, high
+        return max(low, self.sensor_range[0]), min(high, self.sensor_range[1])
+
+    def to_quantity(self, volts: float) -> float:
+        """A reading [V] in the unit of the channel."""
+        return self.gain * volts + self.offset
+
+    def to_volts(self, value: FloatArray) -> FloatArray:
+        """What the sensor gives out [V] for values in the unit of the channel."""
+        return (value - self.offset) / self.gain
+
+    def is_lost(self, readings: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which readings [V] are no readings: nearer to ``lost`` than to the range of the sensor."""
+        if self.lost is None or self.sensor_range is None:
+            return np.zeros(len(readings), dtype=np.bool_)
+        ends = self.to_volts(np.array(self.sensor_range))
+        low, high = float(ends.min()), float(ends.max())
+        if self.lost < low:
+            return readings < (self.lost + low) / 2
+        return readings > (self.lost + high) / 2
+
+    def calibration(self, zero: float) -> str:
+        """The scaling as text, with what was subtracted as zero."""
+        unit = self.quantity.unit
+        text = f"raw [V] x {self.gain:.12g} {unit}/V"
+        if self.offset:
+            text += f" {'+' if self.offset > 0 else '-'} {abs(self.offset):.12g} {unit}"
+        return f"{text}, zeroed at {zero:.12g} {unit}" if self.zeroed else text
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What reads and drives a strip.
+
+    Parameters
+    ----------
+    name : str
+    channels : tuple of Channel
+        ``voltage`` is one of them.
+    shunt_resistance : float [ohm]
+        In series with the strip: it takes its share of the output voltage.
+    voltage_sensed : "electrodes" or "upstream of shunt"
+        Where the channel ``voltage`` is connected.
+    output_range : (low, high) [V]
+        What the output can give.
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    shunt_resistance: float
+    voltage_sensed: Literal["electrodes", "upstream of shunt"]
+    output_range: tuple[float, float]
+
+    def __getitem__(self, name: str) -> Channel:
+        """The channel of that name."""
+        return {channel.name: channel for channel in self.channels}[name]
+
+
+# Noise of the NI 9205 by its data sheet: 240, 116, 26 and 10 uV in its ranges 10, 5, 1 and 0.2 V.
+_GRAM_FORCE: Final = 9.80665e-3
+_SHUNT: Final = 1.0
+
+THESIS_RIG: Final = Rig(
+    name="rig of Friend's thesis, chapter 3",
+    channels=(
+        Channel("voltage", Converter(-5.0, 5.0, noise=116e-6)),
+        Channel("current", Converter(-0.2, 0.2, noise=10e-6), gain=1.0 / _SHUNT),
+        Channel(
+            "displacement",
+            Converter(-10.0, 10.0, noise=240e-6),
+            # 4 to 20 mA over 500 ohm, 2 to 10 V, for 25 mm.
+            gain=25e-3 / 8.0,
+            offset=-25e-3 / 4.0,
+            sensor_range=(0.0, 25e-3),
+            rest=12.3e-3,  # appendix A.2; the middle of the range is 12.5 mm
+            lost=1.5,  # 3 mA, an error value of this maker's sensors; below 4 mA in all of them
+            zeroed=True,
+        ),
+        Channel(
+            "force",
+            Converter(-10.0, 10.0, noise=240e-6),
+            gain=_GRAM_FORCE,
+            # It can only be pushed.
+            sensor_range=(0.0, 10 * _GRAM_FORCE),
+            sensor_noise=0.1e-3,
+            rest=4.48e-3,  # appendix A.2, which counts 100 mN for 10 V
+            zeroed=True,
+        ),
+    ),
+    shunt_resistance=_SHUNT,
+    voltage_sensed="upstream of shunt",
+    output_range=(-10.0, 10.0),
+)
+"""The rig of chapter 3 of Friend's thesis.
+
+The thesis does not say on which side of the shunt the voltage was read. Upstream, it is held between
+rows, so that a record says exactly what the strip and its shunt were given; at the electrodes it
+sags between rows as the current decays.
+"""

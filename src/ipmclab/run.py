@@ -1,0 +1,453 @@
+"""A run: one record, measured or simulated, with everything needed to understand it later."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.sample import Sample
+from ipmclab.units import CHANNELS
+
+if TYPE_CHECKING:
+    import xarray
+
+FloatArray = npt.NDArray[np.float64]
+
+Hold = Literal["zero", "zero-before", "first", "unknown"]
+"""What the voltage did between rows.
+
+``zero``: row k is read just as the output takes ``voltage[k]``, which holds until row k+1.
+``zero-before``: row k is read just before the output changes, so ``voltage[k]`` held since row k-1.
+``first``: straight lines between rows. ``unknown``: a foreign record; the edge delay is estimated.
+"""
+
+Severity = Literal["info", "warning", "error"]
+Effect = Literal["none", "mask", "lower_bound", "upper_bound"]
+
+QUALITY_FLAGS: Final[dict[str, int]] = {
+    "missing": 1,
+    "sentinel": 2,
+    "clipped": 4,
+    "contact_lost": 8,
+    "masked_by_operator": 16,
+}
+"""Bits of a ``<channel>_quality`` array: what was known at recording or import."""
+
+SLOW_CHANNELS: Final = ("temperature", "relative_humidity")
+"""Channels that have a time base of their own, ``time_environment``."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something about a record or a fit that its user must know.
+
+    Parameters
+    ----------
+    code : str
+        Stable name for programs, for example ``"laser-lost"``.
+    severity : "info", "warning" or "error"
+    message : str
+        What was seen, with its numbers and units.
+    repair : str
+        What to do about it.
+    channel : str, optional
+        The channel it is about; None for the whole record.
+    samples : tuple of (start, stop)
+        Half-open ranges of rows.
+    effect : "none", "mask", "lower_bound" or "upper_bound"
+        What identification does with the samples: uses them, leaves them out, or takes
+        each reading as a lower or an upper bound of the true value (a clipped reading).
+    values : mapping
+        The measured numbers behind the message, in SI units (counts as integers).
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    repair: str = ""
+    channel: str | None = None
+    samples: tuple[tuple[int, int], ...] = ()
+    effect: Effect = "none"
+    values: Mapping[str, float | int | str | None] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Number of rows that the finding names."""
+        return sum(stop - start for start, stop in self.samples)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something an operator noted at a time [s] of the record."""
+
+    time: float
+    text: str
+
+
+@dataclass(frozen=True)
+class RunMetadata:
+    """What belongs to a run beside its arrays.
+
+    Parameters
+    ----------
+    origin : "measured", "simulated" or "virtual bench"
+    sample : Sample, optional
+    mounting_id : str, optional
+        New at every clamping.
+    run_number : int, optional
+        Number of this run on the sample.
+    signal : str, optional
+        The commanded signal, as text.
+    voltage_sensed : "electrodes" or "upstream of shunt", optional
+        Where ``voltage`` was measured.
+    shunt_resistance : float [ohm], optional
+        The shunt in series with the strip.
+    polarity : "normal" or "reversed", optional
+        ``reversed`` when the strip was driven the other way round.
+    minutes_out_of_water, minutes_in_environment : float [min], optional
+    clamp_pressure : float [Pa], optional
+    chamber : "on" or "off", optional
+    temperature : float [degC], relative_humidity : float [percent], optional
+        The environment as set or noted.
+    operator, notes : str, optional
+    marks : tuple of Mark
+    starts_from_rest : bool, optional
+        True when the strip is known to have been discharged and at rest before row 0.
+    sampling_period_known : bool
+        False when the record did not carry its sampling period.
+    ranges : mapping of channel to (low, high) [SI]
+        What the instrument can read.
+    calibrations : mapping of channel to text
+        The raw channel scaling.
+    bench : str, optional
+    source_file : str, optional
+    recorded_at : str, optional
+        ISO 8601 time of row 0.
+    software_version : str, optional
+    parameters : mapping of name to float [SI]
+        For a simulated run, the parameters of the actuator.
+    """
+
+    origin: Literal["measured", "simulated", "virtual bench"] = "measured"
+    sample: Sample | None = None
+    mounting_id: str | None = None
+    run_number: int | None = None
+    signal: str | None = None
+    voltage_sensed: Literal["electrodes", "upstream of shunt"] | None = None
+    shunt_resistance: float | None = None
+    polarity: Literal["normal", "reversed"] | None = None
+    minutes_out_of_water: float | None = None
+    minutes_in_environment: float | None = None
+    clamp_pressure: float | None = None
+    chamber: Literal["on", "off"] | None = None
+    temperature: float | None = None
+    relative_humidity: float | None = None
+    operator: str | None = None
+    notes: str | None = None
+    marks: tuple[Mark, ...] = ()
+    starts_from_rest: bool | None = None
+    sampling_period_known: bool = True
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    calibrations: Mapping[str, str] = field(default_factory=dict)
+    bench: str | None = None
+    source_file: str | None = None
+    recorded_at: str | None = None
+    software_version: str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One record: time, voltage and what was measured, all in SI units.
+
+    Displacement is positive towards the anode at positive voltage. Values stay as they
+    were read; NaN stands for a sentinel or a missing reading.
+
+    Parameters
+    ----------
+    time : float array, shape (n_time,) [s]
+    voltage : float array, shape (n_time,) [V]
+    current : float array, shape (n_time,) [A], optional
+    displacement : float array, shape (n_time,) [m], optional
+    force : float array, shape (n_time,) [N], optional
+    applied_voltage : float array, shape (n_time,) [V], optional
+        The voltage of the node behind the electrodes; in simulated runs.
+    temperature, relative_humidity : float array, shape (n_environment,) [degC], [percent], optional
+    time_environment : float array, shape (n_environment,) [s], optional
+    hold : "zero", "zero-before", "first" or "unknown"
+    quality : mapping of channel to uint8 array, shape (n_time,)
+        Bits of ``QUALITY_FLAGS``, as known at recording or import.
+    metadata : RunMetadata
+
+    Use ``Run.from_arrays`` for arrays of your own: it checks them.
+    """
+
+    time: FloatArray
+    voltage: FloatArray
+    current: FloatArray | None = None
+    displacement: FloatArray | None = None
+    force: FloatArray | None = None
+    applied_voltage: FloatArray | None = None
+    temperature: FloatArray | None = None
+    relative_humidity: FloatArray | None = None
+    time_environment: FloatArray | None = None
+    hold: Hold = "zero"
+    quality: Mapping[str, npt.NDArray[np.uint8]] = field(default_factory=dict)
+    metadata: RunMetadata = field(default_factory=RunMetadata)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        time: npt.ArrayLike,
+        voltage: npt.ArrayLike,
+        current: npt.ArrayLike | None = None,
+        displacement: npt.ArrayLike | None = None,
+        force: npt.ArrayLike | None = None,
+        applied_voltage: npt.ArrayLike | None = None,
+        temperature: npt.ArrayLike | None = None,
+        relative_humidity: npt.ArrayLike | None = None,
+        time_environment: npt.ArrayLike | None = None,
+        hold: Hold = "zero",
+        quality: Mapping[str, npt.ArrayLike] | None = None,
+        metadata: RunMetadata | None = None,
+    ) -> Run:
+        """Make a run from arrays, after checking them.
+
+        Raises
+        ------
+        InputError
+            Not a column of real numbers, unequal lengths, fewer than two rows, time that does not
+            increase or is not finite, an infinite reading, a gap (NaN) in the voltage, an unknown
+            hold, flags that are no quality bits.
+
+        Examples
+        --------
+        >>> run = Run.from_arrays(time=[0.0, 0.02, 0.04], voltage=[0.0, 1.0, 1.0], current=[0.0, 0.06, 0.05])
+        >>> run.rate
+        50.0
+        """
+        given = {
+            "voltage": voltage,
+            "current": current,
+            "displacement": displacement,
+            "force": force,
+            "applied_voltage": applied_voltage,
+            "temperature": temperature,
+            "relative_humidity": relative_humidity,
+        }
+        if hold not in get_args(Hold):
+            raise InputError(
+                f"unknown hold {hold!r}",
+                code="unknown-hold",
+                where="hold",
+                repair=f"use one of {', '.join(get_args(Hold))}",
+            )
+        times = _column("time", time)
+        check_time("time", times)
+        slow_times = None if time_environment is None else _column("time_environment", time_environment)
+        if slow_times is not None:
+            check_time("time_environment", slow_times, least=1)
+        columns: dict[str, FloatArray] = {}
+        for name, values in given.items():
+            if values is None:
+                continue
+            column = _column(name, values)
+            expected = slow_times if name in SLOW_CHANNELS and slow_times is not None else times
+            if len(column) != len(expected):
+                raise InputError(
+                    f"{len(column)} values for {len(expected)} times",
+                    code="unequal-lengths",
+                    where=name,
+                    repair="give one value for each time",
+                )
+            infinite = np.flatnonzero(np.isinf(column))
+            if len(infinite):
+                raise InputError(
+                    f"sample {infinite[0]} is infinite",
+                    code="infinite-reading",
+                    where=name,
+                    repair="use NaN for a missing reading",
+                )
+            columns[name] = column
+        gaps = np.flatnonzero(np.isnan(columns["voltage"]))
+        if len(gaps):
+            raise InputError(
+                f"sample {gaps[0]} (and {len(gaps) - 1} more) is NaN: without the voltage nothing can be computed",
+                code="voltage-gap",
+                where="voltage",
+                repair="cut the record there, or give the voltage that was commanded",
+            )
+        flags: dict[str, npt.NDArray[np.uint8]] = {}
+        for name, bits in (quality or {}).items():
+            if name not in columns:
+                raise InputError(
+                    f"quality for a channel that is not there: {name!r}",
+                    code="unknown-channel",
+                    where="quality",
+                    repair="leave it out",
+                )
+            flags[name] = _bits(name, bits)
+            if flags[name].shape != columns[name].shape:
+                raise InputError(
+                    f"{flags[name].size} flags for {columns[name].size} values",
+                    code="unequal-lengths",
+                    where=f"{name}_quality",
+                    repair="give one flag for each value",
+                )
+        return cls(
+            time=times,
+            time_environment=slow_times,
+            hold=hold,
+            quality=flags,
+            metadata=metadata or RunMetadata(),
+            **columns,
+        )
+
+    @property
+    def channels(self) -> dict[str, FloatArray]:
+        """The channels that this run has, by name, in the order of ``units.CHANNELS``."""
+        present = {name: getattr(self, name) for name in CHANNELS}
+        return {name: values for name, values in present.items() if values is not None}
+
+    @cached_property
+    def rate(self) -> float:
+        """Mean sampling rate [Hz], rounded to 12 digits (so that 50 Hz reads 50.0)."""
+        return float(f"{(len(self.time) - 1) / (self.time[-1] - self.time[0]):.12g}")
+
+    @cached_property
+    def is_uniform(self) -> bool:
+        """Whether the rows are equally spaced to within a millionth of the period."""
+        steps = np.diff(self.time)
+        return bool(np.ptp(steps) <= 1e-6 * steps.mean())
+
+    @cached_property
+    def content_sha256(self) -> str:
+        """SHA-256 of the arrays, their names and the hold: the same for a copy, another for any edit."""
+        digest = hashlib.sha256(f"ipmclab run, hold {self.hold}".encode())
+        arrays: dict[str, npt.NDArray[Any]] = {"time": self.time, **self.channels}
+        if self.time_environment is not None:
+            arrays["time_environment"] = self.time_environment
+        for name, bits in self.quality.items():
+            arrays[f"{name}_quality"] = bits
+        for name in sorted(arrays):
+            digest.update(f"\n{name} {arrays[name].dtype.str} {len(arrays[name])}\n".encode())
+            values = np.array(arrays[name])
+            if values.dtype == np.float64:
+                values[np.isnan(values)] = np.nan  # it has many bit patterns (-nan differs), and texts keep only one
+            digest.update(values.tobytes())
+        return digest.hexdigest()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __str__(self) -> str:
+        """One line: what was applied, how long it is, and its channels."""
+        signal = f" of {self.metadata.signal}" if self.metadata.signal else ""
+        length = self.time[-1] - self.time[0]
+        return (
+            f"{self.metadata.origin} run{signal}: {len(self)} rows, {length:g} s at {self.rate:g} Hz, "
+            f"hold {self.hold}; {', '.join(self.channels)}"
+        )
+
+    __repr__ = __str__
+
+    @cached_property
+    def data(self) -> xarray.Dataset:
+        """The run as a labelled dataset, as it stands in a file: built on first use."""
+        import xarray
+
+        slow = "time" if self.time_environment is None else "time_environment"
+        variables: dict[str, Any] = {}
+        for name, values in self.channels.items():
+            dimension = slow if name in SLOW_CHANNELS else "time"
+            attributes = {"units": CHANNELS[name].unit, "long_name": CHANNELS[name].name}
+            variables[name] = (dimension, values, attributes)
+        for name, bits in self.quality.items():
+            dimension = slow if name in SLOW_CHANNELS else "time"
+            meanings = {
+                "flag_masks": np.array(list(QUALITY_FLAGS.values()), dtype=np.uint8),
+                "flag_meanings": " ".join(QUALITY_FLAGS),
+            }
+            variables[f"{name}_quality"] = (dimension, bits, meanings)
+        coordinates: dict[str, Any] = {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
+        if self.time_environment is not None:
+            coordinates["time_environment"] = ("time_environment", self.time_environment, {"units": "s"})
+        return xarray.Dataset(variables, coords=coordinates, attrs={"hold": self.hold})
+
+
+def _column(name: str, values: npt.ArrayLike) -> FloatArray:
+    try:
+        given: Any = np.ma.asarray(values)  # NumPy would show what a mask hides, such as the fill value of a file
+        if given.dtype.kind in "cmM":
+            raise TypeError(f"{given.dtype} is not a real number")  # NumPy would drop the imaginary part or the unit
+        column = np.array(given.astype(np.float64).filled(np.nan))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "not an array of numbers", code="bad-array", where=name, repair="give a one-dimensional array of floats"
+        ) from error
+    if column.ndim != 1:
+        raise InputError(
+            f"the array has shape {column.shape}, it must have one dimension",
+            code="bad-array",
+            where=name,
+            repair="give one column",
+        )
+    return column
+
+
+def _bits(name: str, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
+    given = np.asarray(values)
+    whole = given.dtype.kind in "biuf" and bool(np.all((given >= 0) & (given <= 255) & (given % 1 == 0)))
+    if not whole:
+        raise InputError(
+            "not an array of quality bits",
+            code="bad-quality",
+            where=f"{name}_quality",
+            repair="give whole numbers from 0 to 255, sums of QUALITY_FLAGS",
+        )
+    return np.ascontiguousarray(given, dtype=np.uint8)
+
+
+def check_time(name: str, times: FloatArray, *, least: int = 2) -> None:
+    """Refuse times that do not increase.
+
+    Parameters
+    ----------
+    name : str
+        What the messages name.
+    times : float array, shape (n_time,) [s]
+    least : int
+        Rows that there must be.
+
+    Raises
+    ------
+    InputError
+        Too few rows, a time that is not finite or not after the one before.
+    """
+    if len(times) < least:
+        raise InputError(
+            f"{len(times)} rows, at least {least} are needed",
+            code="too-short",
+            where=name,
+            repair="give a longer record",
+        )
+    if not np.all(np.isfinite(times)):
+        row = int(np.flatnonzero(~np.isfinite(times))[0])
+        raise InputError(f"row {row} is {times[row]}", code="bad-time", where=name, repair="every row needs its time")
+    backwards = np.flatnonzero(np.diff(times) <= 0)
+    if len(backwards):
+        row = int(backwards[0]) + 1
+        raise InputError(
+            f"row {row} is at {times[row]:.9g} s, not after {times[row - 1]:.9g} s",
+            code="bad-time",
+            where=name,
+            repair="sort the rows, or repair the clock",
+        )

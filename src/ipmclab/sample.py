@@ -1,0 +1,109 @@
+"""A sample: one strip, and what it is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Final
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.units import AREAL_MASS, LENGTH, MASS, Quantity, format_quantity, parse_quantity
+
+_QUANTITIES: Final[dict[str, Quantity]] = {
+    "nominal_membrane_thickness": LENGTH,
+    "plating_loading": AREAL_MASS,
+    "dry_mass": MASS,
+    "hydrated_mass": MASS,
+}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One strip: its id, membrane, plating and chemistry. Its geometry is in its actuator.
+
+    Parameters
+    ----------
+    id : str
+        What the laboratory calls the strip.
+    membrane : str, optional
+        For example ``"Nafion N117"``.
+    nominal_membrane_thickness : float [m], optional
+        Thickness of the membrane by its data sheet.
+    electrode : str, optional
+        Metal of the electrodes, for example ``"platinum"``.
+    plating_loading : float [kg/m^2], optional
+        Metal per area of one face.
+    plated_by : str, optional
+    counter_ion : str, optional
+        For example ``"Li+"``.
+    solvent : str, optional
+        For example ``"water"``.
+    coating : str, optional
+        For example ``"parylene"``.
+    dry_mass, hydrated_mass : float [kg], optional
+    source : str, optional
+        Where these facts come from.
+    """
+
+    id: str
+    membrane: str | None = None
+    nominal_membrane_thickness: float | None = None
+    electrode: str | None = None
+    plating_loading: float | None = None
+    plated_by: str | None = None
+    counter_ion: str | None = None
+    solvent: str | None = None
+    coating: str | None = None
+    dry_mass: float | None = None
+    hydrated_mass: float | None = None
+    source: str | None = None
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], *, where: str = "sample") -> Sample:
+        """Read a sample from a ``[sample]`` table whose quantities are texts with units.
+
+        Raises
+        ------
+        InputError
+            For an unknown key, a wrong unit, a value that is no text, or no id.
+
+        Examples
+        --------
+        >>> Sample.from_table({"id": "strip-1", "dry_mass": "103 mg"}).dry_mass
+        0.000103
+        """
+        known = [field.name for field in fields(cls)]
+        values: dict[str, Any] = {}
+        for key, value in table.items():
+            place = f"{where}.{key}"
+            if key not in known:
+                raise InputError(f"unknown key {key!r}", code="unknown-key", where=place, repair=suggest(key, known))
+            if not isinstance(value, str):
+                raise InputError(
+                    f"{value!r} is not a text", code="bad-value", where=place, repair="put it in quotes, with its unit"
+                )
+            if key not in _QUANTITIES:
+                values[key] = value
+                continue
+            number = parse_quantity(value, _QUANTITIES[key], where=place)
+            if not number > 0:
+                raise InputError(
+                    f"{value!r} is not above 0",
+                    code="out-of-range",
+                    where=place,
+                    repair="give the measured value, or leave it out",
+                )
+            values[key] = number
+        if not values.get("id"):
+            raise InputError("a sample needs an id", code="missing-key", where=f"{where}.id", repair='add id = "..."')
+        return cls(**values)
+
+    def to_table(self) -> dict[str, str]:
+        """The sample as ``from_table`` reads it."""
+        table: dict[str, str] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                table[field.name] = (
+                    format_quantity(value, _QUANTITIES[field.name]) if field.name in _QUANTITIES else value
+                )
+        return table

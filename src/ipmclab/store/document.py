@@ -1,0 +1,221 @@
+"""What a run carries beside its arrays, as one JSON document: the same in every file that we write."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, IpmclabError, suggest
+from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata
+from ipmclab.sample import Sample
+from ipmclab.units import CHANNELS, PRESSURE, RELATIVE_HUMIDITY, RESISTANCE, TEMPERATURE, Quantity, format_quantity
+
+FORMAT: Final = "ipmclab run"
+FORMAT_VERSION: Final = 1
+
+Result = TypeVar("Result")
+
+METADATA_QUANTITIES: Final[dict[str, Quantity]] = {
+    "shunt_resistance": RESISTANCE,
+    "clamp_pressure": PRESSURE,
+    "temperature": TEMPERATURE,
+    "relative_humidity": RELATIVE_HUMIDITY,
+}
+"""The metadata that are physical quantities."""
+
+
+def to_document(run: Run) -> str:
+    """The document of a run: format version, checksum, hold and metadata.
+
+    Raises
+    ------
+    InputError
+        When the metadata hold something that no file can keep (a NaN, an object).
+    """
+    from pydantic import TypeAdapter
+    from pydantic_core import PydanticSerializationError
+
+    try:
+        metadata = TypeAdapter(RunMetadata).dump_python(run.metadata, exclude_none=True, warnings="error")
+        text = json.dumps(
+            {
+                "format": FORMAT,
+                "format_version": FORMAT_VERSION,
+                "content_sha256": run.content_sha256,
+                "hold": run.hold,
+                "metadata": metadata,
+            },
+            allow_nan=False,
+        )
+    except (PydanticSerializationError, TypeError, ValueError) as error:
+        raise InputError(
+            f"the metadata of the run cannot be written: {str(error).splitlines()[0]}",
+            code="bad-metadata",
+            where="metadata",
+            repair="give finite numbers and texts, and leave out what is not known",
+        ) from error
+    parse_metadata(json.loads(text)["metadata"], where="metadata")
+    return text
+
+
+def from_document(text: str, arrays: Mapping[str, npt.NDArray[Any]], *, where: str) -> Run:
+    """Make the run of a document and its arrays, after checking both.
+
+    Parameters
+    ----------
+    text : str
+        What ``to_document`` gave.
+    arrays : mapping of name to array
+        ``time``, the channels, ``<channel>_quality`` and ``time_environment``.
+    where : str
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        A damaged document, a newer format, arrays that are no run, or a checksum that does not match.
+    """
+    place = f"{where}: metadata_json"
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"damaged, it is not JSON: {error}",
+            code="damaged-metadata",
+            where=place,
+            repair="take a copy of the file that was not edited",
+        ) from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(
+            f'it does not say "format": {FORMAT!r}',
+            code="not-a-run",
+            where=place,
+            repair="import a foreign file with an import map",
+        )
+    version = document.get("format_version")
+    if type(version) is not int or version < 1:
+        raise InputError(
+            f"damaged, the format version is {version!r}",
+            code="damaged-metadata",
+            where=place,
+            repair="take a copy of the file that was not edited",
+        )
+    if version > FORMAT_VERSION:
+        raise InputError(
+            f"format version {version!r}, this ipmclab reads versions up to {FORMAT_VERSION}",
+            code="newer-format",
+            where=place,
+            repair="update ipmclab",
+        )
+    metadata = parse_metadata(document.get("metadata"), where=f"{place}.metadata")
+    missing = [name for name in ("time", "voltage") if name not in arrays]
+    if missing:
+        raise InputError(
+            f"no {' and no '.join(missing)} in it",
+            code="not-a-run",
+            where=where,
+            repair="a run has at least time and voltage",
+        )
+    quality = {name: arrays[f"{name}_quality"] for name in CHANNELS if f"{name}_quality" in arrays}
+    columns = {name: arrays[name] for name in (*CHANNELS, "time", "time_environment") if name in arrays}
+    run = locate(where, Run.from_arrays, hold=document.get("hold"), quality=quality, metadata=metadata, **columns)
+    if document.get("content_sha256") != run.content_sha256:
+        raise InputError(
+            f"the checksum does not match: content_sha256 is {document.get('content_sha256')!r} in the file "
+            f"and {run.content_sha256!r} of what was read",
+            code="checksum",
+            where=where,
+            repair="its numbers were changed after it was written: take another copy of the file",
+        )
+    return run
+
+
+def flat_attributes(run: Run) -> dict[str, str]:
+    """The same facts as texts with units, one by one, for people."""
+    metadata = run.metadata
+    known: dict[str, Any] = {"hold": run.hold, "content_sha256": run.content_sha256}
+    for key in RunMetadata.__dataclass_fields__:
+        value = getattr(metadata, key)
+        if value is None or (isinstance(value, (tuple, Mapping)) and not value):
+            continue
+        if key == "sample":
+            known |= {f"sample_{name}": text for name, text in value.to_table().items()}
+        elif key == "marks":
+            known[key] = "; ".join(f"{float(mark.time)!r} s: {mark.text}" for mark in value)
+        elif key == "parameters":
+            known[key] = "; ".join(f"{name} = {float(number)!r}" for name, number in value.items())
+        elif key == "calibrations":
+            known[key] = "; ".join(f"{name}: {text}" for name, text in value.items())
+        elif key == "ranges":
+            units = {name: CHANNELS[name].unit if name in CHANNELS else "" for name in value}
+            known[key] = "; ".join(
+                f"{name}: {float(low)!r} to {float(high)!r} {units[name]}".rstrip()
+                for name, (low, high) in value.items()
+            )
+        elif key in METADATA_QUANTITIES:
+            known[key] = format_quantity(value, METADATA_QUANTITIES[key])
+        elif key.startswith("minutes_"):
+            known[key] = f"{float(value)!r} min"
+        else:
+            known[key] = str(value)
+    return known
+
+
+def arrays_of(run: Run) -> dict[str, npt.NDArray[Any]]:
+    """Every array of a run under the name that it has in files, ``time`` first."""
+    arrays: dict[str, npt.NDArray[Any]] = {"time": run.time, **run.channels}
+    if run.time_environment is not None:
+        arrays["time_environment"] = run.time_environment
+    return arrays | {f"{name}_quality": np.asarray(bits, dtype=np.uint8) for name, bits in run.quality.items()}
+
+
+def checked(run: Run) -> Run:
+    """The run, after the checks of ``Run.from_arrays``: nothing is written that could not be read."""
+    columns = {name: values for name, values in arrays_of(run).items() if not name.endswith("_quality")}
+    return Run.from_arrays(hold=run.hold, quality=run.quality, metadata=run.metadata, **columns)
+
+
+def locate(where: str, call: Callable[..., Result], /, *arguments: Any, **keywords: Any) -> Result:
+    """Call something, and name the file in the message of its error."""
+    try:
+        return call(*arguments, **keywords)
+    except IpmclabError as error:
+        raise type(error)(
+            error.message,
+            code=error.code,
+            where=f"{where}: {error.where}" if error.where else where,
+            repair=error.repair,
+        ) from error
+
+
+def flag_text() -> str:
+    """The meaning of the quality bits, for people."""
+    return ", ".join(f"{bit} {name}" for name, bit in QUALITY_FLAGS.items())
+
+
+def parse_metadata(table: Any, *, where: str) -> RunMetadata:
+    """Metadata from a table of plain values: an unknown key or a value of another kind is an error."""
+    from pydantic import TypeAdapter, ValidationError
+
+    from ipmclab.store.strict import as_input_error
+
+    _refuse_unknown_keys(table, RunMetadata, where)
+    if isinstance(table, dict):
+        _refuse_unknown_keys(table.get("sample"), Sample, f"{where}.sample")
+        for mark in table["marks"] if isinstance(table.get("marks"), list) else ():
+            _refuse_unknown_keys(mark, Mark, f"{where}.marks")
+    try:
+        return TypeAdapter(RunMetadata).validate_json(json.dumps(table), strict=True)
+    except ValidationError as error:
+        raise as_input_error(error, table, where=f"{where}.") from error
+
+
+def _refuse_unknown_keys(table: Any, kind: type[RunMetadata | Sample | Mark], where: str) -> None:
+    known = list(kind.__dataclass_fields__)
+    for key in table if isinstance(table, dict) else ():
+        if key not in known:
+            raise InputError(f"unknown key {key!r}", code="unknown-key", where=where, repair=suggest(key, known))

@@ -1,0 +1,71 @@
+"""Runs as files of other programs. Each format writes a run whole, and reads its own export back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.run import SLOW_CHANNELS, Run
+from ipmclab.store.document import from_document
+from ipmclab.store.importers.columns import Columns
+from ipmclab.units import CHANNELS
+
+
+def format_of(path: Path) -> ModuleType:
+    """The export format that a file name asks for by its ending.
+
+    Raises
+    ------
+    InputError
+        Another ending than .csv, .xlsx or .mat.
+    """
+    from ipmclab.store.exports import csv, mat, xlsx
+
+    formats = {".csv": csv, ".xlsx": xlsx, ".mat": mat}
+    found = formats.get(path.suffix.lower())
+    if found is None:
+        raise InputError(
+            f"the ending {path.suffix!r} is not one of {', '.join(formats)}",
+            code="bad-ending",
+            where=str(path),
+            repair="give one of these endings",
+        )
+    return found
+
+
+def heading(name: str) -> str:
+    """The heading of an array in a table: its name with its unit."""
+    if name.endswith("_quality"):
+        return name
+    return f"{name} ({CHANNELS[name].unit if name in CHANNELS else 's'})"
+
+
+def run_of_table(document: str, columns: Columns) -> Run:
+    """The run of an exported table, whose columns end with blanks where they are shorter."""
+    arrays: dict[str, npt.NDArray[Any]] = {
+        name.partition(" (")[0]: columns.numbers(number) for number, name in enumerate(columns.names)
+    }
+    slow = ("time_environment", *SLOW_CHANNELS) if "time_environment" in arrays else ()
+    trimmed = {}
+    for name, values in arrays.items():
+        times = arrays.get("time_environment" if name.removesuffix("_quality") in slow else "time", values)
+        length = int(np.count_nonzero(~np.isnan(times)))
+        trimmed[name] = _bits(name, values[:length], columns.file) if name.endswith("_quality") else values[:length]
+    return from_document(document, trimmed, where=columns.file)
+
+
+def _bits(name: str, values: npt.NDArray[Any], where: str) -> npt.NDArray[np.uint8]:
+    wrong = np.flatnonzero(~((values >= 0) & (values <= 255) & (values == np.floor(values))))
+    if len(wrong):
+        raise InputError(
+            f"{values[wrong[0]]:g} in row {wrong[0]} is not a set of quality bits",
+            code="bad-quality",
+            where=f"{where}: {name}",
+            repair="export the run again",
+        )
+    return values.astype(np.uint8)

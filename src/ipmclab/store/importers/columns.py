@@ -1,0 +1,181 @@
+"""What every importer gives: named columns of cells, and how to read numbers from them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.run import FloatArray
+
+_NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_MISSING: Final = frozenset(
+    (
+        *("", "nan", "inf", "+inf", "-inf", "infinity", "+infinity", "-infinity"),
+        *("na", "n/a", "null", "none", "#n/a", "#num!", "#div/0!", "#value!"),
+    )
+)
+"""Texts, in lower case, that stand for a reading that is not there."""
+
+_GROUPED: Final = {
+    ".": re.compile(r"[+-]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]*|[+-]?[0-9]{1,3}(?:[ \xa0\u202f'’][0-9]{3})+(?:\.[0-9]*)?"),
+    ",": re.compile(r"[+-]?[0-9]{1,3}(?:[. \xa0\u202f'’][0-9]{3})+(?:,[0-9]*)?"),
+}
+"""Numbers with thousands marks, by their decimal mark."""
+
+
+class Clock(NamedTuple):
+    """Time of row 0 and sampling period [s]."""
+
+    start: float
+    period: float
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The columns of a foreign file, before anything is known of their meaning.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file, for messages.
+    names : tuple of str
+        Name of each column; empty texts where the file has none.
+    cells : tuple of sequences
+        The rows of each column: texts, numbers, None, or an array.
+    place : function of (row, column) to str
+        Where a cell stands in the file, in the words of its format.
+    clocks : tuple of (Clock or None), optional
+        When the rows of each column were read, where the file records it.
+    units : tuple of str, optional
+        The unit of each column, where the file records them.
+    decimal : str
+        The decimal mark of numbers that are texts.
+    """
+
+    file: str
+    names: tuple[str, ...]
+    cells: tuple[Sequence[Any] | npt.NDArray[Any], ...]
+    place: Callable[[int, int], str]
+    clocks: tuple[Clock | None, ...] | None = None
+    units: tuple[str, ...] | None = None
+    decimal: str = "."
+
+    def find(self, column: int | str, *, where: str) -> int:
+        """The number of the column that a map names.
+
+        Raises
+        ------
+        InputError
+            The file has no such column, or several of that name.
+        """
+        if isinstance(column, int):
+            if not 0 <= column < len(self.cells):
+                raise InputError(
+                    f"column {column}, but {self.file} has {len(self.cells)} columns",
+                    code="unknown-column",
+                    where=where,
+                    repair=f"give a number from 0 to {len(self.cells) - 1}",
+                )
+            return column
+        count = self.names.count(column)
+        if count == 1:
+            return self.names.index(column)
+        if count > 1:
+            raise InputError(
+                f"{self.file} has {count} columns {column!r}",
+                code="ambiguous-column",
+                where=where,
+                repair="name the column by its number, counted from 0",
+            )
+        known = [name for name in self.names if name]
+        raise InputError(
+            f"{self.file} has no column {column!r}",
+            code="unknown-column",
+            where=where,
+            repair=suggest(column, known) if known else "the file names no columns: give a number, counted from 0",
+        )
+
+    def numbers(self, column: int) -> FloatArray:
+        """The numbers of a column as float64; NaN where a reading is missing or infinite.
+
+        Raises
+        ------
+        InputError
+            A cell that is not a number, named by its place in the file.
+        """
+        cells = self.cells[column]
+        if isinstance(cells, np.ndarray):
+            if cells.dtype.kind not in "iufb" or cells.ndim != 1:
+                raise InputError(
+                    f"an array of {cells.dtype} of shape {cells.shape}, not one column of real numbers",
+                    code="bad-column",
+                    where=f"{self.file}: {self.names[column]}",
+                    repair="name another column",
+                )
+            values = cells.astype(np.float64)
+        else:
+            values = np.array([self._number(cell, row, column) for row, cell in enumerate(cells)], dtype=np.float64)
+        return np.where(np.isfinite(values), values, np.nan)
+
+    def _number(self, cell: Any, row: int, column: int) -> float:
+        if isinstance(cell, int | float) and not isinstance(cell, bool):
+            try:
+                return float(cell)
+            except OverflowError:
+                return np.nan
+        if cell is None:
+            return np.nan
+        if isinstance(cell, str):
+            text = cell.strip()
+            pointed = text if self.decimal == "." else text.replace(".", " ").replace(self.decimal, ".")
+            if _NUMBER.fullmatch(pointed):
+                return float(pointed)
+            if text.lower() in _MISSING:
+                return np.nan
+            if self.decimal in _GROUPED and _GROUPED[self.decimal].fullmatch(text):
+                raise self._complaint(
+                    cell,
+                    row,
+                    column,
+                    "thousands-mark",
+                    f"it seems to have a thousands mark beside the decimal {self.decimal!r} of the map: "
+                    "save the record without thousands marks, or correct decimal in the map",
+                )
+            if self.decimal == "." and _NUMBER.fullmatch(text.replace(",", ".", 1)):
+                raise self._complaint(cell, row, column, "decimal-comma", 'write decimal = "," under [file] of the map')
+            if self.decimal == "," and _NUMBER.fullmatch(text):
+                raise self._complaint(cell, row, column, "decimal-point", 'leave decimal = "," out of the map')
+        raise self._complaint(
+            cell,
+            row,
+            column,
+            "not-a-number",
+            "correct it in a copy of the file, or name another column; blanks, NaN and Inf are read as missing",
+        )
+
+    def _complaint(self, cell: Any, row: int, column: int, code: str, repair: str) -> InputError:
+        name = self.names[column] if column < len(self.names) and self.names[column] else f"number {column}"
+        shown = repr(cell) if len(repr(cell)) <= 60 else repr(cell)[:57] + "..."
+        return InputError(
+            f"{shown} in column {name!r} is not a number",
+            code=code,
+            where=f"{self.file}: {self.place(row, column)}",
+            repair=repair,
+        )
+
+
+def open_error(path: Any, error: Exception, kind: str) -> InputError:
+    """The message for a file that its format's reader cannot make sense of."""
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return InputError(
+        f"it cannot be read as {kind}: {reason}",
+        code="damaged-file",
+        where=str(path),
+        repair="see that the file is whole and that the map names its format",
+    )

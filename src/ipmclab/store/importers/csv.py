@@ -1,0 +1,106 @@
+"""Records as text tables: separated by commas, semicolons or tabs, also gzipped."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import zlib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ipmclab.errors import InputError
+from ipmclab.store.importers.columns import Columns, open_error
+from ipmclab.store.strict import Strict
+
+
+class CsvFile(Strict):
+    """How a text table is written.
+
+    ``separator`` stands between cells, ``decimal`` is the decimal mark. ``skip_lines`` lines come before
+    the table; ``header`` says whether its first line names the columns, and ``units_row`` whether the next
+    one gives their units. Lines that start with ``comment`` are left out.
+    """
+
+    format: Literal["csv"]
+    separator: Literal[",", ";", "\t"] = ","
+    decimal: Literal[".", ","] = "."
+    skip_lines: Annotated[int, Field(ge=0)] = 0
+    header: bool = True
+    units_row: bool = False
+    comment: Literal["#", "%", "//"] | None = None
+    encoding: Literal["utf-8", "utf-16", "latin-1", "gbk", "shift_jis"] = "utf-8"
+
+
+def read_text(path: Path, encoding: str) -> str:
+    """The text of a file, unpacked when it is gzipped."""
+    content = path.read_bytes()
+    if content[:2] == b"\x1f\x8b":
+        try:
+            content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error) as error:
+            raise open_error(path, error, "gzip") from error
+    try:
+        return content.decode("utf-8-sig" if encoding == "utf-8" else encoding)
+    except UnicodeError as error:
+        raise InputError(
+            f"it is not text in {encoding}: {error}",
+            code="bad-encoding",
+            where=str(path),
+            repair="give its encoding in the map (utf-8, utf-16, latin-1, gbk, shift_jis)",
+        ) from error
+
+
+def read(path: Path, options: CsvFile) -> Columns:
+    """Read the cells of a text table.
+
+    Raises
+    ------
+    InputError
+        Not text, no rows, or a row with another number of cells.
+    """
+    text = io.StringIO(read_text(path, options.encoding), newline=None)
+    # What is left out becomes a blank line, which the reader skips but counts: it may hold quotes of its own.
+    table = (
+        "\n" if number < options.skip_lines or (options.comment and line.startswith(options.comment)) else line
+        for number, line in enumerate(text)
+    )
+    reader = csv.reader(table, delimiter=options.separator, strict=True)
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                rows.append(cells)
+                lines.append(reader.line_num)
+    except csv.Error as error:
+        raise open_error(f"{path}: line {reader.line_num}", error, "a text table") from error
+    names = [name.strip() for name in rows.pop(0)] if options.header and rows else []
+    units = [unit.strip(" ()[]") for unit in rows.pop(0)] if options.units_row and rows else None
+    lines = lines[len(lines) - len(rows) :]
+    if not rows:
+        raise InputError(
+            "no rows of numbers in it",
+            code="empty-file",
+            where=str(path),
+            repair="see that the record was saved, and header, skip_lines and comment in the map",
+        )
+    width = len(names or rows[0])
+    for heading, given in (("units", units), *((f"line {line}", row) for line, row in zip(lines, rows, strict=True))):
+        if given is not None and len(given) != width:
+            raise InputError(
+                f"{len(given)} cells, the lines before have {width}",
+                code="ragged-row",
+                where=f"{path}: {heading}",
+                repair="see that the file is whole, and separator, header and skip_lines in the map",
+            )
+    return Columns(
+        file=str(path),
+        names=tuple(names) or ("",) * width,
+        cells=tuple(zip(*rows, strict=True)),
+        place=lambda row, _column: f"line {lines[row]}",
+        units=tuple(units) if units is not None else None,
+        decimal=options.decimal,
+    )

@@ -1,0 +1,107 @@
+"""Records as Excel workbooks, for example with a pair of (row number, value) columns for each channel."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from ipmclab.errors import InputError
+from ipmclab.store.importers.columns import Columns, open_error
+from ipmclab.store.strict import Strict
+
+
+class XlsxFile(Strict):
+    """How a workbook is laid out.
+
+    ``sheet`` is its name, the first sheet when left out; ``skip_lines``, ``header`` and ``units_row``
+    as for a text table.
+    """
+
+    format: Literal["xlsx"]
+    sheet: str | None = None
+    skip_lines: Annotated[int, Field(ge=0)] = 0
+    header: bool = True
+    units_row: bool = False
+
+
+def read_sheets(path: Path) -> dict[str, list[tuple[Any, ...]]]:
+    """The cells of every sheet, row by row.
+
+    Raises
+    ------
+    InputError
+        The file is not a workbook.
+    """
+    import openpyxl
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about styles and validation that openpyxl leaves out
+            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            try:
+                sheets = {}
+                for sheet in book.worksheets:
+                    sheet.reset_dimensions()  # some programs write a wrong size
+                    sheets[str(sheet.title)] = list(sheet.iter_rows(values_only=True))
+                return sheets
+            finally:
+                book.close()
+    except Exception as error:  # a damaged workbook raises whatever its zip and XML parsers raise
+        raise open_error(path, error, "an Excel workbook (.xlsx)") from error
+
+
+def read(path: Path, options: XlsxFile) -> Columns:
+    """Read the cells of one sheet.
+
+    Raises
+    ------
+    InputError
+        Not a workbook, no such sheet, or no rows in it.
+    """
+    return columns_of(read_sheets(path), options, str(path))
+
+
+def columns_of(sheets: dict[str, list[tuple[Any, ...]]], options: XlsxFile, where: str) -> Columns:
+    """The columns of one sheet."""
+    if options.sheet is not None and options.sheet not in sheets:
+        raise InputError(
+            f"no sheet {options.sheet!r}",
+            code="unknown-sheet",
+            where=where,
+            repair="its sheets: " + ", ".join(repr(name) for name in sheets),
+        )
+    sheet = options.sheet if options.sheet is not None else next(iter(sheets), "")
+    rows = sheets.get(sheet, [])[options.skip_lines :]
+    names = list(rows.pop(0)) if options.header and rows else []
+    units = list(rows.pop(0)) if options.units_row and rows else []
+    while rows and all(cell is None for cell in rows[-1]):
+        rows.pop()
+    if not rows:
+        raise InputError(
+            f"no rows of numbers in sheet {sheet!r}",
+            code="empty-file",
+            where=where,
+            repair="see that the record was saved, and sheet, header and skip_lines in the map",
+        )
+    width = max(len(row) for row in [names, *rows])
+    first = 1 + options.skip_lines + options.header + options.units_row
+    return Columns(
+        file=where,
+        names=tuple(str(name).strip() if name is not None else "" for name in _pad(names, width)),
+        cells=tuple(zip(*(_pad(row, width) for row in rows), strict=True)),
+        place=lambda row, column: f"sheet {sheet!r}, cell {_letters(column)}{first + row}",
+        units=tuple(str(unit or "").strip(" ()[]") for unit in _pad(units, width)) if options.units_row else None,
+    )
+
+
+def _pad(row: list[Any] | tuple[Any, ...], width: int) -> list[Any]:
+    return [*row, *[None] * (width - len(row))]
+
+
+def _letters(column: int) -> str:
+    from openpyxl.utils import get_column_letter
+
+    return str(get_column_letter(column + 1))

@@ -1,0 +1,376 @@
+"""A foreign record and its import map become a run."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
+from ipmclab.store.document import locate
+from ipmclab.store.exports import format_of
+from ipmclab.store.import_map import MAPPED, ChannelMap, ImportMap, load_import_map
+from ipmclab.store.importers import read_columns
+from ipmclab.store.importers.columns import Clock, Columns
+from ipmclab.units import parse_number, parse_quantity, spell_unit
+
+# A sentinel that went through a float32 still counts as that sentinel.
+_SENTINEL_TOLERANCE = 1e-7
+
+# The voltage has changed when it has left its first value by this part of its largest change; what stays within so
+# many volts is noise.
+_CHANGE = 0.05
+_NO_VOLTAGE = 0.01
+
+# A unit at the end of a heading: "Strom [mA]", "Strom (mA)", "Strom_mA", "I / mA", "I in mA".
+_HEADING_UNIT = re.compile(r"(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|(?:[_/,]\s*| in )([^\s_/,]+))$")
+
+
+def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | ImportMap | None = None) -> Run:  # noqa: A002
+    """Read a foreign record as a run.
+
+    Parameters
+    ----------
+    path : str or path
+        The record.
+    map : ImportMap, str or path, optional
+        What its columns mean, or the TOML file that says so. A file that ``export_run`` wrote needs none.
+
+    Returns
+    -------
+    run : Run
+        All channels in SI units, positive as ipmclab counts; a sentinel is NaN with the
+        quality flag ``sentinel``, a blank or infinite reading NaN with the flag ``missing``.
+
+    Raises
+    ------
+    InputError
+        A file that is missing, empty, truncated or not what the map says; a column that is
+        not there; a cell that is not a number; time that does not increase.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> table = {
+    ...     "file": {"format": "csv", "separator": ";"},
+    ...     "sampling_period": "20 ms",
+    ...     "channels": {"voltage": {"column": "U", "unit": "V"}, "current": {"column": "I", "unit": "mA"}},
+    ... }
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "record.csv"
+    ...     _ = file.write_text("U;I\\n0;0\\n1;60\\n1;Inf\\n")
+    ...     run = import_run(file, ImportMap.from_table(table))
+    >>> run.current, run.quality["current"]
+    (array([0.  , 0.06,  nan]), array([0, 0, 1], dtype=uint8))
+    """
+    source = Path(path)
+    _check_source(source)
+    if map is None:
+        return _read_own_export(source)
+    import_map = map if isinstance(map, ImportMap) else load_import_map(map)
+    columns = read_columns(source, import_map.file)
+    channels = {name: _read(name, channel, columns) for name, channel in import_map.channels.items()}
+    n_rows = 1 + max((int(channel.rows[-1]) for channel in channels.values() if len(channel.rows)), default=-1)
+    start, stop = import_map.rows or (0, n_rows)
+    if stop > n_rows:
+        raise InputError(
+            f"rows {start} to {stop}, but the file has {n_rows}",
+            code="out-of-range",
+            where=f"{source}: rows",
+            repair=f"end at {n_rows} or before",
+        )
+    channels = {name: channel.spread(n_rows) for name, channel in channels.items()}
+    _check_zero_rows(import_map, channels["voltage"].values, start, source)
+    channels = {name: _zero(channel, name, import_map.channels[name], source) for name, channel in channels.items()}
+    time = channels.pop("time").values if "time" in channels else _clock(import_map, columns, n_rows)
+    from ipmclab.version import __version__
+
+    metadata = replace(
+        import_map.run_metadata(),
+        sampling_period_known=import_map.sampling_period is None,
+        ranges={name: channel.limits for name, channel in channels.items() if channel.limits is not None},
+        calibrations={name: channel.scaling for name, channel in channels.items()},
+        source_file=source.name,
+        software_version=__version__,
+    )
+    cut = slice(start, stop)
+    return locate(
+        str(source),
+        Run.from_arrays,
+        time=time[cut],
+        quality={name: channel.flags[cut] for name, channel in channels.items() if channel.flags[cut].any()},
+        hold=import_map.hold,
+        metadata=metadata,
+        **{name: channel.values[cut] for name, channel in channels.items()},
+    )
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """A channel on its way from the file to the run: SI values with their row numbers."""
+
+    values: FloatArray
+    flags: npt.NDArray[np.uint8]
+    rows: npt.NDArray[np.int64]
+    scaling: str
+    limits: tuple[float, float] | None
+
+    def spread(self, n_rows: int) -> _Channel:
+        """The channel over all rows of the record; rows that it lacks are missing."""
+        values = np.full(n_rows, np.nan)
+        flags = np.full(n_rows, QUALITY_FLAGS["missing"], dtype=np.uint8)
+        values[self.rows] = self.values
+        flags[self.rows] = self.flags
+        return replace(self, values=values, flags=flags, rows=np.arange(n_rows))
+
+
+def _check_source(source: Path) -> None:
+    """Refuse a file that is not there, a folder, and an empty file."""
+    where = str(source)
+    try:
+        about = source.stat()
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "no such file", code="no-such-file", where=where, repair="see where the record was saved"
+        ) from error
+    if stat.S_ISDIR(about.st_mode):
+        raise InputError("this is a folder", code="is-a-folder", where=where, repair="name a record in it")
+    if about.st_size == 0:
+        raise InputError(
+            "the file is empty (0 bytes)",
+            code="empty-file",
+            where=where,
+            repair="copy it again from where it was recorded",
+        )
+
+
+def _read_own_export(source: Path) -> Run:
+    run: Run | None = None
+    if source.suffix.lower() in (".csv", ".xlsx", ".mat"):
+        try:
+            run = format_of(source).read_back(source)
+        except InputError as error:
+            if error.code != "bad-encoding":  # our own text is UTF-8
+                raise
+    if run is None:
+        raise InputError(
+            "not a file that ipmclab exported: nothing says what its columns mean",
+            code="missing-map",
+            where=str(source),
+            repair="read a run file with read_run" if source.suffix == ".nc" else "give an import map",
+        )
+    return run
+
+
+def _read(name: str, channel: ChannelMap, columns: Columns) -> _Channel:
+    number = columns.find(channel.column, where=f"channels.{name}.column")
+    raw = columns.numbers(number)
+    flags = np.where(np.isnan(raw), QUALITY_FLAGS["missing"], 0).astype(np.uint8)
+    for sentinel in channel.sentinels:
+        lost = np.isclose(raw, sentinel, rtol=_SENTINEL_TOLERANCE, atol=0.0)
+        flags[lost] = QUALITY_FLAGS["sentinel"]
+        raw = np.where(lost, np.nan, raw)
+    rows: npt.NDArray[np.int64] = np.arange(len(raw))
+    if channel.index is not None:
+        rows = _row_numbers(name, channel.index, columns)
+        raw, flags = raw[: len(rows)], flags[: len(rows)]
+    unit = _unit(name, channel, columns, number)
+    scaled = _to_si(np.append(raw, channel.range or ()), channel, MAPPED[name].units[unit])
+    spoilt = np.flatnonzero(np.isfinite(raw) & ~np.isfinite(scaled[: len(raw)]))
+    if len(spoilt):
+        raise InputError(
+            f"{raw[spoilt[0]]:g} in {name} is too large to be scaled",
+            code="out-of-range",
+            where=f"{columns.file}: {columns.place(int(spoilt[0]), number)}",
+            repair="see the scaling in the map, and byte_order of a binary file",
+        )
+    low, high = sorted(scaled[len(raw) :].tolist()) or (None, None)
+    if low is not None and not np.isfinite([low, high]).all():
+        raise InputError(
+            f"the range {list(channel.range or ())} is too large to be scaled",
+            code="out-of-range",
+            where=f"channels.{name}.range",
+            repair="give it in the numbers of the file, before the scaling",
+        )
+    return _Channel(
+        values=scaled[: len(raw)],
+        flags=flags,
+        rows=rows,
+        scaling=_describe(channel, unit),
+        limits=None if low is None or high is None else (low, high),
+    )
+
+
+def _row_numbers(name: str, index: int | str, columns: Columns) -> npt.NDArray[np.int64]:
+    """The row of each cell, from the index column beside it, which may end early."""
+    number = columns.find(index, where=f"channels.{name}.index")
+    given = columns.numbers(number)
+    filled = np.flatnonzero(~np.isnan(given))
+    given = given[: filled[-1] + 1] if len(filled) else given[:0]
+    wrong = np.flatnonzero(~((given >= 0) & (given == np.floor(given)) & (np.diff(given, prepend=-1.0) > 0)))
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"{given[row]:g} in the index column {index!r} of {name} is not a row number above the one before",
+            code="bad-index",
+            where=f"{columns.file}: {columns.place(row, number)}",
+            repair="name the column that counts the rows, or leave index out of the map",
+        )
+    # An index far beyond the rows is a column of something else, and would fill the memory.
+    if len(given) and given[-1] >= 10 * len(given) + 1000:
+        raise InputError(
+            f"{len(given)} rows are numbered up to {given[-1]:g} in the index column {index!r} of {name}",
+            code="bad-index",
+            where=columns.file,
+            repair="name the column that counts the rows, or leave index out of the map",
+        )
+    return given.astype(np.int64)
+
+
+def _unit(name: str, channel: ChannelMap, columns: Columns, number: int) -> str:
+    """The unit of the scaled numbers: the map's, or the one that stands in the file, in its units row or a heading."""
+    units = MAPPED[name].units
+    where = f"channels.{name}.unit"
+    written = columns.units[number] if columns.units else ""
+    in_file = parse_number(f"1 {written}", where=where)[1] if written.isprintable() and "," not in written else ""
+    heading = columns.names[number] if number < len(columns.names) else ""
+    in_heading = _HEADING_UNIT.search(heading)
+    if in_heading and not in_file:
+        # Only a unit of this channel is taken for one: headings end in other words too.
+        ending = spell_unit(in_heading[1] or in_heading[2])
+        in_file = ending if ending in units else ""
+    if channel.unit is None and (channel.is_scaled or not in_file):
+        raise InputError(
+            "no unit",
+            code="missing-unit",
+            where=where,
+            repair=f"state the unit of the {'scaled ' if channel.is_scaled else ''}numbers: {', '.join(units)}",
+        )
+    if not channel.is_scaled and channel.unit and in_file in units and units[channel.unit] != units[in_file]:
+        raise InputError(
+            f"the map says {channel.unit!r}, the file {in_file!r}" + (f" (column {heading!r})" if heading else ""),
+            code="unit-mismatch",
+            where=where,
+            repair="leave the unit out of the map to take the file's, or write factor = 1.0 where the file is wrong",
+        )
+    unit = channel.unit or in_file
+    if unit not in units:
+        raise InputError(
+            f"the file says {unit!r}, which is not one of {', '.join(units)}",
+            code="bad-unit",
+            where=where,
+            repair="scale the numbers in the map, and state the unit",
+        )
+    return unit
+
+
+def _to_si(raw: FloatArray, channel: ChannelMap, per_unit: float) -> FloatArray:
+    factor, offset = channel.line
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (raw * factor + offset) * per_unit if channel.is_scaled else raw * per_unit
+
+
+def _check_zero_rows(import_map: ImportMap, voltage: FloatArray, start: int, source: Path) -> None:
+    """Refuse a zero that is taken after the voltage has changed: the strip is then no longer at rest."""
+    for name, channel in import_map.channels.items():
+        if channel.zero_rows is None:
+            continue
+        first = min(channel.zero_rows[0], start)
+        moved = np.abs(voltage[first:] - voltage[first])
+        largest = float(np.fmax.reduce(moved, initial=0.0))  # a gap, which is refused later, is no change
+        if not largest > _NO_VOLTAGE:
+            continue
+        change = first + int(np.argmax(moved > _CHANGE * largest))
+        if channel.zero_rows[1] > change:
+            raise InputError(
+                f"rows {list(channel.zero_rows)} are to be at rest, but the voltage changes at row {change}",
+                code="zero-after-change",
+                where=f"{source}: channels.{name}.zero_rows",
+                repair=f"end at {change} or before, or give the reading at rest as zero_at",
+            )
+
+
+def _zero(channel: _Channel, name: str, mapping: ChannelMap, source: Path) -> _Channel:
+    """Take the reading at rest off, then give the sign: limits follow the readings."""
+    if mapping.zero_at is not None:
+        rest = parse_quantity(mapping.zero_at, MAPPED[name], where=f"channels.{name}.zero_at")
+    elif mapping.zero_rows is not None:
+        chosen = channel.values[slice(*mapping.zero_rows)]
+        if mapping.zero_rows[1] > len(channel.values) or np.isnan(chosen).all():
+            raise InputError(
+                f"rows {list(mapping.zero_rows)} hold no reading of {name} (the file has {len(channel.values)} rows)",
+                code="out-of-range",
+                where=f"{source}: channels.{name}.zero_rows",
+                repair="name rows before the voltage changes, counted from 0",
+            )
+        rest = float(np.nanmean(chosen))
+    else:
+        rest = 0.0
+    zeroed = channel.values - rest if rest else channel.values
+    scaling = channel.scaling + (f"; minus {rest:.12g} {MAPPED[name].unit}" if rest else "")
+    if mapping.zero_rows is not None:
+        scaling += f" (mean of rows {mapping.zero_rows[0]} to {mapping.zero_rows[1] - 1})"
+    if mapping.sign == -1:
+        scaling += "; sign reversed"
+    limits = channel.limits and sorted(mapping.sign * (limit - rest) for limit in channel.limits)
+    return replace(
+        channel,
+        values=-zeroed if mapping.sign == -1 else zeroed,
+        scaling=scaling,
+        limits=(limits[0], limits[1]) if limits else None,
+    )
+
+
+def _clock(import_map: ImportMap, columns: Columns, n_rows: int) -> FloatArray:
+    recorded = {
+        columns.clocks[columns.find(channel.column, where=name)]
+        for name, channel in import_map.channels.items()
+        if columns.clocks
+    } - {None}
+    stated = import_map.period
+    if len(recorded) > 1:
+        shown = " and ".join(sorted(f"from {clock.start:g} s every {clock.period:g} s" for clock in recorded if clock))
+        raise InputError(
+            f"the channels were not read together: {shown}",
+            code="unequal-rates",
+            where=columns.file,
+            repair="leave the channel of another clock out of the map",
+        )
+    start, period = next(iter(recorded), None) or Clock(0.0, stated or 0.0)
+    if recorded and stated is not None:
+        raise InputError(
+            f"the map states a sampling period of {stated:g} s, but the file records {period:g} s",
+            code="period-mismatch",
+            where=f"{columns.file}: sampling_period",
+            repair="leave it out of the map",
+        )
+    if not period > 0:
+        raise InputError(
+            "neither the map nor the file says when the rows were read",
+            code="no-time",
+            where=columns.file,
+            repair="add [channels.time] or sampling_period to the map",
+        )
+    rows = np.arange(n_rows, dtype=np.float64)
+    # k / 25 is nearer to the decimal than k * 0.04: row 3 is at 0.12 s, not at 0.12000000000000001 s.
+    rate = round(1.0 / period, 9)
+    return start + (rows / rate if rate * period == 1.0 else rows * period)
+
+
+def _describe(channel: ChannelMap, unit: str) -> str:
+    text = f"column {channel.column!r}"
+    if channel.points:
+        (first, at_first), (second, at_second) = channel.points
+        text += f", from {first!r} to {second!r} read as {at_first!r} to {at_second!r} {unit}"
+    elif channel.is_scaled:
+        factor, offset = channel.line
+        text += f", times {factor!r}" + (f" plus {offset!r}" if offset else "") + f", in {unit}"
+    else:
+        text += f" in {unit}"
+    return text

@@ -1,0 +1,237 @@
+"""A run on disk: one netCDF-4 file that MATLAB, Python, LabVIEW and HDFView open."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.destination import replacing
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Run
+from ipmclab.store.document import arrays_of, checked, flat_attributes, from_document, to_document
+from ipmclab.units import CHANNELS
+
+if TYPE_CHECKING:
+    import h5netcdf
+    import h5py
+
+_HDF5_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
+_CHUNK_ROWS: Final = 65536  # half a megabyte of float64: read whole in one piece, small enough to page
+
+
+def write_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Write a run to a netCDF-4 file.
+
+    The file is written beside its target, read back, compared, and only then renamed to it.
+
+    Parameters
+    ----------
+    run : Run
+    path : str or path
+        A name that ends in ``.nc``, in a folder that exists.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    InputError
+        Another ending, no such folder, an existing file, or a run that could not be read back.
+    IpmclabError
+        The system refuses to write there, or what was read back differs.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> run = Run.from_arrays(time=[0.0, 0.02, 0.04], voltage=[0.0, 1.0, 1.0], current=[0.0, 0.06, 0.05])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_run(run, pathlib.Path(folder) / "step.nc")
+    ...     read_run(pathlib.Path(folder) / "step.nc").current
+    array([0.  , 0.06, 0.05])
+    """
+    target = Path(path)
+    if target.suffix != ".nc":
+        raise InputError(
+            f"a run file ends in .nc, not in {target.suffix!r}",
+            code="bad-ending",
+            where=str(target),
+            repair="name it .nc, or export the run to .csv, .xlsx or .mat",
+        )
+    run = checked(run)
+    document = to_document(run)
+    with replacing(target, overwrite=overwrite) as temporary:
+        _write(run, document, temporary)
+        _verify(run, temporary, target)
+
+
+def read_run(path: str | os.PathLike[str]) -> Run:
+    """Read a run from its netCDF-4 file.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    run : Run
+
+    Raises
+    ------
+    InputError
+        No such file, an empty, truncated or damaged one, a file that is not a run, a run of a
+        newer format, or a checksum that does not match.
+
+    Examples
+    --------
+    >>> read_run("nowhere.nc")
+    Traceback (most recent call last):
+    ipmclab.errors.InputError: nowhere.nc: no such file; see where the run was written
+    """
+    source = Path(path)
+    where = str(source)
+    _check_signature(source)
+    import h5py  # h5netcdf would be slower to load, and prints a traceback when a file cannot be opened
+
+    try:
+        with h5py.File(source, "r") as file:
+            document, checksum = _text(file, "metadata_json"), _text(file, "metadata_sha256")
+            names = [name for name, item in file.items() if isinstance(item, h5py.Dataset)]
+            arrays = {name: np.asarray(file[name][()]) for name in names if _is_ours(name)}
+    except Exception as error:  # a damaged file makes HDF5 raise nearly anything, from OSError to KeyError
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        cut = "truncated" in reason
+        raise InputError(
+            f"the file is {'truncated' if cut else 'damaged'}: {reason}",
+            code="truncated-file" if cut else "damaged-file",
+            where=where,
+            repair="copy it again from where it was recorded",
+        ) from error
+    if document is None:
+        raise InputError(
+            f"a netCDF file, but no run: it has no attribute metadata_json (variables: {', '.join(names) or 'none'})",
+            code="not-a-run",
+            where=where,
+            repair="import a foreign record with an import map",
+        )
+    if checksum != _sha256(document):
+        raise InputError(
+            f"the checksum of the metadata does not match: metadata_sha256 is {checksum!r} in the file "
+            f"and {_sha256(document)!r} of what was read",
+            code="checksum",
+            where=f"{where}: metadata_json",
+            repair="the metadata were changed after they were written: take another copy of the file",
+        )
+    return from_document(document, arrays, where=where)
+
+
+def _check_signature(source: Path) -> None:
+    where = str(source)
+    try:
+        if source.is_dir():
+            raise InputError("this is a folder", code="is-a-folder", where=where, repair="name a run file in it")
+        with source.open("rb") as stream:
+            start = stream.read(len(_HDF5_SIGNATURE))
+    except FileNotFoundError as error:
+        raise InputError(
+            "no such file", code="no-such-file", where=where, repair="see where the run was written"
+        ) from error
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"it cannot be opened: {error}", code="unreadable-file", where=where, repair="see that you may read it"
+        ) from error
+    if not start:
+        raise InputError(
+            "the file is empty (0 bytes)",
+            code="empty-file",
+            where=where,
+            repair="copy it again from where it was recorded",
+        )
+    if len(start) < len(_HDF5_SIGNATURE) and _HDF5_SIGNATURE.startswith(start):
+        raise InputError(
+            f"the file is truncated: {len(start)} bytes",
+            code="truncated-file",
+            where=where,
+            repair="copy it again from where it was recorded",
+        )
+    if start != _HDF5_SIGNATURE:
+        raise InputError(
+            "this is not a netCDF-4 file",
+            code="not-a-run",
+            where=where,
+            repair="import a foreign record with an import map",
+        )
+
+
+def _verify(run: Run, written: Path, target: Path) -> None:
+    try:
+        same = read_run(written).content_sha256 == run.content_sha256
+    except InputError:
+        same = False
+    if not same:
+        raise IpmclabError(
+            "what was read back differs from what was written",
+            code="write-failed",
+            where=str(target),
+            repair="see that the disk is sound and has room",
+        )
+
+
+def _is_ours(name: str) -> bool:
+    channel = name.removesuffix("_quality")
+    return channel in CHANNELS or name in ("time", "time_environment")
+
+
+def _text(file: h5py.File, attribute: str) -> str | None:
+    value = file.attrs.get(attribute)
+    return value.decode() if isinstance(value, bytes) else value if isinstance(value, str) else None
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _write(run: Run, document: str, path: Path) -> None:
+    import h5netcdf
+
+    with h5netcdf.File(path, "w") as file:
+        file.dimensions["time"] = len(run.time)
+        if run.time_environment is not None:
+            file.dimensions["time_environment"] = len(run.time_environment)
+        for name, values in arrays_of(run).items():
+            _add(file, run, name, values)
+        file.attrs["Conventions"] = "CF-1.11"
+        for name, text in flat_attributes(run).items():
+            file.attrs[name] = text.replace("\0", "\N{REPLACEMENT CHARACTER}")
+        file.attrs["metadata_json"] = document
+        file.attrs["metadata_sha256"] = _sha256(document)
+
+
+def _add(file: h5netcdf.File, run: Run, name: str, values: npt.NDArray[Any]) -> None:
+    channel = name.removesuffix("_quality")
+    slow = run.time_environment is not None and channel in (*SLOW_CHANNELS, "time_environment")
+    variable = file.create_variable(
+        name,
+        ("time_environment" if slow else "time",),
+        values.dtype,
+        data=values,
+        chunks=(min(len(values), _CHUNK_ROWS),),
+        compression="gzip",
+        compression_opts=1,
+        shuffle=True,
+        fletcher32=True,
+    )
+    if name in CHANNELS:
+        variable.attrs["units"] = CHANNELS[name].unit
+        variable.attrs["long_name"] = CHANNELS[name].name
+    elif channel in CHANNELS:
+        variable.attrs["flag_masks"] = np.array(list(QUALITY_FLAGS.values()), dtype=np.uint8)
+        variable.attrs["flag_meanings"] = " ".join(QUALITY_FLAGS)
+    else:
+        variable.attrs["units"] = "s"
+        variable.attrs["long_name"] = "time"

@@ -1,0 +1,256 @@
+"""Quantities: their SI unit, their symbol, and the units in which people write them.
+
+Inside ipmclab every number is an SI float. Units live at the border: files, the
+command line, plots and tables. The table below is the whole list of accepted
+units, so that no text can be read as something that nobody meant.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+Number = TypeVar("Number", float, "npt.NDArray[np.float64]")
+
+_MULTIPLES: Final[dict[str, dict[str, float]]] = {
+    "": {},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6},
+    "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
+    "N": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "gf": 9.80665e-3},
+    "ohm": {"ohm": 1.0, "mohm": 1e-3, "kohm": 1e3, "Mohm": 1e6},
+    "ohm/sq": {"ohm/sq": 1.0, "ohm": 1.0, "mohm": 1e-3, "kohm": 1e3},
+    "ohm m": {"ohm m": 1.0, "ohm cm": 1e-2, "ohm mm": 1e-3, "kohm m": 1e3},
+    "F/m": {"F/m": 1.0, "mF/m": 1e-3, "uF/m": 1e-6},
+    "F": {"F": 1.0, "mF": 1e-3, "uF": 1e-6},
+    "m/V/s": {"m/V/s": 1.0, "mm/V/s": 1e-3, "um/V/s": 1e-6, "nm/V/s": 1e-9},
+    "m/V": {"m/V": 1.0, "mm/V": 1e-3, "um/V": 1e-6, "nm/V": 1e-9},
+    "1/s": {"1/s": 1.0, "rad/s": 1.0, "1/ms": 1e3},
+    "1/s^2": {"1/s^2": 1.0, "rad^2/s^2": 1.0},
+    "kg/m^3": {"kg/m^3": 1.0, "g/cm^3": 1e3, "g/m^3": 1e-3},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "mbar": 1e2},
+    "kg": {"kg": 1.0, "g": 1e-3, "mg": 1e-6},
+    "kg/m^2": {"kg/m^2": 1.0, "g/m^2": 1e-3, "mg/cm^2": 1e-2},
+    "Hz": {"Hz": 1.0, "mHz": 1e-3, "kHz": 1e3, "S/s": 1.0, "kS/s": 1e3, "1/s": 1.0},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+    "degC": {"degC": 1.0},
+    "percent": {"percent": 1.0, "%": 1.0, "%RH": 1.0},
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of number: what it is called, its SI unit, and how people read it.
+
+    Parameters
+    ----------
+    name : str
+        What it is, such as ``"length"``.
+    unit : str
+        The SI unit that floats of this quantity have inside ipmclab.
+    display_unit : str
+        The unit of plots, tables and reports.
+    symbol : str
+        The symbol on plots.
+    """
+
+    name: str
+    unit: str
+    display_unit: str
+    symbol: str = ""
+
+    @property
+    def units(self) -> dict[str, float]:
+        """Every accepted unit with its factor to the SI unit."""
+        return _MULTIPLES[self.unit]
+
+    def to_display(self, value: Number) -> Number:
+        """An SI value, or an array of them, in the display unit."""
+        return value / self.units[self.display_unit] if self.unit else value
+
+
+NUMBER = Quantity("number", "", "")
+LENGTH = Quantity("length", "m", "mm", "L")
+TIME = Quantity("time", "s", "s", "t")
+VOLTAGE = Quantity("voltage", "V", "V", "V")
+CURRENT = Quantity("current", "A", "mA", "I")
+DISPLACEMENT = Quantity("displacement", "m", "mm", "δ")
+FORCE = Quantity("force", "N", "mN", "f")
+APPLIED_VOLTAGE = Quantity("applied voltage", "V", "V", "V_appl")
+TEMPERATURE = Quantity("temperature", "degC", "degC", "T")
+RELATIVE_HUMIDITY = Quantity("relative humidity", "percent", "percent", "RH")
+RESISTANCE = Quantity("resistance", "ohm", "ohm", "R")
+SHEET_RESISTANCE = Quantity("sheet resistance", "ohm/sq", "ohm/sq", "R_s")
+RESISTIVITY = Quantity("resistivity", "ohm m", "ohm m", "ρ")
+PERMITTIVITY = Quantity("permittivity", "F/m", "F/m", "ε")
+COUPLING_GAIN = Quantity("coupling gain", "m/V/s", "m/V/s", "K_d")
+ANGULAR_RATE = Quantity("angular rate", "1/s", "1/s")
+SQUARED_ANGULAR_RATE = Quantity("squared angular rate", "1/s^2", "1/s^2")
+DENSITY = Quantity("density", "kg/m^3", "kg/m^3", "ρ_m")
+MODULUS = Quantity("Young's modulus", "Pa", "MPa", "Y")
+MASS = Quantity("mass", "kg", "mg", "m")
+AREAL_MASS = Quantity("mass per area", "kg/m^2", "mg/cm^2")
+PRESSURE = Quantity("pressure", "Pa", "kPa", "p")
+FREQUENCY = Quantity("frequency", "Hz", "Hz", "f")
+ANGLE = Quantity("angle", "rad", "deg", "φ")
+
+CHANNELS: Final[dict[str, Quantity]] = {
+    "voltage": VOLTAGE,
+    "current": CURRENT,
+    "displacement": DISPLACEMENT,
+    "force": FORCE,
+    "applied_voltage": APPLIED_VOLTAGE,
+    "temperature": TEMPERATURE,
+    "relative_humidity": RELATIVE_HUMIDITY,
+}
+"""The channels of a run and the quantity of each, declared once."""
+
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,9})?")
+_SPELLINGS = (("µ", "u"), ("μ", "u"), ("Ω", "ohm"), ("Ω", "ohm"), ("Ohm", "ohm"), ("²", "^2"), ("³", "^3"), ("·", " "))
+
+
+def spell_unit(unit: str) -> str:
+    """A unit in the spelling of the tables above.
+
+    Examples
+    --------
+    >>> spell_unit("µm"), spell_unit(" kg/m³ ")
+    ('um', 'kg/m^3')
+    """
+    for written, spelled in _SPELLINGS:
+        unit = unit.replace(written, spelled)
+    return " ".join(unit.split())
+
+
+def parse_number(text: str, *, where: str) -> tuple[float, str]:
+    """Split ``"25 mm"`` into its number and the rest.
+
+    Parameters
+    ----------
+    text : str
+        A number with a decimal point, then perhaps a unit.
+    where : str
+        Where the text stands, for the message.
+
+    Returns
+    -------
+    number : float
+    unit : str
+        What follows the number, normalised (``"µm"`` to ``"um"``); may be empty.
+
+    Raises
+    ------
+    InputError
+        When the text does not start with a finite number, or has a decimal comma.
+    """
+    stripped = text.strip()
+    match = _NUMBER.match(stripped)
+    rest = stripped[match.end() :] if match else stripped
+    if "," in stripped:
+        raise InputError(
+            f"{text!r} has a comma",
+            code="decimal-comma",
+            where=where,
+            repair=f"write a decimal point and no thousands mark: {stripped.replace(',', '.')!r}",
+        )
+    if match is None or re.match(r"[\w.+-]*\d", rest.split(" ")[0]):
+        raise InputError(
+            f"{text!r} is not a number with a unit", code="bad-number", where=where, repair="write for example '25 mm'"
+        )
+    number = float(match.group())
+    if not math.isfinite(number):
+        raise InputError(
+            f"{text!r} is too large for a number", code="bad-number", where=where, repair="correct the number"
+        )
+    return number, spell_unit(rest)
+
+
+def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:
+    """Read a number with its unit as an SI float.
+
+    Parameters
+    ----------
+    text : str
+        For example ``"25 mm"``.
+    quantity : Quantity
+        What it must be.
+    where : str
+        Where the text stands, for the message.
+
+    Returns
+    -------
+    value : float [SI unit of the quantity]
+
+    Raises
+    ------
+    InputError
+        Not a number, no unit, a unit of something else, or too large a number in the SI unit.
+
+    Examples
+    --------
+    >>> parse_quantity("25 mm", LENGTH, where="geometry.free_length")
+    0.025
+    """
+    number, unit = parse_number(text, where=where)
+    if not quantity.unit:
+        if unit:
+            raise InputError(
+                f"{text!r} has the unit {unit!r}, this is a bare number",
+                code="bad-unit",
+                where=where,
+                repair=f"write {number!r}",
+            )
+        return number
+    if not unit:
+        raise InputError(
+            f"{text!r} has no unit",
+            code="missing-unit",
+            where=where,
+            repair=f"write for example '{number:g} {quantity.display_unit}'",
+        )
+    if unit not in quantity.units:
+        raise InputError(
+            f"{text!r} is not a {quantity.name}: the unit {unit!r} is not one of {', '.join(quantity.units)}",
+            code="bad-unit",
+            where=where,
+            repair=f"give the {quantity.name} in {quantity.display_unit} or another of these",
+        )
+    factor = quantity.units[unit]
+    # A decimal multiple is applied in decimal, so that "0.245 mm" is the float 0.000245.
+    exponent = round(math.log10(factor))
+    if factor == float(f"1e{exponent}"):
+        mantissa = _NUMBER.match(text.strip())
+        assert mantissa is not None
+        base, _, power = mantissa.group().lower().partition("e")
+        value = float(f"{base}e{int(power or 0) + exponent}")
+    else:
+        value = number * factor
+    if not math.isfinite(value):
+        raise InputError(
+            f"{text!r} is too large for a number in {quantity.unit}",
+            code="bad-number",
+            where=where,
+            repair="correct the number or its unit",
+        )
+    return value
+
+
+def format_quantity(value: float, quantity: Quantity) -> str:
+    """Write an SI float with its SI unit, so that reading it back gives the same float.
+
+    Examples
+    --------
+    >>> format_quantity(0.025, LENGTH)
+    '0.025 m'
+    """
+    number = repr(float(value))  # a NumPy scalar would write its type too
+    return f"{number} {quantity.unit}" if quantity.unit else number

@@ -1,0 +1,59 @@
+"""What verbs say beside their tables: remarks, and findings in brief."""
+
+from __future__ import annotations
+
+import pytest
+
+from ipmclab import Finding
+from ipmclab.cli.output import print_briefly
+
+
+def simulated(command, signal: str, rate: str = "50 Hz"):
+    return command(
+        "simulate", "friend-2", "--signal", signal, "--duration", "4 s", "--rate", rate, "--out", "a.nc", "--force"
+    )
+
+
+@pytest.mark.parametrize(
+    ("signal", "rate", "words"),
+    [
+        ("step 1 V", "50 Hz", []),
+        ("step 1.3 V", "50 Hz", ["water decomposes above 1.23 V"]),
+        ("step 1000 V", "50 Hz", ["reaches 1000 V", "more than 0.2 of the free length of 25 mm"]),
+        # Friend, eq. 4.7 with table 4.2: the first mode of sample 2 lies near 38 Hz, a third of it near 12.8 Hz.
+        ("sine 1 V 12 Hz", "500 Hz", []),
+        ("sine 1 V 14 Hz", "500 Hz", ["goes up to 14 Hz, more than a third of the first resonance"]),
+        ("step 1 V for 1 s then sine 1 V 14 Hz", "500 Hz", ["goes up to 14 Hz"]),
+    ],
+)
+def test_what_the_model_does_not_hold_for_is_said(command, signal: str, rate: str, words: list[str]) -> None:
+    done = simulated(command, signal, rate)
+    assert done.status == 0
+    told = " ".join(done.err.split())
+    assert told.count("remark:") == len(words)
+    assert all(word in told for word in words)
+
+
+def test_remarks_of_a_validation_stand_in_json_too(command) -> None:
+    simulated(command, "step 2 V")
+    done = command("validate", "friend-2", "a.nc", "--json")
+    assert done.err == ""
+    (validation,) = done.document["validations"]
+    (text,) = validation["remarks"]
+    assert text.startswith("step 2 V: the voltage reaches 2 V")
+
+
+def test_a_perfect_prediction_is_not_judged_by_its_rounding(command) -> None:
+    simulated(command, "step 1 V")
+    (validation,) = command("validate", "friend-2", "a.nc", "--json").document["validations"]
+    assert all(score["autocorrelation_outside_band"] is None for score in validation["runs"][0]["scores"].values())
+
+
+def test_findings_in_brief_are_grouped_and_the_worst_comes_first(capsys: pytest.CaptureFixture[str]) -> None:
+    long = "a long story " * 40
+    print_briefly([Finding("small", "info", long), Finding("bad", "error", "it broke"), Finding("small", "info", long)])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "  error bad"
+    assert lines[2] == "  info small (2 times)"
+    assert len(lines) == 5
+    assert all(len(line) <= 200 for line in lines)

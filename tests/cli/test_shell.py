@@ -1,0 +1,151 @@
+"""The shell around the verbs: exit status, streams, errors, JSON, and a light start."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+import typer
+
+from ipmclab.cli import expand_patterns, output
+from ipmclab.cli.options import SpreadCommand
+
+VERBS = ("demo", "simulate", "import", "export", "check", "plot", "identify", "validate", "report")
+
+
+def program(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "ipmclab", *words],
+        check=False,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        **options,
+    )
+
+
+def test_help_names_every_verb_and_imports_nothing_heavy() -> None:
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "ipmclab", "--help"],
+        check=False,
+        capture_output=True,
+        encoding="utf-8",
+    )
+    assert done.returncode == 0
+    listed = [line.split()[0] for line in done.stdout.splitlines() if line.startswith("  ") and line.strip()]
+    assert set(VERBS) <= set(listed)
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert not imported & {"numpy", "scipy", "numba", "xarray", "matplotlib", "pydantic", "pandas", "rich"}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_each_verb_has_help_with_an_example(command, verb: str) -> None:
+    done = command(verb, "--help")
+    assert done.status == 0
+    assert f"ipmclab {verb}" in done.out.partition("\n")[2]
+
+
+def test_no_word_at_all_shows_the_help(command) -> None:
+    assert command().out == command("--help").out
+
+
+def test_a_usage_error_is_one_message_with_status_2() -> None:
+    done = program("simulat")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert "did you mean 'simulate'" in done.stderr.lower()
+
+
+def test_a_usage_error_with_json_is_a_document_on_stdout_and_the_message_on_stderr() -> None:
+    done = program("simulate", "--json", "--rat", "5")
+    assert done.returncode == 2
+    error = json.loads(done.stdout)["error"]
+    assert set(error) == {"code", "message", "where", "repair"}
+    assert error["code"] == "usage"
+    assert "--rate" in error["message"]
+    assert error["message"] in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("failure", "status", "code"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (RuntimeError("odd"), 1, "fault"),
+        (MemoryError(), 1, "fault"),
+        (PermissionError(13, "Permission denied", "a.nc"), 2, "file"),
+        (IsADirectoryError(21, "Is a directory", "a.nc"), 2, "file"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), 2, "not-utf-8"),
+    ],
+)
+def test_what_nobody_foresaw_is_one_message_too(command, monkeypatch, failure, status: int, code: str) -> None:
+    def fail(*_: object) -> None:
+        raise failure
+
+    monkeypatch.setattr("ipmclab.cli.check.read_runs", fail)
+    done = command("check", "a.nc", "--json")
+    assert (done.status, done.document["error"]["code"]) == (status, code)
+    assert done.err.count("\n") == 1
+
+
+def test_stdout_that_cannot_write_greek_does_not_fail(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from ipmclab.cli.app import run; run(['--version']); print('δ')"],
+        check=False,
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+    )
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[-1] == b"?"
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    writer = subprocess.Popen(
+        [sys.executable, "-m", "ipmclab", "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert writer.stdout is not None
+    writer.stdout.close()
+    _, err = writer.communicate(timeout=60)
+    assert err == b""
+
+
+def test_json_has_no_number_that_is_not_finite(capsys) -> None:
+    output.print_json({"a": float("nan"), "b": [float("inf"), 1.5], "c": {"d": -float("inf")}, "e": (1, "µ")})
+    printed = capsys.readouterr().out
+    assert printed.isascii()
+    assert json.loads(printed) == {"a": None, "b": [None, 1.5], "c": {"d": None}, "e": [1, "µ"]}
+
+
+def test_patterns_are_expanded_where_the_shell_does_not(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("b.nc", "a.nc", "c.csv"):
+        (tmp_path / name).touch()
+    assert expand_patterns(["check", "*.nc", "*.mat", "--json"]) == ["check", "a.nc", "b.nc", "*.mat", "--json"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit.toml", "--runs", "a.nc", "b.nc", "--validation", "c.nc", "d.nc", "--json"],
+        ["--json", "fit.toml", "--runs=a.nc", "b.nc", "--validation=c.nc", "--validation", "d.nc"],
+        ["--runs", "a.nc", "--json", "fit.toml", "--runs", "b.nc", "--validation", "c.nc", "d.nc"],
+    ],
+)
+def test_an_option_may_be_followed_by_several_files(words: list[str]) -> None:
+    seen = []
+    app = typer.Typer()
+
+    @app.command(cls=SpreadCommand)
+    def report(
+        fitted: str,
+        runs: Annotated[list[str], typer.Option()],
+        validation: Annotated[list[str], typer.Option()],
+        as_json: Annotated[bool, typer.Option("--json")] = False,
+    ) -> None:
+        seen.append((fitted, runs, validation, as_json))
+
+    typer.main.get_command(app).main(args=words, standalone_mode=False)
+    assert seen == [("fit.toml", ["a.nc", "b.nc"], ["c.nc", "d.nc"], True)]

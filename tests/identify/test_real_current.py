@@ -1,0 +1,78 @@
+"""The current of a real strip's step, and a twin with the same faults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import Actuator, Fit, Run, identify, import_run, load_actuator, simulate
+
+MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
+
+
+def strip(series: float) -> Actuator:
+    """25 x 5 x 0.5 mm; the series resistance sits in the electrodes."""
+    return load_actuator("friend-2").replace(
+        **{
+            "geometry.free_length": 25e-3,
+            "geometry.clamped_length": 5e-3,
+            "geometry.width": 5e-3,
+            "geometry.thickness": 0.5e-3,
+            "geometry.sensing_length": 15e-3,
+            "circuit.sheet_resistance": series / 12.0,
+        }
+    )
+
+
+def rms(fit: Fit) -> float:
+    return float(np.sqrt(np.nanmean(fit.residuals[0]["current"] ** 2)))
+
+
+def after_the_edge(run: Run, hold: str) -> Run:
+    rows = slice(134, 1634)
+    assert run.current is not None
+    return Run.from_arrays(
+        time=np.arange(1500) * 0.040,
+        voltage=run.voltage[rows],
+        current=run.current[rows],
+        hold=hold,  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize("hold", ["zero", "unknown"])
+def test_the_step_of_the_real_strip(hold: str, real_runs: Path) -> None:
+    run = import_run(real_runs / "step_1V.csv.gz", MAPS / "step_1V.toml")
+    fit = identify(strip(56.9), [after_the_edge(run, hold)])
+    assert fit.converged
+    assert rms(fit) <= 0.33e-3
+    circuit = fit.actuator.circuit_elements()
+    # A fit by other means, with the series resistance free, gave 10.2, 269 and 3319 ohm, 4.39 and 10.5 mF.
+    assert circuit.dc == pytest.approx(3319, rel=0.1)
+    assert circuit.branch_resistances[1] == pytest.approx(269, rel=0.1)
+    assert circuit.branch_capacitances == pytest.approx((4.39e-3, 10.5e-3), rel=0.1)
+
+
+@pytest.mark.parametrize("hold", ["zero", "unknown"])
+def test_a_twin_of_it(hold: str) -> None:
+    # A quantised current with 0.3 mA of noise, cut out after its edge.
+    truth = strip(56.9).replace(
+        **{
+            "circuit.dc_resistivity": 3319 * 0.3,
+            "circuit.branches.0.resistivity": 10.2 * 0.3,
+            "circuit.branches.0.permittivity": 4.39e-3 / 0.3,
+            "circuit.branches.1.resistivity": 269 * 0.3,
+            "circuit.branches.1.permittivity": 10.5e-3 / 0.3,
+        }
+    )
+    clean = simulate(truth, "step 0.988 V", duration=60.0, rate=25.0)
+    assert clean.current is not None
+    noise = 3e-4 * np.random.default_rng(20261121).standard_normal(1500)
+    read = np.round((clean.current + noise) / 1e-4) * 1e-4
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=read, hold=hold)  # type: ignore[arg-type]
+    fit = identify(strip(56.9), [run])
+    assert rms(fit) == pytest.approx(3e-4, rel=0.06)
+    for name, parameter in fit.parameters.items():
+        if name in truth.parameter_values:
+            assert abs(parameter.value - truth[name]) < 3.5 * parameter.standard_error, name

@@ -1,0 +1,211 @@
+"""Delays, irregular clocks and derivatives against fine grids, lsim and differences of other programs."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from ipmclab import InputError
+from ipmclab.model import Actuator, sensitivities, simulate_outputs
+from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
+from tests.model.conftest import STRIPS, actuator_of
+
+RATE = 50.0
+PERIOD = 1.0 / RATE
+ROWS = 150
+FINE = 10
+HOLDS = ("zero", "zero-before", "first")
+TIME = np.arange(ROWS) * PERIOD
+
+
+def rough() -> np.ndarray:
+    voltage = np.sign(np.sin(2.3 * TIME)) + np.sin(17.0 * TIME)
+    voltage[0] = 0.0
+    return voltage
+
+
+def on_fine_grid(strip: Strip, voltage: np.ndarray, hold: str, delay: int) -> np.ndarray:
+    """Every output at the rows, with the voltage ``delay`` tenths of a period late, by a grid ten times as fine."""
+    early = max(0, -delay)
+    ticks = np.arange(-early, FINE * (len(voltage) - 1) + 1)
+    if hold == "first":
+        fine = np.interp((ticks - delay) / FINE, np.arange(len(voltage)), voltage)
+    elif hold == "zero":
+        held = (ticks - delay) // FINE
+        fine = np.where(held >= 0, voltage[held.clip(0, len(voltage) - 1)], 0.0)
+    else:  # what was held just before each tick
+        held = -((delay - ticks) // FINE)
+        fine = voltage[held.clip(0, len(voltage) - 1)]
+    found = respond(strip, fine, RATE * FINE, hold)
+    return np.array([found[output][early::FINE] for output in OUTPUTS])
+
+
+def peak(values: np.ndarray) -> np.ndarray:
+    return np.max(np.abs(values), axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("delay", [0, 3, 9, 10, 20, 27, -4, -10, -13])
+def test_delays_against_a_fine_grid(hold: str, delay: int) -> None:
+    values = simulate_outputs(actuator_of(FRIEND_2), TIME, rough(), hold, delay=delay * PERIOD / FINE)
+    expected = on_fine_grid(FRIEND_2, rough(), hold, delay)
+    np.testing.assert_array_less(np.abs(values - expected) / peak(expected), 1e-10)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+def test_an_irregular_clock_against_a_fine_grid(hold: str) -> None:
+    # Rows on some ticks of a fine grid; the voltage is laid out by hand on all of them.
+    ticks = np.cumsum(np.random.default_rng(20261121).integers(1, 13, size=ROWS)) - 1
+    ticks -= ticks[0]
+    voltage, every = rough(), np.arange(ticks[-1] + 1)
+    if hold == "first":
+        fine = np.interp(every, ticks, voltage)
+    elif hold == "zero":
+        fine = voltage[np.searchsorted(ticks, every, side="right") - 1]
+    else:
+        fine = voltage[np.searchsorted(ticks, every, side="left")]
+    expected = respond(FRIEND_2, fine, RATE * FINE, hold)
+    times = 100.0 + ticks * PERIOD / FINE
+    values = simulate_outputs(actuator_of(FRIEND_2), times, voltage, hold)
+    expected_rows = np.array([expected[output][ticks] for output in OUTPUTS])
+    np.testing.assert_array_less(np.abs(values - expected_rows) / peak(expected_rows), 1e-8)
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+def test_an_initial_state_against_lsim(hold: str, friend_2: Actuator) -> None:
+    state = np.array([0.3, -0.2, 0.5, 1.5, 2e-4, -3e-3])
+    voltage = rough() + 1.0
+    values = simulate_outputs(friend_2, TIME, voltage, hold, initial_state=state)
+    _, expected, _ = scipy.signal.lsim(friend_2.to_scipy(), voltage, TIME, X0=state, interp=hold == "first")
+    np.testing.assert_array_less(np.abs(values - expected.T) / peak(expected.T), 1e-10)
+    named = simulate_outputs(
+        friend_2, TIME, voltage, hold, initial_state=dict(zip(friend_2.state_names, state, strict=True))
+    )
+    np.testing.assert_array_equal(named, values)
+
+
+def test_outputs_come_in_the_wanted_order(friend_2: Actuator) -> None:
+    every = simulate_outputs(friend_2, TIME, rough(), "zero")
+    chosen = simulate_outputs(friend_2, TIME, rough(), "zero", outputs=["force", "current"])
+    np.testing.assert_array_equal(chosen, every[[3, 0]])
+    with pytest.raises(InputError, match="outputs: unknown output 'forse'; did you mean 'force'"):
+        simulate_outputs(friend_2, TIME, rough(), "zero", outputs=["forse"])
+    with pytest.raises(InputError, match=re.escape("unknown parameter 'coupling.gains'; did you mean 'coupling.gain'")):
+        sensitivities(friend_2, ["coupling.gains"], TIME, rough(), "zero")
+
+
+FIELDS = {
+    "geometry.free_length": "free_length",
+    "geometry.thickness": "thickness",
+    "circuit.contact_resistance": "contact_resistance",
+    "coupling.gain": "gain",
+    "coupling.zero": "zero",
+    "coupling.p1": "p1",
+    "coupling.p2": "p2",
+    "beam.modulus": "modulus",
+    "beam.damping_ratio": "damping_ratio",
+}
+
+
+def central(strip: Strip, voltage: np.ndarray, hold: str, name: str, step: float) -> np.ndarray:
+    """A derivative by four-point differences of the dense reference, in steps of its own (not dotted) parameters."""
+    total = np.zeros((len(OUTPUTS), len(voltage)))
+    for factor, weight in ((1.0, 8.0), (2.0, -1.0)):
+        for sign in (1.0, -1.0):
+            moved = respond(changed(strip, name, sign * factor * step), voltage, RATE, hold)
+            total += sign * weight * np.array([moved[output] for output in OUTPUTS])
+    return total / (12.0 * step)
+
+
+def changed(strip: Strip, name: str, by: float) -> Strip:
+    if name in FIELDS:
+        moved = strip.changed(**{FIELDS[name]: getattr(strip, FIELDS[name]) + by})
+        if name.startswith("geometry."):  # the reference holds resistances, we hold sheet resistance and resistivity
+            length, old = moved.total_length / moved.width, strip.total_length / strip.width
+            shape = moved.thickness / (moved.total_length * moved.width)
+            moved = moved.changed(
+                electrode_resistance=strip.electrode_resistance * length / old,
+                dc_resistance=strip.dc_resistivity * shape,
+            )
+        return moved
+    if name == "circuit.sheet_resistance":
+        squares = strip.total_length / strip.width
+        return strip.changed(electrode_resistance=strip.electrode_resistance + by * squares)
+    if name == "circuit.dc_resistivity":
+        scale = strip.thickness / (strip.total_length * strip.width)
+        return strip.changed(dc_resistance=strip.dc_resistance + by * scale)
+    _, _, index, kind = name.split(".")
+    field = "resistivities" if kind == "resistivity" else "permittivities"
+    values = list(getattr(strip, field))
+    values[int(index)] += by
+    return strip.changed(**{field: tuple(values)})
+
+
+@pytest.mark.parametrize("case", ["friend-2", "equal poles of d(s)", "complex poles of d(s)", "three branches"])
+def test_derivatives_by_parameters(case: str) -> None:
+    strip = STRIPS[case].changed(contact_resistance=0.7)
+    actuator = actuator_of(strip)
+    left_out = {"geometry.clamped_length", "geometry.width", "geometry.sensing_length", "beam.density"}
+    names = [name for name in actuator.parameters() if name not in left_out]
+    for hold in HOLDS:
+        found = sensitivities(actuator, names, TIME, rough(), hold)
+        for index, name in enumerate(names):
+            expected = central(strip, rough(), hold, name, 1e-3 * actuator[name])
+            derivative = found.parameters[:, :, index]
+            scale = peak(expected) + 1e-3 * peak(found.values) / actuator[name]
+            np.testing.assert_array_less(np.abs(derivative - expected) / scale, 1e-6, err_msg=f"{hold} {name}")
+
+
+def test_a_derivative_at_a_parameter_that_is_zero(friend_2: Actuator) -> None:
+    assert friend_2["circuit.contact_resistance"] == 0.0
+    found = sensitivities(friend_2, ["circuit.contact_resistance"], TIME, rough(), "zero").parameters[:, :, 0]
+    expected = central(FRIEND_2, rough(), "zero", "circuit.contact_resistance", 1e-3)
+    np.testing.assert_array_less(np.abs(found - expected) / peak(expected), 1e-8)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("delay", [0.0, 0.3 * PERIOD, -1.6 * PERIOD])
+def test_values_are_those_of_simulate_outputs(hold: str, delay: float, friend_2: Actuator) -> None:
+    found = sensitivities(friend_2, ["coupling.p1"], TIME, rough(), hold, delay=delay)
+    values = simulate_outputs(friend_2, TIME, rough(), hold, delay=delay)
+    np.testing.assert_array_less(np.abs(found.values - values) / peak(values), 1e-12)
+    # Derivatives by parameters with a delay: differences of the values, which the fine grid proves.
+    step = 1e-4 * friend_2["coupling.p1"]
+    around = [
+        simulate_outputs(
+            friend_2.replace(**{"coupling.p1": friend_2["coupling.p1"] + by}), TIME, rough(), hold, delay=delay
+        )
+        for by in (step, -step)
+    ]
+    expected = (around[0] - around[1]) / (2.0 * step)
+    np.testing.assert_array_less(np.abs(found.parameters[2:, :, 0] - expected[2:]) / peak(expected[2:]), 1e-6)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+def test_derivatives_by_initial_states_are_the_free_responses(hold: str, friend_2: Actuator) -> None:
+    state = np.array([0.3, -0.2, 0.5, 1.5, 2e-4, -3e-3])
+    found = sensitivities(friend_2, [], TIME, rough(), hold, initial_state=state)
+    for index, unit in enumerate(np.eye(len(state))):
+        _, free, _ = scipy.signal.lsim(friend_2.to_scipy(), np.zeros(ROWS), TIME, X0=unit)
+        np.testing.assert_allclose(found.states[:, :, index], free.T, atol=1e-10 * np.max(peak(free.T)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0.31, 1.73, -0.45, -1.2])
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("rest", [True, False])
+def test_derivative_by_the_delay(hold: str, delay: float, rest: bool, friend_2: Actuator) -> None:
+    voltage = rough() + 0.4
+    state = None if rest else np.array([0.3, -0.2, 0.5, 1.5, 2e-4, -3e-3])
+
+    def values(late: float) -> np.ndarray:
+        return simulate_outputs(friend_2, TIME, voltage, hold, initial_state=state, delay=late)
+
+    found = sensitivities(friend_2, [], TIME, voltage, hold, initial_state=state, delay=delay * PERIOD).delay
+    step = 1e-3 * PERIOD
+    ahead, behind = (values(delay * PERIOD + by) for by in (step, -step))
+    far_ahead, far_behind = (values(delay * PERIOD + 2 * by) for by in (step, -step))
+    expected = (8.0 * (ahead - behind) - (far_ahead - far_behind)) / (12.0 * step)
+    np.testing.assert_array_less(np.abs(found - expected) / peak(expected), 1e-6)

@@ -1,0 +1,61 @@
+"""Runs of one sample held against each other, without a model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ipmclab.quality import check_together
+from ipmclab.run import Run
+from ipmclab.sample import Sample
+
+Read = Callable[..., Run]
+
+
+def test_a_square_that_starts_as_its_step(read: Read) -> None:
+    step, square = read("step 1 V", seed=1), read("square 1 V 0.1 Hz", seed=2)
+    findings = check_together([step, square])
+    assert {finding.code for finding in findings} == {"state-unchanged"}
+    assert {finding.channel for finding in findings} == {"current", "displacement", "force"}
+    assert findings[0].values["until"] == pytest.approx(5.0, abs=0.05)
+    for finding in findings:
+        difference, noise = finding.values["difference"], finding.values["noise"]
+        assert isinstance(difference, float)
+        assert isinstance(noise, float)
+        assert difference == pytest.approx(noise, rel=0.15)
+
+
+@pytest.mark.parametrize("ratio", [0.32, 0.87])
+def test_a_changed_state(read: Read, ratio: float) -> None:
+    step, square = read("step 1 V", seed=1), read("square 1 V 0.1 Hz", seed=2)
+    assert square.displacement is not None
+    weaker = replace(square, displacement=ratio * square.displacement)
+    changed = [finding for finding in check_together([step, weaker]) if finding.code == "state-changed"]
+    assert [finding.channel for finding in changed] == ["displacement"]
+    assert changed[0].values["ratio"] == pytest.approx(ratio, abs=0.01)
+    assert "run 1 reads" in changed[0].message
+    assert (changed[0].values["first"], changed[0].values["second"]) == (0, 1)
+
+
+def test_what_cannot_be_compared_is_not(read: Read) -> None:
+    step = read("step 1 V")
+    assert check_together([step]) == ()
+    assert check_together([step, read("step 2 V")]) == ()
+    assert check_together([step, read("sine 1 V 0.1 Hz")]) == ()
+    assert check_together([step, read("step 1 V", rate=100.0)]) == ()
+    one = replace(step, metadata=replace(step.metadata, sample=Sample(id="a")))
+    other = replace(step, metadata=replace(step.metadata, sample=Sample(id="b")))
+    assert check_together([one, other]) == ()
+
+
+def test_runs_that_wait_differently_before_the_step_and_have_gaps(read: Read) -> None:
+    early, late = read("step 1 V delay=2 s", seed=1), read("step 1 V delay=9 s", seed=2)
+    assert late.current is not None
+    gaps = late.current.copy()
+    gaps[700:720] = np.nan
+    findings = check_together([early, replace(late, current=gaps)])
+    assert {finding.code for finding in findings} == {"state-unchanged"}
+    assert len(findings) == 3
