@@ -85,10 +85,39 @@ class Finding:
 
 @dataclass(frozen=True)
 class Mark:
-    """Something an operator noted at a time [s] of the record."""
+    """Something that happened at a time [s] of the record.
+
+    ``kind`` is ``note`` for what an operator noted, else what the recorder saw: ``limit``, ``gap``, ``bench``, ``stop``.
+    """
 
     time: float
     text: str
+    kind: str = "note"
+
+
+@dataclass(frozen=True)
+class ZeroReading:
+    """What a channel told at rest: a recorded step, never an edit of the data.
+
+    Parameters
+    ----------
+    channel : str
+    kind : "zero", "tare" or "preload"
+        At 0 V; with the tip clear of the load cell; with the tip on it.
+    when : "before" or "after"
+        The signal.
+    value : float [SI unit of the channel]
+        Mean reading.
+    standard_uncertainty : float [SI unit of the channel]
+    drift : float [SI unit of the channel per s], optional
+    """
+
+    channel: str
+    kind: Literal["zero", "tare", "preload"]
+    when: Literal["before", "after"]
+    value: float
+    standard_uncertainty: float
+    drift: float | None = None
 
 
 @dataclass(frozen=True)
@@ -133,6 +162,29 @@ class RunMetadata:
     software_version : str, optional
     parameters : mapping of name to float [SI]
         For a simulated run, the parameters of the actuator.
+    uuid : str, optional
+        Of this run, given when it is recorded.
+    state : "complete", "aborted" or "recovered", optional
+        How the recording ended; None for a run that no recorder made.
+    state_reason : str, optional
+        Why it was aborted, or what was recovered.
+    purpose : "signal", "baseline" or "fingerprint", optional
+        Why it was recorded.
+    pair_id : str, optional
+        Shared by the two polarities of one signal.
+    repeat : int, optional
+        Counts the repeats of one signal from 1.
+    experiment, rig : str, optional
+        What they are called.
+    rig_proof : str, optional
+        The report of the hardware check list on this rig, or that there is none.
+    source_resistance : float [ohm], optional
+        Of what drives the strip, in series with it.
+    zeros : tuple of ZeroReading
+    uncertainties : mapping of channel to float [SI]
+        Standard uncertainty of the calibration, with the change of its zero.
+    limits : mapping of name to text
+        What the guard watched.
     """
 
     origin: Literal["measured", "simulated", "virtual bench"] = "measured"
@@ -161,6 +213,19 @@ class RunMetadata:
     recorded_at: str | None = None
     software_version: str | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
+    uuid: str | None = None
+    state: Literal["complete", "aborted", "recovered"] | None = None
+    state_reason: str | None = None
+    purpose: Literal["signal", "baseline", "fingerprint"] | None = None
+    pair_id: str | None = None
+    repeat: int | None = None
+    experiment: str | None = None
+    rig: str | None = None
+    rig_proof: str | None = None
+    source_resistance: float | None = None
+    zeros: tuple[ZeroReading, ...] = ()
+    uncertainties: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,6 +63,10 @@ class Converter:
         return (readings <= self.low) | (readings >= self.top)
 
 
+Terminal = Literal["differential", "single-ended", "non-referenced"]
+"""How an input is wired: RSE and NRSE are the makers' words for the last two."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """A channel of a rig: ``quantity = gain * volts + offset``.
@@ -85,6 +89,13 @@ class Channel:
         What the sensor gives when it has lost what it measures: beyond what it gives within its range.
     zeroed : bool
         Whether the reading at rest is subtracted.
+    physical : str
+        The input that it is wired to, such as ``"cDAQ1Mod1/ai0"``; empty where there is no hardware.
+    terminal : "differential", "single-ended" or "non-referenced"
+    calibrated : str, optional
+        ISO date of the calibration.
+    uncertainty : float [SI unit of the channel]
+        Standard uncertainty of the calibration; 0 where none is stated.
     """
 
     name: str
@@ -96,6 +107,10 @@ class Channel:
     rest: float = 0.0
     lost: float | None = None
     zeroed: bool = False
+    physical: str = ""
+    terminal: Terminal = "differential"
+    calibrated: str | None = None
+    uncertainty: float = 0.0
 
     @property
     def quantity(self) -> Quantity:
@@ -143,6 +158,44 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class Output:
+    """The analogue output that drives the strip.
+
+    Parameters
+    ----------
+    low, high : float [V]
+        What it can give.
+    physical : str
+        The output, such as ``"cDAQ1Mod2/ao0"``; empty where there is no hardware.
+    """
+
+    low: float
+    high: float
+    physical: str = ""
+
+
+@dataclass(frozen=True)
+class Thermometer:
+    """A resistance thermometer in the air around the strip, read slowly beside the other channels.
+
+    Parameters
+    ----------
+    physical : str
+        The input, such as ``"cDAQ1Mod3/ai1"``.
+    resistance : float [ohm]
+        At 0 degC.
+    wires : 3 or 4
+    current : float [A]
+        What the module drives through it: 1 mA for the NI 9217.
+    """
+
+    physical: str = ""
+    resistance: float = 100.0
+    wires: Literal[3, 4] = 4
+    current: float = 1e-3
+
+
+@dataclass(frozen=True)
 class Rig:
     """What reads and drives a strip.
 
@@ -155,15 +208,25 @@ class Rig:
         In series with the strip: it takes its share of the output voltage.
     voltage_sensed : "electrodes" or "upstream of shunt"
         Where the channel ``voltage`` is connected.
-    output_range : (low, high) [V]
-        What the output can give.
+    output : Output
+    source_resistance : float [ohm]
+        Of the amplifier that drives the strip, in series with it.
+    thermometer : Thermometer, optional
+    bench : "virtual" or "ni"
+        What stands behind the channels.
+    address : str, optional
+        ``host:port`` of a chassis behind a gRPC server; None for the driver of this computer.
     """
 
     name: str
     channels: tuple[Channel, ...]
     shunt_resistance: float
     voltage_sensed: Literal["electrodes", "upstream of shunt"]
-    output_range: tuple[float, float]
+    output: Output
+    source_resistance: float = 0.0
+    thermometer: Thermometer | None = None
+    bench: Literal["virtual", "ni"] = "virtual"
+    address: str | None = None
 
     def __getitem__(self, name: str) -> Channel:
         """The channel of that name."""
@@ -203,7 +266,7 @@ THESIS_RIG: Final = Rig(
     ),
     shunt_resistance=_SHUNT,
     voltage_sensed="upstream of shunt",
-    output_range=(-10.0, 10.0),
+    output=Output(-10.0, 10.0),
 )
 """The rig of chapter 3 of Friend's thesis.
 

@@ -126,7 +126,7 @@ class VirtualBench:
         if self._plant is None:
             raise InputError("the bench is not open", code="bench-closed", where="bench", repair="call open first")
         voltage = signal.voltage(np.arange(rows) / self._rate)
-        low, high = self.rig.output_range
+        low, high = self.rig.output.low, self.rig.output.high
         beyond = np.flatnonzero((voltage < low) | (voltage > high))
         if len(beyond):
             row = int(beyond[0])
