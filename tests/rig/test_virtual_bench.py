@@ -186,19 +186,53 @@ def test_the_seed_decides_the_noise(strip: Actuator) -> None:
     assert first.current == pytest.approx(second.current, abs=1e-4)
 
 
-def test_blocks_joined_are_one_record(strip: Actuator) -> None:
-    signal = signals.parse("random 1 V 0.1 s")
-    readings = []
-    for block in (1000, 37):
-        bench = VirtualBench(strip)
-        bench.block_rows = block
-        bench.open(["voltage", "current", "force"], 50.0)
-        blocks = list(bench.apply(signal, 500))
-        assert len(blocks) == -(-500 // block)
-        readings.append({name: np.concatenate([one[name] for one in blocks]) for name in blocks[0]})
-        bench.close()
-    for name in ("voltage", "current", "force"):
-        assert np.array_equal(readings[0][name], readings[1][name])
+@pytest.mark.parametrize(("rate", "rows"), [(10.0, 1), (50.0, 2), (1000.0, 40)])
+def test_a_block_lasts_40_ms(strip: Actuator, rate: float, rows: int) -> None:
+    bench = VirtualBench(strip)
+    bench.open(["voltage", "current"], rate)
+    blocks = list(bench.apply(signals.Step(1.0), 101))
+    assert [block.first_row for block in blocks] == list(range(0, 101, rows))
+    assert sum(len(block) for block in blocks) == 101
+    assert {len(block) for block in blocks[:-1]} == {rows}
+    assert np.concatenate([block.output for block in blocks]).tolist() == [0.0] + [1.0] * 100
+    bench.close()
+
+
+def test_steps_of_a_control_loop_read_what_blocks_read(strip: Actuator) -> None:
+    voltage = signals.parse("prbs 1 V 0.1 s").voltage(np.arange(200) / 50.0)
+    bench = VirtualBench(strip)
+    bench.open(["voltage", "current", "force"], 50.0)
+    stepped = [bench.exchange(float(volts)) for volts in voltage]
+    bench.close()
+    again = VirtualBench(strip)
+    again.open(["voltage", "current", "force"], 50.0)
+    for block in again.apply(signals.Samples(time=np.arange(200) / 50.0, voltage=voltage), 200):
+        for name, values in block.readings.items():
+            rows = range(block.first_row, block.first_row + len(block))
+            assert [stepped[row][name] for row in rows] == values.tolist()
+    again.close()
+
+
+def test_zero_between_blocks_brings_the_output_to_0_and_blocks_go_on(strip: Actuator) -> None:
+    bench = VirtualBench(strip, rig=quiet())
+    bench.open(["voltage", "current"], 50.0)
+    blocks = []
+    for block in bench.apply(signals.Step(1.0), 100):
+        blocks.append(block)
+        if block.first_row == 48:
+            bench.zero()
+            bench.zero()
+    assert len(blocks) == 50
+    output = np.concatenate([block.output for block in blocks])
+    assert output.tolist() == [0.0] + [1.0] * 49 + [0.0] * 50
+    read = np.concatenate([block.readings["voltage"] for block in blocks])
+    assert read == pytest.approx(output, abs=1e-4)
+    # The strip is short-circuited now: it discharges through the shunt.
+    assert blocks[25].readings["current"][0] < -0.01
+    # The next signal is given out again.
+    assert list(bench.apply(signals.Step(1.0), 3))[-1].output.tolist() == [1.0]
+    bench.close()
+    bench.close()
 
 
 def test_rest_is_recorded_around_the_signal(strip: Actuator) -> None:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.model.simulate import above_zero, count_rows
+from ipmclab.rig.bench import Bench
 from ipmclab.rig.channels import Channel
-from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import QUALITY_FLAGS, Run, RunMetadata
 from ipmclab.signals import Sequence as SignalSequence
 from ipmclab.signals import Signal, Step, parse
@@ -27,7 +27,7 @@ ZERO_TIME: Final = 10.0
 
 
 def record(
-    bench: VirtualBench,
+    bench: Bench,
     signal: Signal | str,
     *,
     duration: float,
@@ -46,7 +46,7 @@ def record(
 
     Parameters
     ----------
-    bench : VirtualBench
+    bench : Bench
     signal : Signal or str
         Applied for ``duration``.
     duration : float [s]
@@ -73,6 +73,7 @@ def record(
     Examples
     --------
     >>> from ipmclab import load_actuator
+    >>> from ipmclab.rig import VirtualBench
     >>> run = record(VirtualBench(load_actuator("friend-2")), "step 1 V", duration=2.0, rate=50.0)
     >>> len(run), run.hold, sorted(run.channels)
     (100, 'zero-before', ['current', 'force', 'voltage'])
@@ -137,9 +138,9 @@ def _with_rest(signal: Signal, before: float, duration: float, after: float) -> 
     return SignalSequence(tuple(part for part, _ in shown), tuple(last for _, last in shown))
 
 
-def _read(bench: VirtualBench, signal: Signal, rows: int, names: Sequence[str]) -> dict[str, FloatArray]:
+def _read(bench: Bench, signal: Signal, rows: int, names: Sequence[str]) -> dict[str, FloatArray]:
     blocks = list(bench.apply(signal, rows))
-    return {name: np.concatenate([block[name] for block in blocks]) for name in names}
+    return {name: np.concatenate([block.readings[name] for block in blocks]) for name in names}
 
 
 def _zero(channel: Channel, readings: FloatArray) -> float:

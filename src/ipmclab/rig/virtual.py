@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.model.simulate import above_zero
+from ipmclab.rig.bench import Block, block_rows
 from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.plant import Plant
 from ipmclab.signals import Signal
@@ -39,14 +41,12 @@ class VirtualBench:
     >>> bench = VirtualBench(load_actuator("friend-2"))
     >>> bench.open(["voltage", "current"], rate=50.0)
     >>> blocks = list(bench.apply(Step(1.0), rows=100))
-    >>> sorted(blocks[0])
-    ['current', 'voltage']
+    >>> blocks[1].first_row, len(blocks[1]), sorted(blocks[1].readings)
+    (2, 2, ['current', 'voltage'])
     >>> bench.close()
     """
 
-    origin: Final[Literal["virtual bench"]] = "virtual bench"
-    block_rows: int = 1000
-    """Rows that come at once."""
+    origin: Literal["measured", "virtual bench"] = "virtual bench"
 
     def __init__(self, actuator: Actuator, *, rig: Rig | None = None, seed: int = 20261121) -> None:
         self._actuator = actuator
@@ -56,6 +56,7 @@ class VirtualBench:
         self._measured: tuple[str, ...] = ()
         self._rate = 0.0
         self._output = 0.0
+        self._given_out: FloatArray = np.empty(0)
         self.rig = rig or THESIS_RIG
 
     @property
@@ -69,19 +70,8 @@ class VirtualBench:
         return self._actuator.sample
 
     def open(self, measured: Collection[str], rate: float) -> None:
-        """Take a strip that is discharged and at rest, with the output at 0 V.
-
-        Parameters
-        ----------
-        measured : collection of str
-            Channels to read.
-        rate : float [Hz]
-
-        Raises
-        ------
-        InputError
-            An unknown channel, or displacement and force at once.
-        """
+        """Take a strip that is discharged and at rest, with the output at 0 V: see ``Bench.open``."""
+        rate = above_zero("rate", rate, "Hz")
         known = [channel.name for channel in self.rig.channels]
         for name in measured:
             if name not in known:
@@ -104,28 +94,10 @@ class VirtualBench:
         self._rate = rate
         self._output = 0.0
 
-    def apply(self, signal: Signal, rows: int) -> Iterator[dict[str, FloatArray]]:
-        """Give a signal out, and read: each row just before the output changes.
-
-        Parameters
-        ----------
-        signal : Signal
-            Its time starts at 0 with the first row.
-        rows : int
-
-        Yields
-        ------
-        readings : mapping of channel to float array, shape (n_block,) [V]
-            As they come from the converters; the blocks have ``rows`` rows together.
-
-        Raises
-        ------
-        InputError
-            A voltage beyond what the output can give: nothing is given out then.
-        """
-        if self._plant is None:
-            raise InputError("the bench is not open", code="bench-closed", where="bench", repair="call open first")
-        voltage = signal.voltage(np.arange(rows) / self._rate)
+    def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
+        """Give a signal out, and read: see ``Bench.apply``. Blocks come as fast as they are asked for."""
+        plant = self._opened()
+        voltage = np.array(signal.voltage(np.arange(rows) / self._rate))  # a copy, which zero may write to
         low, high = self.rig.output.low, self.rig.output.high
         beyond = np.flatnonzero((voltage < low) | (voltage > high))
         if len(beyond):
@@ -137,16 +109,44 @@ class VirtualBench:
                 where="signal",
                 repair="give a smaller amplitude or offset",
             )
-        return self._blocks(self._plant, voltage)
+        self._given_out = voltage
+        return self._blocks(plant, voltage)
 
-    def _blocks(self, plant: Plant, voltage: FloatArray) -> Iterator[dict[str, FloatArray]]:
-        for start in range(0, len(voltage), self.block_rows):
-            block = voltage[start : start + self.block_rows]
-            readings = plant.read(np.concatenate([[self._output], block[:-1]]))
-            self._output = float(block[-1])
-            yield {name: readings[name] for name in self._measured}
+    def _blocks(self, plant: Plant, voltage: FloatArray) -> Iterator[Block]:
+        length = block_rows(self._rate)
+        for start in range(0, len(voltage), length):
+            given = voltage[start : start + length]
+            output = np.concatenate([[self._output], given[:-1]])
+            readings = plant.read(output)
+            self._output = float(given[-1])
+            yield Block(start, {name: readings[name] for name in self._measured}, output)
+
+    def exchange(self, voltage: float) -> dict[str, float]:
+        """Read every channel once, then give a voltage out: see ``Bench.exchange``. One period of the rate passes."""
+        plant = self._opened()
+        low, high = self.rig.output.low, self.rig.output.high
+        if not low <= voltage <= high:
+            raise InputError(
+                f"{voltage:g} V is asked for, the output gives {low:g} V to {high:g} V",
+                code="out-of-range",
+                where="voltage",
+                repair="give a smaller voltage",
+            )
+        readings = plant.read(np.array([self._output]))
+        self._output = voltage
+        return {name: float(readings[name][0]) for name in self._measured}
+
+    def zero(self) -> None:
+        """Bring the output to 0 V: also what is left of a signal that is being given out."""
+        self._given_out[:] = 0.0
+        self._output = 0.0
 
     def close(self) -> None:
         """Bring the output to 0 V and let go of the strip."""
-        self._output = 0.0
+        self.zero()
         self._plant = None
+
+    def _opened(self) -> Plant:
+        if self._plant is None:
+            raise InputError("the bench is not open", code="bench-closed", where="bench", repair="call open first")
+        return self._plant
