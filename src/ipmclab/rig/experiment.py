@@ -1,0 +1,479 @@
+"""The experiment file: what is to be recorded on which sample, in words and units of people."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import Field, ValidationError
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.sample import Sample
+from ipmclab.signals import Signal, parse
+from ipmclab.store.strict import Strict, as_input_error
+from ipmclab.units import (
+    CHANNELS,
+    FREQUENCY,
+    PRESSURE,
+    RELATIVE_HUMIDITY,
+    TEMPERATURE,
+    TIME,
+    Quantity,
+    parse_quantity,
+)
+
+VIRTUAL: Final = "virtual"
+"""The rig that needs no file: the thesis's rig with a simulated strip in it."""
+
+MEASURABLE: Final = ("current", "displacement", "force")
+
+STEPS: Final = ("hydrate", "clamp", "chamber-on", "equilibrium", "chamber-off", "zero", "preload", "apply")
+"""Steps of Friend's section 3.5 in their order; ``hydrate`` also comes last."""
+
+_REST: Final = "5 s"
+_PAUSE: Final = "30 s"
+
+TEMPLATE: Final = """\
+title = "step and sine, 1 V"
+sample = "strip-1"               # or a table [sample] with id, membrane, counter_ion...
+rig = "rig.toml"                 # beside this file; "virtual" needs no hardware
+folder = "runs"                  # the laboratory folder: every run of every sample
+signals = ["step 1 V", "sine 1 V 0.1 Hz"]
+duration = "40 s"                # of each signal; 5 s at 0 V come before and after it
+rate = "50 Hz"
+measured = ["current", "force"]  # or displacement in place of force: the load cell holds the tip
+repeats = 1
+pair = false                     # true: each signal with both polarities
+baseline = false                 # true: first a run without voltage
+operator = "your name"
+# actuator = "strip-1.toml"      # a model of the strip, where there is one: foretells the peak current
+
+# [environment]                  # leave it out at room conditions
+# temperature = "25 degC"
+# relative_humidity = "80 percent"
+# settle = "30 min"
+
+# [limits]                       # what the guard watches; 3.5 V where no voltage is stated
+# voltage = "2 V"
+# current = "150 mA"
+"""
+"""An experiment file to start from."""
+
+
+class _EnvironmentTable(Strict):
+    temperature: str | None = None
+    relative_humidity: str | None = None
+    temperature_tolerance: str = "1 degC"
+    humidity_tolerance: str = "3 percent"
+    settle: str = "30 min"
+    longest_wait: str = "3 h"
+
+
+class _Table(Strict):
+    title: str | None = None
+    sample: str | dict[str, Any] | None = None
+    actuator: str | None = None
+    rig: str = VIRTUAL
+    folder: str = "runs"
+    signal: str | None = None
+    signals: Annotated[tuple[str, ...], Field(strict=False)] | None = None
+    rate: str
+    duration: str
+    measured: Annotated[tuple[str, ...], Field(strict=False)] = ("current", "force")
+    rest_before: str = _REST
+    rest_after: str = _REST
+    pause: str = _PAUSE
+    repeats: int = 1
+    pair: bool = False
+    baseline: bool = False
+    fingerprint: bool = True
+    operator: str | None = None
+    notes: str | None = None
+    mounting_id: str | None = None
+    clamp_pressure: str | None = None
+    steps: Annotated[tuple[str, ...], Field(strict=False)] | None = None
+    environment: _EnvironmentTable | None = None
+    limits: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TargetEnvironment:
+    """What the chamber is set to, and when the strip counts as being in equilibrium with it.
+
+    Parameters
+    ----------
+    temperature : float [degC], optional
+    relative_humidity : float [percent], optional
+    temperature_tolerance : float [K], humidity_tolerance : float [percent]
+        How far from the target a reading may be.
+    settle : float [s]
+        How long every reading must stay within the tolerance.
+    longest_wait : float [s]
+        When to give up.
+    """
+
+    temperature: float | None
+    relative_humidity: float | None
+    temperature_tolerance: float
+    humidity_tolerance: float
+    settle: float
+    longest_wait: float
+
+    def __str__(self) -> str:
+        """The target as people say it."""
+        parts = []
+        if self.temperature is not None:
+            parts.append(f"{self.temperature:g} +- {self.temperature_tolerance:g} degC")
+        if self.relative_humidity is not None:
+            parts.append(f"{self.relative_humidity:g} +- {self.humidity_tolerance:g} %RH")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is to be recorded, checked and in SI units.
+
+    Parameters
+    ----------
+    title : str
+    sample : Sample
+    rig : Path or "virtual"
+    folder : Path
+        The laboratory folder.
+    signals : tuple of Signal
+        Each is applied for ``duration``.
+    rate : float [Hz]
+    duration : float [s]
+    measured : tuple of str
+        Beside the voltage.
+    rest_before, rest_after : float [s]
+        At 0 V, recorded with every signal.
+    pause : float [s]
+        At 0 V between two signals, not recorded: the strip discharges.
+    repeats : int
+    pair : bool
+        Each signal with both polarities.
+    baseline : bool
+        A run without voltage first.
+    fingerprint : bool
+        A short run at 0.1 V before every signal.
+    actuator : str, optional
+        Name or file of a model of the strip.
+    operator, notes, mounting_id : str, optional
+    clamp_pressure : float [Pa], optional
+    steps : tuple of str, optional
+        Those that are taken; what is needed follows from the rest where it is left out.
+    environment : TargetEnvironment, optional
+    limits : mapping
+        The table as it stands.
+    where : str
+        The file, for messages.
+
+    Use ``load_experiment`` to make one.
+    """
+
+    title: str
+    sample: Sample
+    rig: Path | str
+    folder: Path
+    signals: tuple[Signal, ...]
+    rate: float
+    duration: float
+    measured: tuple[str, ...] = ("current", "force")
+    rest_before: float = 5.0
+    rest_after: float = 5.0
+    pause: float = 30.0
+    repeats: int = 1
+    pair: bool = False
+    baseline: bool = False
+    fingerprint: bool = True
+    actuator: str | None = None
+    operator: str | None = None
+    notes: str | None = None
+    mounting_id: str | None = None
+    clamp_pressure: float | None = None
+    steps: tuple[str, ...] | None = None
+    environment: TargetEnvironment | None = None
+    limits: Mapping[str, Any] = field(default_factory=dict)
+    where: str = "experiment"
+
+
+def load_experiment(path: str | Path) -> Experiment:
+    """Read an experiment file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file. What it names is looked for beside it.
+
+    Raises
+    ------
+    InputError
+        No such file, not TOML, or what ``experiment_from_table`` refuses.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise InputError("this is a folder", code="is-a-folder", where=str(path), repair="name a file in it")
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(
+            "no such file",
+            code="no-such-file",
+            where=str(path),
+            repair="ipmclab record --template prints an experiment file to start from",
+        ) from None
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
+        ) from error
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"it is not TOML: {error}", code="bad-toml", where=str(path), repair="correct the line that it names"
+        ) from error
+    return experiment_from_table(table, folder=path.parent, where=str(path), name=path.stem)
+
+
+def experiment_from_table(
+    table: Mapping[str, Any], *, folder: Path = Path(), where: str = "experiment", name: str = "experiment"
+) -> Experiment:
+    """Check an experiment as TOML gives it.
+
+    Parameters
+    ----------
+    table : mapping
+    folder : Path
+        Where what it names is looked for.
+    where : str
+        The file, for messages.
+    name : str
+        Its title where it states none.
+
+    Raises
+    ------
+    InputError
+        An unknown key, a wrong unit, no sample, a signal that is none or longer than the duration,
+        displacement and force at once, an unknown step or steps in another order, an unknown limit.
+
+    Examples
+    --------
+    >>> table = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
+    >>> experiment = experiment_from_table(table)
+    >>> experiment.sample.id, experiment.rate, [str(signal) for signal in experiment.signals]
+    ('strip-1', 50.0, ['step 1 V'])
+    """
+    try:
+        read = _Table.model_validate(dict(table))
+    except ValidationError as error:
+        raise as_input_error(error, table, where=f"{where}: ") from error
+
+    def place(key: str) -> str:
+        return f"{where}: {key}"
+
+    signals = _signals(read, place)
+    duration = _quantity(read.duration, TIME, place("duration"), above_zero=True)
+    for key, signal in signals:
+        try:
+            signal.check_fits(duration)
+        except InputError as error:
+            raise InputError(
+                error.message, code=error.code, where=place(key), repair="give a longer duration, or shorten the signal"
+            ) from error
+    if read.repeats < 1:
+        raise InputError(
+            f"repeats is {read.repeats}", code="out-of-range", where=place("repeats"), repair="give 1 or more"
+        )
+    pressure = read.clamp_pressure
+    return Experiment(
+        title=read.title or name,
+        sample=_sample(read, folder, place),
+        rig=read.rig if read.rig == VIRTUAL else folder / read.rig,
+        folder=folder / read.folder,
+        signals=tuple(signal for _, signal in signals),
+        rate=_quantity(read.rate, FREQUENCY, place("rate"), above_zero=True),
+        duration=duration,
+        measured=_measured(read.measured, place("measured")),
+        rest_before=_quantity(read.rest_before, TIME, place("rest_before")),
+        rest_after=_quantity(read.rest_after, TIME, place("rest_after")),
+        pause=_quantity(read.pause, TIME, place("pause")),
+        repeats=read.repeats,
+        pair=read.pair,
+        baseline=read.baseline,
+        fingerprint=read.fingerprint,
+        actuator=_actuator(read.actuator, folder),
+        operator=read.operator,
+        notes=read.notes,
+        mounting_id=read.mounting_id,
+        clamp_pressure=None if pressure is None else _quantity(pressure, PRESSURE, place("clamp_pressure")),
+        steps=_steps(read.steps, place("steps")),
+        environment=_environment(read.environment, place),
+        limits=dict(read.limits),
+        where=where,
+    )
+
+
+def _quantity(text: str, quantity: Quantity, where: str, *, above_zero: bool = False) -> float:
+    value = parse_quantity(text, quantity, where=where)
+    if value < 0 or (above_zero and value == 0):
+        least = "it must be above 0" if above_zero else "it must be 0 or more"
+        raise InputError(
+            f"{text!r}, {least}",
+            code="out-of-range",
+            where=where,
+            repair=f"give for example '40 {quantity.display_unit}'",
+        )
+    return value
+
+
+def _signals(read: _Table, place: Any) -> list[tuple[str, Signal]]:
+    """The signals with the key where each stands."""
+    if (read.signal is None) == (read.signals is None):
+        raise InputError(
+            "no signal is given" if read.signal is None else "signal and signals are both given",
+            code="missing-key" if read.signal is None else "bad-value",
+            where=place("signal"),
+            repair='add signal = "step 1 V"' if read.signal is None else "keep one of them",
+        )
+    texts = [("signal", read.signal)] if read.signal is not None else []
+    texts += [(f"signals.{k}", text) for k, text in enumerate(read.signals or ())]
+    if not texts:
+        raise InputError(
+            "the list is empty",
+            code="bad-value",
+            where=place("signals"),
+            repair='write ["step 1 V", "sine 1 V 0.1 Hz"]',
+        )
+    found = []
+    for key, text in texts:
+        assert text is not None
+        try:
+            found.append((key, parse(text)))
+        except InputError as error:
+            raise InputError(
+                f"{error.where}: {error.message}", code=error.code, where=place(key), repair=error.repair
+            ) from error
+    return found
+
+
+def _sample(read: _Table, folder: Path, place: Any) -> Sample:
+    if isinstance(read.sample, dict):
+        return Sample.from_table(read.sample, where=place("sample"))
+    from_model = None
+    if read.actuator is not None:
+        from ipmclab.model import load_actuator
+
+        actuator = load_actuator(_actuator(read.actuator, folder) or "")
+        from_model = actuator.sample or Sample(id=actuator.name)
+    if read.sample:
+        return from_model if from_model is not None and from_model.id == read.sample else Sample(id=read.sample)
+    if from_model is not None:
+        return from_model
+    raise InputError(
+        "no sample is named: a run must say whose it is",
+        code="missing-key",
+        where=place("sample"),
+        repair='add sample = "strip-1", or a table [sample] with its id',
+    )
+
+
+def _actuator(named: str | None, folder: Path) -> str | None:
+    """The name of a library actuator, or the path of a file beside the experiment."""
+    if named is None:
+        return None
+    beside = folder / named
+    return str(beside) if beside.is_file() else named
+
+
+def _measured(names: Sequence[str], where: str) -> tuple[str, ...]:
+    known = [name for name in CHANNELS if name != "applied_voltage"]
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"unknown channel {name!r}", code="unknown-channel", where=where, repair=suggest(name, MEASURABLE)
+            )
+    if "displacement" in names and "force" in names:
+        raise InputError(
+            "displacement and force cannot be measured in one run: the load cell holds the tip",
+            code="blocked-tip",
+            where=where,
+            repair="write two experiments, one with each",
+        )
+    return tuple(name for name in dict.fromkeys(names) if name in MEASURABLE)
+
+
+def _steps(names: Sequence[str] | None, where: str) -> tuple[str, ...] | None:
+    if names is None:
+        return None
+    for name in names:
+        if name not in STEPS:
+            raise InputError(f"unknown step {name!r}", code="unknown-step", where=where, repair=suggest(name, STEPS))
+    if "apply" not in names:
+        raise InputError("no step applies the signal", code="missing-key", where=where, repair='add "apply"')
+    order = (*STEPS, "hydrate")
+    at = 0
+    for name in names:
+        if name not in order[at:]:
+            raise InputError(
+                f"{name!r} stands too late or twice",
+                code="bad-order",
+                where=where,
+                repair=f"keep to the order {', '.join(order)}",
+            )
+        at = order.index(name, at) + 1
+    return tuple(names)
+
+
+def _environment(read: _EnvironmentTable | None, place: Any) -> TargetEnvironment | None:
+    if read is None:
+        return None
+
+    def value(key: str, quantity: Quantity, low: float, high: float) -> float | None:
+        text = getattr(read, key)
+        if text is None:
+            return None
+        number = parse_quantity(text, quantity, where=place(f"environment.{key}"))
+        if not low <= number <= high:
+            raise InputError(
+                f"{text!r} is outside {low:g} to {high:g} {quantity.unit}",
+                code="out-of-range",
+                where=place(f"environment.{key}"),
+                repair="give what the chamber can reach",
+            )
+        return number
+
+    def needed(key: str, quantity: Quantity, low: float, high: float) -> float:
+        number = value(key, quantity, low, high)
+        assert number is not None
+        return number
+
+    target = TargetEnvironment(
+        temperature=value("temperature", TEMPERATURE, -100.0, 300.0),
+        relative_humidity=value("relative_humidity", RELATIVE_HUMIDITY, 0.0, 100.0),
+        temperature_tolerance=needed("temperature_tolerance", TEMPERATURE, 0.01, 50.0),
+        humidity_tolerance=needed("humidity_tolerance", RELATIVE_HUMIDITY, 0.1, 50.0),
+        settle=needed("settle", TIME, 0.0, math.inf),
+        longest_wait=needed("longest_wait", TIME, 0.0, math.inf),
+    )
+    if target.temperature is None and target.relative_humidity is None:
+        raise InputError(
+            "neither temperature nor relative_humidity is stated",
+            code="missing-key",
+            where=place("environment"),
+            repair='add temperature = "25 degC" or relative_humidity = "80 percent"',
+        )
+    if target.longest_wait < target.settle:
+        raise InputError(
+            f"longest_wait is {target.longest_wait:g} s, shorter than settle, {target.settle:g} s",
+            code="out-of-range",
+            where=place("environment.longest_wait"),
+            repair="wait longer than the environment has to be settled",
+        )
+    return target

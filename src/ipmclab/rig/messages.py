@@ -1,0 +1,123 @@
+"""What a recorder and its clients say to each other: JSON with arrays behind it, never code.
+
+A message is a kind, values that JSON can hold, and float64 arrays. On the wire it is the length of the JSON text
+(4 bytes, little-endian), the text, then the arrays one after the other.
+
+=============  =================================================================================
+to the recorder
+=============  =================================================================================
+``start``      the plan is agreed to: go
+``stop``       end the run now and keep it; ``after`` says that the experiment goes on to its next run or not
+``abort``      end the run and the experiment; what was recorded is kept, marked ``aborted``
+``zero``       emergency: output to 0 V now, then as ``abort``
+``mark``       ``text``: note it at this moment of the run
+``answer``     ``question`` (its number) and ``value``
+``subscribe``  ``blocks``: whether to send what is being read
+=============  =================================================================================
+
+=============  =================================================================================
+to the clients
+=============  =================================================================================
+``plan``       what is going to happen, as ``Plan.as_dict`` gives it
+``step``       a step began: ``name``, ``text``, ``seconds``
+``question``   ``number``, ``step``, ``text``, ``choices``, ``default``; open until ``answered``
+``answered``   ``number``, ``step``, ``value``, ``by``
+``run``        a recording began: ``uuid``, ``signal``, ``purpose``, ``rate``, ``rows``, ``place``, ``of``
+``block``      ``first_row`` and an array for each channel [SI]
+``progress``   ``rows`` read and ``acknowledged`` (on disk)
+``event``      something happened in a run: ``event``, ``time``, ``text``
+``note``       something to know: ``text``
+``recorded``   a run stands on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
+``ended``      the last message: ``status``, and ``error`` where it failed
+=============  =================================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import IpmclabError
+
+FloatArray = npt.NDArray[np.float64]
+
+REQUESTS: Final = ("start", "stop", "abort", "zero", "mark", "answer", "subscribe")
+"""What a client may ask for."""
+
+LONGEST_REQUEST: Final = 64 * 1024
+"""Bytes that a client may send at once."""
+
+_LENGTH: Final = struct.Struct("<I")
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message.
+
+    Parameters
+    ----------
+    kind : str
+    values : mapping
+        What JSON can hold.
+    arrays : mapping of name to float array, shape (n,)
+    """
+
+    kind: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    arrays: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.values[name]
+
+
+def encode(message: Message) -> bytes:
+    """A message as it goes over the wire.
+
+    Examples
+    --------
+    >>> decode(encode(Message("mark", {"text": "fan on"}))).values["text"]
+    'fan on'
+    """
+    arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in message.arrays.items()}
+    head = {"kind": message.kind, "values": message.values, "arrays": {name: len(one) for name, one in arrays.items()}}
+    text = json.dumps(head).encode()
+    return b"".join([_LENGTH.pack(len(text)), text, *(array.tobytes() for array in arrays.values())])
+
+
+def decode(payload: bytes) -> Message:
+    """A message from what came over the wire.
+
+    Raises
+    ------
+    IpmclabError
+        Anything that is no message.
+    """
+    try:
+        (length,) = _LENGTH.unpack_from(payload)
+        head = json.loads(payload[_LENGTH.size : _LENGTH.size + length])
+        kind, values, lengths = head["kind"], head["values"], head["arrays"]
+        if not (isinstance(kind, str) and isinstance(values, dict) and isinstance(lengths, dict)):
+            raise TypeError("a field of another kind")
+        at = _LENGTH.size + length
+        arrays = {}
+        for name, count in lengths.items():
+            if type(count) is not int or count < 0:
+                raise TypeError("no length")
+            arrays[str(name)] = np.frombuffer(payload, dtype="<f8", count=count, offset=at).astype(np.float64)
+            at += 8 * count
+        if at != len(payload):
+            raise ValueError("bytes left over")
+    except (struct.error, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise IpmclabError(
+            f"what came is no message: {error}",
+            code="bad-message",
+            where="recorder",
+            repair="use the same version of ipmclab at both ends",
+        ) from error
+    return Message(kind, values, arrays)
