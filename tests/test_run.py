@@ -36,6 +36,9 @@ def made(**changes: Any) -> Run:
         ({"quality": {"current": np.array([0, -1, 0])}}, "bad-quality", "from 0 to 255"),
         ({"quality": {"current": [0, 0.5, 0]}}, "bad-quality", "whole numbers"),
         ({"quality": {"current": ["a", "b", "c"]}}, "bad-quality", "not an array of quality bits"),
+        ({"raw": {"forse": [0, 0, 0]}}, "unknown-channel", "raw: raw readings of no channel: 'forse'; did you mean"),
+        ({"raw": {"output": [0, 0]}}, "unequal-lengths", "output_raw: 2 values for 3 times"),
+        ({"raw": {"force": [0, 0, np.inf]}}, "infinite-reading", "force_raw: sample 2"),
         ({"current": np.array([0.0, 1j, 0.0])}, "bad-array", "current: not an array of numbers"),
         ({"time": np.array([0, 1, 2], dtype="M8[s]")}, "bad-array", "time: not an array of numbers"),
     ],
@@ -64,6 +67,20 @@ def test_the_dataset_has_units_and_flags() -> None:
     assert run.data["time"].attrs["units"] == "s"
 
 
+def test_raw_readings_stand_beside_the_quantity() -> None:
+    """Raw volts have a value at each row, also for a channel that is kept at the times of the environment."""
+    run = made(
+        raw={"relative_humidity": [4.5, 4.5, 4.6], "output": [0, 1, 1]},
+        relative_humidity=[45.0],
+        time_environment=[0.0],
+    )
+    assert run.raw["output"].dtype == np.float64
+    assert run.data["relative_humidity_raw"].dims == ("time",)
+    assert run.data["output_raw"].attrs == {"units": "V", "long_name": "commanded output"}
+    assert list(run.arrays)[-2:] == ["relative_humidity_raw", "output_raw"]
+    assert run.channels.keys() == {"voltage", "current", "relative_humidity"}
+
+
 def test_slow_channels_have_their_own_time() -> None:
     """Temperature on its own time base does not need a value at every row."""
     run = made(temperature=[20.0], time_environment=[0.0])
@@ -78,10 +95,11 @@ def test_the_content_hash_sees_every_edit() -> None:
     others = [
         made(current=[0.0, 0.06, 0.05]),
         made(hold="zero-before"),
+        made(raw={"current": [0.0, 0.06, 0.05]}),
         made(current=None, force=[0.0, 0.06, np.nan]),
         made(quality={"current": [0, 0, 1]}),
     ]
-    assert len({run.content_sha256, *(other.content_sha256 for other in others)}) == 5
+    assert len({run.content_sha256, *(other.content_sha256 for other in others)}) == 6
 
 
 def test_uniform_rows_and_rate() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError
+from ipmclab.checksum import ArrayChecksum, content_checksum
+from ipmclab.errors import InputError, suggest
 from ipmclab.sample import Sample
 from ipmclab.units import CHANNELS
 
@@ -42,6 +42,11 @@ QUALITY_FLAGS: Final[dict[str, int]] = {
 
 SLOW_CHANNELS: Final = ("temperature", "relative_humidity")
 """Channels that have a time base of their own, ``time_environment``."""
+
+
+def raw_name(name: str) -> str:
+    """What the raw array of a channel, or of the output, is called in words."""
+    return "commanded output" if name == "output" else f"raw reading of {CHANNELS[name].name}"
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,8 @@ class Finding:
 class Mark:
     """Something that happened at a time [s] of the record.
 
-    ``kind`` is ``note`` for what an operator noted, else what the recorder saw: ``limit``, ``gap``, ``bench``, ``stop``.
+    ``kind`` is ``note`` for what an operator noted, else what the recorder saw: ``limit``, ``gap``, ``bench``,
+    ``stop``.
     """
 
     time: float
@@ -249,6 +255,8 @@ class Run:
     hold : "zero", "zero-before", "first" or "unknown"
     quality : mapping of channel to uint8 array, shape (n_time,)
         Bits of ``QUALITY_FLAGS``, as known at recording or import.
+    raw : mapping of channel, or ``"output"``, to float array, shape (n_time,) [V]
+        What the converters read, before scaling and zeroing; what the output was told to give.
     metadata : RunMetadata
 
     Use ``Run.from_arrays`` for arrays of your own: it checks them.
@@ -265,6 +273,7 @@ class Run:
     time_environment: FloatArray | None = None
     hold: Hold = "zero"
     quality: Mapping[str, npt.NDArray[np.uint8]] = field(default_factory=dict)
+    raw: Mapping[str, FloatArray] = field(default_factory=dict)
     metadata: RunMetadata = field(default_factory=RunMetadata)
 
     @classmethod
@@ -282,16 +291,20 @@ class Run:
         time_environment: npt.ArrayLike | None = None,
         hold: Hold = "zero",
         quality: Mapping[str, npt.ArrayLike] | None = None,
+        raw: Mapping[str, npt.ArrayLike] | None = None,
         metadata: RunMetadata | None = None,
     ) -> Run:
         """Make a run from arrays, after checking them.
+
+        ``raw`` always has a value for each row of ``time``, also for a channel that is kept at the times of the
+        environment.
 
         Raises
         ------
         InputError
             Not a column of real numbers, unequal lengths, fewer than two rows, time that does not
             increase or is not finite, an infinite reading, a gap (NaN) in the voltage, an unknown
-            hold, flags that are no quality bits.
+            hold, flags that are no quality bits, raw readings of no channel.
 
         Examples
         --------
@@ -324,24 +337,8 @@ class Run:
         for name, values in given.items():
             if values is None:
                 continue
-            column = _column(name, values)
             expected = slow_times if name in SLOW_CHANNELS and slow_times is not None else times
-            if len(column) != len(expected):
-                raise InputError(
-                    f"{len(column)} values for {len(expected)} times",
-                    code="unequal-lengths",
-                    where=name,
-                    repair="give one value for each time",
-                )
-            infinite = np.flatnonzero(np.isinf(column))
-            if len(infinite):
-                raise InputError(
-                    f"sample {infinite[0]} is infinite",
-                    code="infinite-reading",
-                    where=name,
-                    repair="use NaN for a missing reading",
-                )
-            columns[name] = column
+            columns[name] = _readings(name, values, len(expected))
         gaps = np.flatnonzero(np.isnan(columns["voltage"]))
         if len(gaps):
             raise InputError(
@@ -367,11 +364,20 @@ class Run:
                     where=f"{name}_quality",
                     repair="give one flag for each value",
                 )
+        for name in raw or {}:
+            if name not in (*CHANNELS, "output"):
+                raise InputError(
+                    f"raw readings of no channel: {name!r}",
+                    code="unknown-channel",
+                    where="raw",
+                    repair=suggest(name, (*CHANNELS, "output")),
+                )
         return cls(
             time=times,
             time_environment=slow_times,
             hold=hold,
             quality=flags,
+            raw={name: _readings(f"{name}_raw", values, len(times)) for name, values in (raw or {}).items()},
             metadata=metadata or RunMetadata(),
             **columns,
         )
@@ -381,6 +387,15 @@ class Run:
         """The channels that this run has, by name, in the order of ``units.CHANNELS``."""
         present = {name: getattr(self, name) for name in CHANNELS}
         return {name: values for name, values in present.items() if values is not None}
+
+    @property
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Every array under the name that it has in files, ``time`` first."""
+        arrays: dict[str, npt.NDArray[Any]] = {"time": self.time, **self.channels}
+        if self.time_environment is not None:
+            arrays["time_environment"] = self.time_environment
+        arrays |= {f"{name}_quality": np.asarray(bits, dtype=np.uint8) for name, bits in self.quality.items()}
+        return arrays | {f"{name}_raw": values for name, values in self.raw.items()}
 
     @cached_property
     def rate(self) -> float:
@@ -396,19 +411,12 @@ class Run:
     @cached_property
     def content_sha256(self) -> str:
         """SHA-256 of the arrays, their names and the hold: the same for a copy, another for any edit."""
-        digest = hashlib.sha256(f"ipmclab run, hold {self.hold}".encode())
-        arrays: dict[str, npt.NDArray[Any]] = {"time": self.time, **self.channels}
-        if self.time_environment is not None:
-            arrays["time_environment"] = self.time_environment
-        for name, bits in self.quality.items():
-            arrays[f"{name}_quality"] = bits
-        for name in sorted(arrays):
-            digest.update(f"\n{name} {arrays[name].dtype.str} {len(arrays[name])}\n".encode())
-            values = np.array(arrays[name])
-            if values.dtype == np.float64:
-                values[np.isnan(values)] = np.nan  # it has many bit patterns (-nan differs), and texts keep only one
-            digest.update(values.tobytes())
-        return digest.hexdigest()
+        digests = {}
+        for name, values in self.arrays.items():
+            checksum = ArrayChecksum()
+            checksum.update(values)
+            digests[name] = checksum.digest()
+        return content_checksum(self.hold, digests)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -442,6 +450,8 @@ class Run:
                 "flag_meanings": " ".join(QUALITY_FLAGS),
             }
             variables[f"{name}_quality"] = (dimension, bits, meanings)
+        for name, values in self.raw.items():
+            variables[f"{name}_raw"] = ("time", values, {"units": "V", "long_name": raw_name(name)})
         coordinates: dict[str, Any] = {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
         if self.time_environment is not None:
             coordinates["time_environment"] = ("time_environment", self.time_environment, {"units": "s"})
@@ -464,6 +474,26 @@ def _column(name: str, values: npt.ArrayLike) -> FloatArray:
             code="bad-array",
             where=name,
             repair="give one column",
+        )
+    return column
+
+
+def _readings(name: str, values: npt.ArrayLike, length: int) -> FloatArray:
+    column = _column(name, values)
+    if len(column) != length:
+        raise InputError(
+            f"{len(column)} values for {length} times",
+            code="unequal-lengths",
+            where=name,
+            repair="give one value for each time",
+        )
+    infinite = np.flatnonzero(np.isinf(column))
+    if len(infinite):
+        raise InputError(
+            f"sample {infinite[0]} is infinite",
+            code="infinite-reading",
+            where=name,
+            repair="use NaN for a missing reading",
         )
     return column
 

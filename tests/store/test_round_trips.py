@@ -12,7 +12,7 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata
+from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
 from ipmclab.store import export_run, import_run, read_run, write_run
 from ipmclab.units import CHANNELS
@@ -52,6 +52,16 @@ def metadata(draw: st.DrawFn) -> RunMetadata:
         ranges=draw(st.dictionaries(channels, st.tuples(finite, finite), max_size=2)),
         calibrations=draw(st.dictionaries(channels, texts, max_size=2)),
         parameters=draw(st.dictionaries(texts, finite, max_size=3)),
+        state=draw(st.sampled_from([None, "complete", "aborted", "recovered"])),
+        source_resistance=draw(st.none() | finite),
+        zeros=tuple(
+            ZeroReading(channel, kind, "after", value, abs(value), draw(st.none() | finite))
+            for channel, kind, value in draw(
+                st.lists(st.tuples(channels, st.sampled_from(["zero", "tare", "preload"]), finite), max_size=2)
+            )
+        ),
+        uncertainties=draw(st.dictionaries(channels, finite, max_size=2)),
+        limits=draw(st.dictionaries(texts, texts, max_size=2)),
     )
 
 
@@ -69,6 +79,10 @@ def runs(draw: st.DrawFn) -> Run:
         time=time,
         time_environment=slow,
         hold=draw(st.sampled_from(["zero", "zero-before", "first", "unknown"])),
+        raw={
+            name: draw(arrays(np.float64, len(time), elements=readings))
+            for name in draw(st.sets(st.sampled_from([*columns, "output"])))
+        },
         quality={name: draw(arrays(np.uint8, len(columns[name]), elements=bits)) for name in flagged},
         metadata=draw(metadata()),
         **columns,
@@ -86,6 +100,9 @@ def assert_same(got: Run, given: Run) -> None:
     assert got.quality.keys() == given.quality.keys()
     for name, bits in given.quality.items():
         np.testing.assert_array_equal(got.quality[name], bits)
+    assert got.raw.keys() == given.raw.keys()
+    for name, values in given.raw.items():
+        np.testing.assert_array_equal(got.raw[name], values)
     if given.time_environment is None:
         assert got.time_environment is None
     else:

@@ -6,11 +6,10 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeVar
 
-import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError, suggest
-from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata
+from ipmclab.run import QUALITY_FLAGS, Hold, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
 from ipmclab.units import CHANNELS, PRESSURE, RELATIVE_HUMIDITY, RESISTANCE, TEMPERATURE, Quantity, format_quantity
 
@@ -21,6 +20,7 @@ Result = TypeVar("Result")
 
 METADATA_QUANTITIES: Final[dict[str, Quantity]] = {
     "shunt_resistance": RESISTANCE,
+    "source_resistance": RESISTANCE,
     "clamp_pressure": PRESSURE,
     "temperature": TEMPERATURE,
     "relative_humidity": RELATIVE_HUMIDITY,
@@ -36,21 +36,36 @@ def to_document(run: Run) -> str:
     InputError
         When the metadata hold something that no file can keep (a NaN, an object).
     """
+    return document_of(run.hold, run.metadata, run.content_sha256)
+
+
+def document_of(hold: Hold, metadata: RunMetadata, content_sha256: str) -> str:
+    """The document of a run whose arrays have this checksum."""
+    return json.dumps(
+        {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "content_sha256": content_sha256,
+            "hold": hold,
+            "metadata": metadata_table(metadata),
+        }
+    )
+
+
+def metadata_table(metadata: RunMetadata) -> dict[str, Any]:
+    """Metadata as the table of plain values that ``parse_metadata`` reads.
+
+    Raises
+    ------
+    InputError
+        When they hold something that no file can keep (a NaN, an object).
+    """
     from pydantic import TypeAdapter
     from pydantic_core import PydanticSerializationError
 
     try:
-        metadata = TypeAdapter(RunMetadata).dump_python(run.metadata, exclude_none=True, warnings="error")
-        text = json.dumps(
-            {
-                "format": FORMAT,
-                "format_version": FORMAT_VERSION,
-                "content_sha256": run.content_sha256,
-                "hold": run.hold,
-                "metadata": metadata,
-            },
-            allow_nan=False,
-        )
+        table = TypeAdapter(RunMetadata).dump_python(metadata, exclude_none=True, warnings="error")
+        table = json.loads(json.dumps(table, allow_nan=False))
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise InputError(
             f"the metadata of the run cannot be written: {str(error).splitlines()[0]}",
@@ -58,8 +73,8 @@ def to_document(run: Run) -> str:
             where="metadata",
             repair="give finite numbers and texts, and leave out what is not known",
         ) from error
-    parse_metadata(json.loads(text)["metadata"], where="metadata")
-    return text
+    parse_metadata(table, where="metadata")
+    return dict(table)
 
 
 def from_document(text: str, arrays: Mapping[str, npt.NDArray[Any]], *, where: str) -> Run:
@@ -120,9 +135,8 @@ def from_document(text: str, arrays: Mapping[str, npt.NDArray[Any]], *, where: s
             where=where,
             repair="a run has at least time and voltage",
         )
-    quality = {name: arrays[f"{name}_quality"] for name in CHANNELS if f"{name}_quality" in arrays}
-    columns = {name: arrays[name] for name in (*CHANNELS, "time", "time_environment") if name in arrays}
-    run = locate(where, Run.from_arrays, hold=document.get("hold"), quality=quality, metadata=metadata, **columns)
+    given = _as_given(arrays)
+    run = locate(where, Run.from_arrays, hold=document.get("hold"), metadata=metadata, **given)
     if document.get("content_sha256") != run.content_sha256:
         raise InputError(
             f"the checksum does not match: content_sha256 is {document.get('content_sha256')!r} in the file "
@@ -136,8 +150,12 @@ def from_document(text: str, arrays: Mapping[str, npt.NDArray[Any]], *, where: s
 
 def flat_attributes(run: Run) -> dict[str, str]:
     """The same facts as texts with units, one by one, for people."""
-    metadata = run.metadata
-    known: dict[str, Any] = {"hold": run.hold, "content_sha256": run.content_sha256}
+    return attributes_of(run.hold, run.metadata, run.content_sha256)
+
+
+def attributes_of(hold: Hold, metadata: RunMetadata, content_sha256: str) -> dict[str, str]:
+    """The attributes of a run whose arrays have this checksum."""
+    known: dict[str, Any] = {"hold": hold, "content_sha256": content_sha256}
     for key in RunMetadata.__dataclass_fields__:
         value = getattr(metadata, key)
         if value is None or (isinstance(value, (tuple, Mapping)) and not value):
@@ -146,14 +164,17 @@ def flat_attributes(run: Run) -> dict[str, str]:
             known |= {f"sample_{name}": text for name, text in value.to_table().items()}
         elif key == "marks":
             known[key] = "; ".join(f"{float(mark.time)!r} s: {mark.text}" for mark in value)
+        elif key == "zeros":
+            known[key] = "; ".join(_zero_text(zero) for zero in value)
+        elif key in ("calibrations", "limits"):
+            known[key] = "; ".join(f"{name}: {text}" for name, text in value.items())
+        elif key == "uncertainties":
+            known[key] = "; ".join(f"{name}: {float(u)!r} {_unit(name)}".rstrip() for name, u in value.items())
         elif key == "parameters":
             known[key] = "; ".join(f"{name} = {float(number)!r}" for name, number in value.items())
-        elif key == "calibrations":
-            known[key] = "; ".join(f"{name}: {text}" for name, text in value.items())
         elif key == "ranges":
-            units = {name: CHANNELS[name].unit if name in CHANNELS else "" for name in value}
             known[key] = "; ".join(
-                f"{name}: {float(low)!r} to {float(high)!r} {units[name]}".rstrip()
+                f"{name}: {float(low)!r} to {float(high)!r} {_unit(name)}".rstrip()
                 for name, (low, high) in value.items()
             )
         elif key in METADATA_QUANTITIES:
@@ -165,18 +186,28 @@ def flat_attributes(run: Run) -> dict[str, str]:
     return known
 
 
-def arrays_of(run: Run) -> dict[str, npt.NDArray[Any]]:
-    """Every array of a run under the name that it has in files, ``time`` first."""
-    arrays: dict[str, npt.NDArray[Any]] = {"time": run.time, **run.channels}
-    if run.time_environment is not None:
-        arrays["time_environment"] = run.time_environment
-    return arrays | {f"{name}_quality": np.asarray(bits, dtype=np.uint8) for name, bits in run.quality.items()}
+def _unit(name: str) -> str:
+    return CHANNELS[name].unit if name in CHANNELS else ""
+
+
+def _zero_text(zero: ZeroReading) -> str:
+    unit = _unit(zero.channel)
+    text = f"{zero.channel}: {zero.kind} {zero.when} {float(zero.value)!r} {unit}".rstrip()
+    text += f", standard uncertainty {float(zero.standard_uncertainty)!r} {unit}".rstrip()
+    return text if zero.drift is None else f"{text}, drift {float(zero.drift)!r} {unit}/s"
 
 
 def checked(run: Run) -> Run:
     """The run, after the checks of ``Run.from_arrays``: nothing is written that could not be read."""
-    columns = {name: values for name, values in arrays_of(run).items() if not name.endswith("_quality")}
-    return Run.from_arrays(hold=run.hold, quality=run.quality, metadata=run.metadata, **columns)
+    return Run.from_arrays(hold=run.hold, metadata=run.metadata, **_as_given(run.arrays))
+
+
+def _as_given(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+    """Arrays by their names in files, as ``Run.from_arrays`` takes them."""
+    given: dict[str, Any] = {name: arrays[name] for name in (*CHANNELS, "time", "time_environment") if name in arrays}
+    for kind, names in (("quality", CHANNELS), ("raw", (*CHANNELS, "output"))):
+        given[kind] = {name: arrays[f"{name}_{kind}"] for name in names if f"{name}_{kind}" in arrays}
+    return given
 
 
 def locate(where: str, call: Callable[..., Result], /, *arguments: Any, **keywords: Any) -> Result:
@@ -206,15 +237,16 @@ def parse_metadata(table: Any, *, where: str) -> RunMetadata:
     _refuse_unknown_keys(table, RunMetadata, where)
     if isinstance(table, dict):
         _refuse_unknown_keys(table.get("sample"), Sample, f"{where}.sample")
-        for mark in table["marks"] if isinstance(table.get("marks"), list) else ():
-            _refuse_unknown_keys(mark, Mark, f"{where}.marks")
+        for key, kind in (("marks", Mark), ("zeros", ZeroReading)):
+            for item in table[key] if isinstance(table.get(key), list) else ():
+                _refuse_unknown_keys(item, kind, f"{where}.{key}")
     try:
         return TypeAdapter(RunMetadata).validate_json(json.dumps(table), strict=True)
     except ValidationError as error:
         raise as_input_error(error, table, where=f"{where}.") from error
 
 
-def _refuse_unknown_keys(table: Any, kind: type[RunMetadata | Sample | Mark], where: str) -> None:
+def _refuse_unknown_keys(table: Any, kind: type[Any], where: str) -> None:
     known = list(kind.__dataclass_fields__)
     for key in table if isinstance(table, dict) else ():
         if key not in known:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Run
-from ipmclab.store.document import arrays_of, checked, flat_attributes, from_document, to_document
+from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Run, raw_name
+from ipmclab.store.document import checked, flat_attributes, from_document, to_document
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import h5py
 
 _HDF5_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
-_CHUNK_ROWS: Final = 65536  # half a megabyte of float64: read whole in one piece, small enough to page
+CHUNK_ROWS: Final = 65536  # half a megabyte of float64: read whole in one piece, small enough to page
 
 
 def write_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -183,8 +183,9 @@ def _verify(run: Run, written: Path, target: Path) -> None:
 
 
 def _is_ours(name: str) -> bool:
-    channel = name.removesuffix("_quality")
-    return channel in CHANNELS or name in ("time", "time_environment")
+    if name.endswith("_raw"):
+        return name.removesuffix("_raw") in (*CHANNELS, "output")
+    return name.removesuffix("_quality") in CHANNELS or name in ("time", "time_environment")
 
 
 def _text(file: h5py.File, attribute: str) -> str | None:
@@ -200,38 +201,56 @@ def _write(run: Run, document: str, path: Path) -> None:
     import h5netcdf
 
     with h5netcdf.File(path, "w") as file:
-        file.dimensions["time"] = len(run.time)
-        if run.time_environment is not None:
-            file.dimensions["time_environment"] = len(run.time_environment)
-        for name, values in arrays_of(run).items():
-            _add(file, run, name, values)
-        file.attrs["Conventions"] = "CF-1.11"
-        for name, text in flat_attributes(run).items():
-            file.attrs[name] = text.replace("\0", "\N{REPLACEMENT CHARACTER}")
-        file.attrs["metadata_json"] = document
-        file.attrs["metadata_sha256"] = _sha256(document)
+        lengths = {name: len(values) for name, values in run.arrays.items()}
+        add_variables(file, lengths)
+        for name, values in run.arrays.items():
+            file[name][:] = values
+        add_attributes(file, document, flat_attributes(run))
 
 
-def _add(file: h5netcdf.File, run: Run, name: str, values: npt.NDArray[Any]) -> None:
-    channel = name.removesuffix("_quality")
-    slow = run.time_environment is not None and channel in (*SLOW_CHANNELS, "time_environment")
-    variable = file.create_variable(
-        name,
-        ("time_environment" if slow else "time",),
-        values.dtype,
-        data=values,
-        chunks=(min(len(values), _CHUNK_ROWS),),
-        compression="gzip",
-        compression_opts=1,
-        shuffle=True,
-        fletcher32=True,
-    )
-    if name in CHANNELS:
-        variable.attrs["units"] = CHANNELS[name].unit
-        variable.attrs["long_name"] = CHANNELS[name].name
-    elif channel in CHANNELS:
-        variable.attrs["flag_masks"] = np.array(list(QUALITY_FLAGS.values()), dtype=np.uint8)
-        variable.attrs["flag_meanings"] = " ".join(QUALITY_FLAGS)
-    else:
-        variable.attrs["units"] = "s"
-        variable.attrs["long_name"] = "time"
+def add_variables(file: h5netcdf.File, lengths: Mapping[str, int]) -> None:
+    """Make the dimensions and the variables of a run in an empty file.
+
+    Parameters
+    ----------
+    file : h5netcdf.File
+    lengths : mapping of name to int
+        Of every array, under its name in files.
+    """
+    file.dimensions["time"] = lengths["time"]
+    if "time_environment" in lengths:
+        file.dimensions["time_environment"] = lengths["time_environment"]
+    slow = ("time_environment", *SLOW_CHANNELS) if "time_environment" in lengths else ()
+    for name, length in lengths.items():
+        channel = name.removesuffix("_quality")
+        variable = file.create_variable(
+            name,
+            ("time_environment" if channel in slow else "time",),
+            np.uint8 if name.endswith("_quality") else np.float64,
+            chunks=(min(length, CHUNK_ROWS),),
+            compression="gzip",
+            compression_opts=1,
+            shuffle=True,
+            fletcher32=True,
+        )
+        if name in CHANNELS:
+            variable.attrs["units"] = CHANNELS[name].unit
+            variable.attrs["long_name"] = CHANNELS[name].name
+        elif channel in CHANNELS:
+            variable.attrs["flag_masks"] = np.array(list(QUALITY_FLAGS.values()), dtype=np.uint8)
+            variable.attrs["flag_meanings"] = " ".join(QUALITY_FLAGS)
+        elif name.endswith("_raw"):
+            variable.attrs["units"] = "V"
+            variable.attrs["long_name"] = raw_name(name.removesuffix("_raw"))
+        else:
+            variable.attrs["units"] = "s"
+            variable.attrs["long_name"] = "time"
+
+
+def add_attributes(file: h5netcdf.File, document: str, texts: Mapping[str, str]) -> None:
+    """Say what a run is: its metadata as texts for people, and as one document."""
+    file.attrs["Conventions"] = "CF-1.11"
+    for name, text in texts.items():
+        file.attrs[name] = text.replace("\0", "\N{REPLACEMENT CHARACTER}")
+    file.attrs["metadata_json"] = document
+    file.attrs["metadata_sha256"] = _sha256(document)

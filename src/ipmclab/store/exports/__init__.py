@@ -42,7 +42,12 @@ def heading(name: str) -> str:
     """The heading of an array in a table: its name with its unit."""
     if name.endswith("_quality"):
         return name
-    return f"{name} ({CHANNELS[name].unit if name in CHANNELS else 's'})"
+    return f"{name} ({unit_of(name)})"
+
+
+def unit_of(name: str) -> str:
+    """The unit of an array that has one."""
+    return "V" if name.endswith("_raw") else CHANNELS[name].unit if name in CHANNELS else "s"
 
 
 def run_of_table(document: str, columns: Columns) -> Run:

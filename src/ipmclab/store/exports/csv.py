@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ipmclab.run import Run
-from ipmclab.store.document import FORMAT, arrays_of, flag_text, flat_attributes
+from ipmclab.store.document import FORMAT, flag_text, flat_attributes
 from ipmclab.store.exports import heading, run_of_table
 from ipmclab.store.importers.csv import CsvFile, read, read_text
 
@@ -19,7 +19,7 @@ _DOCUMENT = "# metadata_json: "
 
 def write(run: Run, document: str, path: Path) -> None:
     """Write the table; a missing reading is a blank cell."""
-    arrays = arrays_of(run)
+    arrays = run.arrays
     columns = [
         ["" if np.isnan(value) else repr(value) for value in values.tolist()]
         if values.dtype == np.float64
@@ -27,7 +27,10 @@ def write(run: Run, document: str, path: Path) -> None:
         for values in arrays.values()
     ]
     with path.open("w", encoding="utf-8", newline="") as stream:
-        lines = [_TITLE, *(f"# {name}: {' '.join(text.split())}" for name, text in flat_attributes(run).items())]
+        lines = [
+            _TITLE,
+            *(f"# {name}: {' '.join(text.split())}" for name, text in flat_attributes(run).items()),
+        ]
         if run.quality:
             lines.append(f"# quality bits: {flag_text()}")
         stream.writelines(f"{line}\r\n" for line in (*lines, _DOCUMENT + document))

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ipmclab.run import Run
-from ipmclab.store.document import arrays_of, flat_attributes, from_document
+from ipmclab.store.document import flat_attributes, from_document
+from ipmclab.store.exports import unit_of
 from ipmclab.store.importers.columns import open_error
 
 
@@ -15,12 +16,15 @@ def write(run: Run, document: str, path: Path) -> None:
     """Write the vectors, their units, the metadata as texts, and the whole of them as ``metadata_json``."""
     import scipy.io
 
-    from ipmclab.units import CHANNELS
-
-    units = {name: CHANNELS[name].unit if name in CHANNELS else "s" for name in ("time", *run.channels)}
+    units = {name: unit_of(name) for name in run.arrays if not name.endswith("_quality")}
     scipy.io.savemat(
         path,
-        {**arrays_of(run), "units": units, "metadata": flat_attributes(run), "metadata_json": document},
+        {
+            **run.arrays,
+            "units": units,
+            "metadata": flat_attributes(run),
+            "metadata_json": document,
+        },
         appendmat=False,
         long_field_names=True,
         do_compression=True,

@@ -11,7 +11,7 @@ import numpy as np
 
 from ipmclab.errors import InputError
 from ipmclab.run import Run
-from ipmclab.store.document import arrays_of, flag_text, flat_attributes
+from ipmclab.store.document import flag_text, flat_attributes
 from ipmclab.store.exports import heading, run_of_table
 from ipmclab.store.importers.xlsx import XlsxFile, columns_of, read_sheets
 
@@ -28,7 +28,7 @@ def write(run: Run, document: str, path: Path) -> None:
     InputError
         More rows than a sheet holds.
     """
-    arrays = arrays_of(run)
+    arrays = run.arrays
     longest = max(len(values) for values in arrays.values())
     if longest > _MAX_ROWS:
         raise InputError(
