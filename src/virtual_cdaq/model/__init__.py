@@ -1,0 +1,1 @@
+"""The chassis without any wire protocol: clock, modules, converters, engines, tasks, buffers, faults."""
