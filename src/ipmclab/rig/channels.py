@@ -196,6 +196,63 @@ class Thermometer:
 
 
 @dataclass(frozen=True)
+class FourProbe:
+    """Four contacts across the strip that measure the resistance of its surface (thesis, section 3.2).
+
+    The outer two carry a small constant current, the inner two read the voltage between them.
+
+    Parameters
+    ----------
+    physical : str
+        The input, such as ``"cDAQ1Mod3/ai0"``.
+    spacing : float [m]
+        Between the inner contacts, which lie across the whole width of the strip.
+    current : float [A]
+        1 mA for the NI 9217.
+    """
+
+    physical: str = ""
+    spacing: float = 10e-3
+    current: float = 1e-3
+
+    def sheet_resistance(self, resistance: float, width: float) -> float:
+        """The resistance of a square [ohm/sq], from that between the inner contacts [ohm] and the width [m].
+
+        Examples
+        --------
+        >>> FourProbe(spacing=10e-3).sheet_resistance(2.6, width=5e-3)
+        1.3
+        """
+        return resistance * width / self.spacing
+
+
+@dataclass(frozen=True)
+class VirtualStrip:
+    """What stands behind the terminals of a rig that exists only as a model, and the air around it.
+
+    Parameters
+    ----------
+    actuator : str
+        The strip in the clamp: a library name or the path of an actuator file.
+    seed : int
+        Of the noise: the same seed gives the same readings.
+    temperature : float [degC], relative_humidity : float [percent]
+        Of the air, at first.
+    load : "strip" or "dummy"
+        ``dummy`` is the load of ``rig prove``: 10 ohm and 100 mF in series, no strip.
+    preload_drift : float [N]
+        By how much the preload of the load cell falls, with a time constant of 10 min.
+    """
+
+    actuator: str = "friend-2"
+    seed: int = 20261121
+    temperature: float = 22.0
+    relative_humidity: float = 45.0
+    load: Literal["strip", "dummy"] = "strip"
+    preload_drift: float = 0.0
+
+
+@dataclass(frozen=True)
 class Rig:
     """What reads and drives a strip.
 
@@ -212,10 +269,13 @@ class Rig:
     source_resistance : float [ohm]
         Of the amplifier that drives the strip, in series with it.
     thermometer : Thermometer, optional
+    four_probe : FourProbe, optional
     bench : "virtual" or "ni"
         What stands behind the channels.
     address : str, optional
         ``host:port`` of a chassis behind a gRPC server; None for the driver of this computer.
+    virtual : VirtualStrip
+        What a virtual bench, and the stand-in chassis, put behind the channels.
     """
 
     name: str
@@ -225,8 +285,10 @@ class Rig:
     output: Output
     source_resistance: float = 0.0
     thermometer: Thermometer | None = None
+    four_probe: FourProbe | None = None
     bench: Literal["virtual", "ni"] = "virtual"
     address: str | None = None
+    virtual: VirtualStrip = VirtualStrip()
 
     def __getitem__(self, name: str) -> Channel:
         """The channel of that name."""
@@ -240,8 +302,8 @@ _SHUNT: Final = 1.0
 THESIS_RIG: Final = Rig(
     name="rig of Friend's thesis, chapter 3",
     channels=(
-        Channel("voltage", Converter(-5.0, 5.0, noise=116e-6)),
-        Channel("current", Converter(-0.2, 0.2, noise=10e-6), gain=1.0 / _SHUNT),
+        Channel("voltage", Converter(-5.0, 5.0, noise=116e-6), physical="cDAQ1Mod1/ai3"),
+        Channel("current", Converter(-0.2, 0.2, noise=10e-6), gain=1.0 / _SHUNT, physical="cDAQ1Mod1/ai0"),
         Channel(
             "displacement",
             Converter(-10.0, 10.0, noise=240e-6),
@@ -252,6 +314,7 @@ THESIS_RIG: Final = Rig(
             rest=12.3e-3,  # appendix A.2; the middle of the range is 12.5 mm
             lost=1.5,  # 3 mA, an error value of this maker's sensors; below 4 mA in all of them
             zeroed=True,
+            physical="cDAQ1Mod1/ai1",
         ),
         Channel(
             "force",
@@ -262,13 +325,23 @@ THESIS_RIG: Final = Rig(
             sensor_noise=0.1e-3,
             rest=4.48e-3,  # appendix A.2, which counts 100 mN for 10 V
             zeroed=True,
+            physical="cDAQ1Mod1/ai2",
+        ),
+        Channel(
+            "relative_humidity",
+            Converter(-10.0, 10.0, noise=240e-6),
+            gain=10.0,
+            sensor_range=(0.0, 100.0),
+            physical="cDAQ1Mod1/ai4",
         ),
     ),
     shunt_resistance=_SHUNT,
     voltage_sensed="upstream of shunt",
-    output=Output(-10.0, 10.0),
+    output=Output(-10.0, 10.0, physical="cDAQ1Mod2/ao0"),
+    thermometer=Thermometer("cDAQ1Mod3/ai1"),
+    four_probe=FourProbe("cDAQ1Mod3/ai0"),
 )
-"""The rig of chapter 3 of Friend's thesis.
+"""The rig of chapter 3 of Friend's thesis, with a humidity transmitter and a thermometer in its chamber.
 
 The thesis does not say on which side of the shunt the voltage was read. Upstream, it is held between
 rows, so that a record says exactly what the strip and its shunt were given; at the electrodes it

@@ -1,69 +1,269 @@
-"""A strip behind its sensors: what the inputs of a rig read while its output drives an actuator."""
+"""A strip behind its sensors: what stands at the terminals of a rig while its output drives an actuator.
+
+The in-process virtual bench and the stand-in chassis read the same plant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.errors import InputError
+from ipmclab.rig.chamber import Lag, platinum_resistance
 from ipmclab.rig.channels import Channel, Rig
+from ipmclab.rig.exact import TICK, ExactSystem, to_ticks
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
+    from ipmclab.model.assemble import System
 
 FloatArray = npt.NDArray[np.float64]
 
+Tip = Literal["either", "free", "on cell"]
+"""Where the tip is: clear of the load cell, against it, or each sensor reads as if the strip were mounted for it."""
 
-class Plant:
-    """An actuator in the clamp, from rest, in series with the shunt.
+Contact = Literal["good", "bad", "open"]
+"""How the clamp touches the electrodes."""
 
-    Each row is read just before the output changes, as on the hardware: a row sees the voltage
-    that was given since the row before it.
+CONTACT_RESISTANCE: Final[dict[Contact, float]] = {"good": 0.0, "bad": 50.0, "open": 1e6}
+"""What a contact adds in series with the strip [ohm]."""
+
+CHAMBER_TIME: Final = 300.0
+"""Time constant [s] with which the air follows the chamber's setting."""
+
+PRELOAD_TIME: Final = 600.0
+"""Time constant [s] with which the preload of the load cell falls."""
+
+DUMMY_RESISTANCE: Final = 10.0
+DUMMY_CAPACITANCE: Final = 0.1
+"""The dummy load of ``rig prove`` [ohm, F], in series."""
+
+_TEMPERATURE_LIMITS: Final = (-40.0, 150.0)  # of the thesis's chamber (Espec SH-262) [degC]
+
+
+class StripPlant:
+    """An actuator in the clamp, in series with shunt and source, its sensors, and the air around it.
+
+    Its clock starts at 0 with a strip that is discharged and at rest. The strip is computed exactly over any
+    interval, so that blocks of any rate and calls at any time may follow each other.
 
     Parameters
     ----------
-    actuator : Actuator
     rig : Rig
-    rate : float [Hz]
-    seed : sequence of int
-        Of the noise, of which each channel has its own.
+        With the wiring, the sensors, and in ``rig.virtual`` what the plant is like.
+    actuator : Actuator, optional
+        That of ``rig.virtual`` where it is left out.
+    seed : int, optional
+        Of the sensors' noise; that of ``rig.virtual`` where it is left out.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> plant = StripPlant(THESIS_RIG)
+    >>> volts = plant.advance([0.0, 0.02, 0.04], {"cDAQ1Mod2/ao0": [0.0, 1.0, 1.0]})
+    >>> volts["cDAQ1Mod1/ai0"].round(4).tolist()  # the shunt, before the edge and after it
+    [0.0, 0.0561, 0.0553]
     """
 
-    def __init__(self, actuator: Actuator, rig: Rig, rate: float, seed: Sequence[int]) -> None:
-        own = actuator["circuit.contact_resistance"]
-        in_series = actuator.replace(**{"circuit.contact_resistance": own + rig.shunt_resistance})
-        self._simulator = in_series.simulator(rate, "zero-before")
-        self._rig = rig
-        self._noise = {channel.name: np.random.default_rng([*seed, k]) for k, channel in enumerate(rig.channels)}
+    def __init__(self, rig: Rig, actuator: Actuator | None = None, *, seed: int | None = None) -> None:
+        about = rig.virtual
+        self.rig = rig
+        self._actuator = None if about.load == "dummy" else actuator or _load(about.actuator)
+        self._contact: Contact = "good"
+        self._tip: Tip = "either"
+        self.laser_blocked = False
+        self._strip = ExactSystem(self._system())
+        self._now = 0
+        self._mounted = 0.0
+        self.temperature = Lag(about.temperature, CHAMBER_TIME)
+        self.relative_humidity = Lag(about.relative_humidity, CHAMBER_TIME)
+        noise = about.seed if seed is None else seed
+        self._noise = {
+            channel.name: np.random.default_rng([noise, 0, place])
+            for place, channel in enumerate(rig.channels)
+            if channel.sensor_noise
+        }
 
-    def read(self, source: FloatArray) -> dict[str, FloatArray]:
-        """What every channel reads.
+    @property
+    def time(self) -> float:
+        """How far the plant has come [s]."""
+        return self._now * TICK
+
+    @property
+    def actuator(self) -> Actuator | None:
+        """The strip in the clamp; None where there is a dummy load."""
+        return self._actuator
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The terminals that drive the plant."""
+        return (self.rig.output.physical,)
+
+    def advance(self, times: npt.ArrayLike, outputs: Mapping[str, npt.ArrayLike]) -> dict[str, FloatArray]:
+        """Let time pass, and read every terminal at some times.
 
         Parameters
         ----------
-        source : float array, shape (n_time,) [V]
-            The output since the row before each row.
+        times : float array, shape (n_time,) [s]
+            Ascending, not before ``time``.
+        outputs : mapping of terminal to float array, shape (n_time,) [V]
+            What each output gave since the time before; an output that is left out gives 0 V.
 
         Returns
         -------
-        readings : mapping of channel to float array, shape (n_time,) [V]
-            As they come from the converters, unscaled.
+        terminals : mapping of terminal to float array, shape (n_time,) [V]
+            Just before the output changes: with the noise of the sensors, without that of the converters. For the
+            thermometer and the four-probe contacts it is the resistance [ohm].
         """
-        current, _, displacement, force = self._simulator.block(source)
-        drop = self._rig.shunt_resistance * current if self._rig.voltage_sensed == "electrodes" else 0.0
-        values = {"voltage": source - drop, "current": current, "displacement": displacement, "force": force}
-        return {channel.name: self._convert(channel, values[channel.name]) for channel in self._rig.channels}
+        instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        source = outputs.get(self.rig.output.physical)
+        volts = np.zeros(len(instants)) if source is None else np.atleast_1d(np.asarray(source, dtype=np.float64))
+        return self._read(instants, volts)
 
-    def _convert(self, channel: Channel, value: FloatArray) -> FloatArray:
-        """Through the sensor and its converter."""
-        # Drawn row by row, so that the noise does not depend on how the rows are cut into blocks.
-        of_sensor, of_converter = self._noise[channel.name].standard_normal((len(value), 2)).T
-        told = value + channel.rest
+    def _read(self, times: FloatArray, source: FloatArray) -> dict[str, FloatArray]:
+        ticks = to_ticks(times)
+        intervals = np.diff(ticks, prepend=self._now)
+        if len(intervals) and intervals.min() < 0:
+            raise ValueError(f"the time goes back to {times[int(np.argmin(intervals))]:g} s, from {self.time:g} s")
+        current, _, displacement, force = self._strip.advance(intervals, np.ascontiguousarray(source))
+        if len(ticks):
+            self._now = int(ticks[-1])
+        values = {
+            "voltage": source - self._drop() * current,
+            "current": current,
+            "displacement": np.zeros_like(current) if self._tip == "on cell" else displacement,
+            "force": force,
+            "temperature": self.temperature.at(times),
+            "relative_humidity": self.relative_humidity.at(times),
+        }
+        terminals = {}
+        for channel in self.rig.channels:
+            if channel.name in values:
+                told = values[channel.name] + self._rest(channel, times)
+                terminals[channel.physical or channel.name] = self._sensor(channel, told)
+        meter, probe = self.rig.thermometer, self.rig.four_probe
+        if meter is not None:
+            terminals[meter.physical or "thermometer"] = platinum_resistance(values["temperature"], meter.resistance)
+        if probe is not None:
+            terminals[probe.physical or "four_probe"] = np.full(len(times), self._surface_resistance(probe.spacing))
+        return terminals
+
+    def _drop(self) -> float:
+        """The resistance [ohm] between the output and where the voltage is sensed."""
+        upstream = self.rig.voltage_sensed == "upstream of shunt"
+        return self.rig.source_resistance + (0.0 if upstream else self.rig.shunt_resistance)
+
+    def _rest(self, channel: Channel, times: FloatArray) -> FloatArray:
+        """What the sensor tells while the strip rests."""
+        rest = np.full(len(times), channel.rest)
+        if channel.name == "force" and self._actuator is not None:
+            rest -= self.rig.virtual.preload_drift * -np.expm1(-(times - self._mounted) / PRELOAD_TIME)
+        return rest
+
+    def _sensor(self, channel: Channel, told: FloatArray) -> FloatArray:
+        """What a sensor makes of what is there to be measured [V]."""
         low, high = channel.sensor_range or (-np.inf, np.inf)
+        if channel.name == "force" and (self._tip == "free" or self._actuator is None):
+            told = np.zeros_like(told)
         outside = (told < low) | (told > high)
-        volts = channel.to_volts(np.clip(told, low, high) + channel.sensor_noise * of_sensor)
-        if channel.lost is not None:
-            volts = np.where(outside, channel.lost, volts)
-        return channel.converter.convert(volts + channel.converter.noise * of_converter)
+        if channel.name == "displacement" and (self.laser_blocked or self._actuator is None):
+            outside[:] = True
+        read = np.clip(told, low, high)
+        if channel.name in self._noise:
+            read += channel.sensor_noise * self._noise[channel.name].standard_normal(len(told))
+        volts = channel.to_volts(read)
+        return volts if channel.lost is None else np.where(outside, channel.lost, volts)
+
+    def _surface_resistance(self, spacing: float) -> float:
+        """Between the inner contacts of the four-probe clamp [ohm]; a dummy load has no surface."""
+        if self._actuator is None:
+            return CONTACT_RESISTANCE["open"]
+        return self._actuator["circuit.sheet_resistance"] * spacing / self._actuator["geometry.width"]
+
+    def _system(self) -> System:
+        """The strip, or the dummy load, as the output sees it."""
+        in_series = self.rig.shunt_resistance + self.rig.source_resistance + CONTACT_RESISTANCE[self._contact]
+        if self._actuator is None:
+            return _dummy(in_series)
+        name = "circuit.contact_resistance"
+        declared = self._actuator.parameters()[name]
+        resistance = min(self._actuator[name] + in_series, declared.upper)
+        return self._actuator.replace(**{name: resistance}).system
+
+    @property
+    def tip(self) -> Tip:
+        """Where the tip is."""
+        return self._tip
+
+    @tip.setter
+    def tip(self, place: Tip) -> None:
+        if place == "on cell" != self._tip:
+            self._mounted = self.time
+        self._tip = place
+
+    @property
+    def contact(self) -> Contact:
+        """How the clamp touches the electrodes."""
+        return self._contact
+
+    @contact.setter
+    def contact(self, contact: Contact) -> None:
+        self._contact = contact
+        self._strip = ExactSystem(self._system(), self._strip.state)
+
+    def rest(self) -> None:
+        """Let the strip discharge and come to rest, as if hours had passed."""
+        self._strip.state[:] = 0.0
+
+    def set_chamber(self, *, temperature: float | None = None, relative_humidity: float | None = None) -> None:
+        """Set the chamber; the air follows with ``CHAMBER_TIME``.
+
+        Parameters
+        ----------
+        temperature : float [degC], optional
+        relative_humidity : float [percent], optional
+
+        Raises
+        ------
+        InputError
+            What no chamber gives.
+        """
+        limits = {"temperature": _TEMPERATURE_LIMITS, "relative_humidity": (0.0, 100.0)}
+        for name, value in (("temperature", temperature), ("relative_humidity", relative_humidity)):
+            if value is None:
+                continue
+            low, high = limits[name]
+            if not low <= value <= high:
+                raise InputError(
+                    f"the chamber cannot be set to {value:g}, it goes from {low:g} to {high:g}",
+                    code="out-of-range",
+                    where=name,
+                    repair="give a value within",
+                )
+            lag: Lag = getattr(self, name)
+            lag.set(value, self.time)
+
+
+def _load(name: str) -> Actuator:
+    from ipmclab.model import load_actuator
+
+    return load_actuator(name)
+
+
+def _dummy(in_series: float) -> System:
+    """A resistor and a capacitor in series; nothing moves."""
+    from ipmclab.model.assemble import System
+
+    resistance = DUMMY_RESISTANCE + in_series
+    rate = 1.0 / (resistance * DUMMY_CAPACITANCE)
+    return System(
+        states=("dummy.capacitor",),
+        outputs=("current", "applied_voltage", "displacement", "force"),
+        a=np.array([[-rate]]),
+        b=np.array([[rate]]),
+        c=np.array([[-1.0 / resistance], [1.0], [0.0], [0.0]]),
+        d=np.array([[1.0 / resistance], [0.0], [0.0], [0.0]]),
+    )

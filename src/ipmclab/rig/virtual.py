@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +11,9 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.simulate import above_zero
 from ipmclab.rig.bench import Block, block_rows
+from ipmclab.rig.chamber import platinum_temperature
 from ipmclab.rig.channels import THESIS_RIG, Rig
-from ipmclab.rig.plant import Plant
+from ipmclab.rig.plant import StripPlant
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:
@@ -21,18 +22,21 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
+THERMOMETER_PERIOD: Final = 1.0
+"""How often [s] the thermometer is read."""
+
 
 class VirtualBench:
     """An actuator on a simulated rig, with the noise, the limits and the timing of the real one.
 
     Parameters
     ----------
-    actuator : Actuator
-        The strip in the clamp.
+    actuator : Actuator, optional
+        The strip in the clamp; that of ``rig.virtual`` where it is left out.
     rig : Rig, optional
         ``THESIS_RIG``, that of Friend's thesis, chapter 3, where it is left out.
-    seed : int
-        Of the noise: the same seed gives the same readings.
+    seed : int, optional
+        Of the noise: the same seed gives the same readings. That of ``rig.virtual`` where it is left out.
 
     Examples
     --------
@@ -48,29 +52,49 @@ class VirtualBench:
 
     origin: Literal["measured", "virtual bench"] = "virtual bench"
 
-    def __init__(self, actuator: Actuator, *, rig: Rig | None = None, seed: int = 20261121) -> None:
+    def __init__(self, actuator: Actuator | None = None, *, rig: Rig | None = None, seed: int | None = None) -> None:
+        self.rig = rig or THESIS_RIG
         self._actuator = actuator
-        self._seed = seed
-        self._times_opened = 0
-        self._plant: Plant | None = None
+        self._seed = self.rig.virtual.seed if seed is None else seed
+        self._plant: StripPlant | None = None
+        self._noise = {
+            channel.name: np.random.default_rng([self._seed, 1, place])
+            for place, channel in enumerate(self.rig.channels)
+        }
         self._measured: tuple[str, ...] = ()
+        self._opened = False
         self._rate = 0.0
+        self._start = 0.0
+        self._rows = 0
         self._output = 0.0
         self._given_out: FloatArray = np.empty(0)
-        self.rig = rig or THESIS_RIG
+
+    @property
+    def plant(self) -> StripPlant:
+        """What stands behind the channels."""
+        if self._plant is None:
+            self._plant = StripPlant(self.rig, self._actuator, seed=self._seed)
+        return self._plant
 
     @property
     def description(self) -> str:
         """The bench as a text for the record."""
-        return f"virtual bench, actuator {self._actuator.name}, {self.rig.name}, seed {self._seed}"
+        what = "dummy load" if self.plant.actuator is None else f"actuator {self.plant.actuator.name}"
+        return f"virtual bench, {what}, {self.rig.name}, seed {self._seed}"
 
     @property
     def sample(self) -> Sample | None:
         """The strip in the clamp."""
-        return self._actuator.sample
+        return None if self.plant.actuator is None else self.plant.actuator.sample
+
+    def hands(self, words: str) -> None:
+        """Do what an operator does with his hands: see ``ipmclab.rig.hands``."""
+        from ipmclab.rig.hands import handle
+
+        handle(self.plant, words)
 
     def open(self, measured: Collection[str], rate: float) -> None:
-        """Take a strip that is discharged and at rest, with the output at 0 V: see ``Bench.open``."""
+        """Take a strip that has been left alone until it was discharged, with the output at 0 V: see ``Bench.open``."""
         rate = above_zero("rate", rate, "Hz")
         known = [channel.name for channel in self.rig.channels]
         for name in measured:
@@ -88,15 +112,16 @@ class VirtualBench:
                 where="measured",
                 repair="record two runs, one with each",
             )
-        self._plant = Plant(self._actuator, self.rig, rate, (self._seed, self._times_opened))
-        self._times_opened += 1
+        self.plant.rest()
+        self._opened = True
         self._measured = tuple(measured)
         self._rate = rate
+        self._start, self._rows = self.plant.time, 0
         self._output = 0.0
 
     def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
         """Give a signal out, and read: see ``Bench.apply``. Blocks come as fast as they are asked for."""
-        plant = self._opened()
+        self._check_open()
         voltage = np.array(signal.voltage(np.arange(rows) / self._rate))  # a copy, which zero may write to
         low, high = self.rig.output.low, self.rig.output.high
         beyond = np.flatnonzero((voltage < low) | (voltage > high))
@@ -110,20 +135,20 @@ class VirtualBench:
                 repair="give a smaller amplitude or offset",
             )
         self._given_out = voltage
-        return self._blocks(plant, voltage)
+        return self._blocks(voltage)
 
-    def _blocks(self, plant: Plant, voltage: FloatArray) -> Iterator[Block]:
+    def _blocks(self, voltage: FloatArray) -> Iterator[Block]:
         length = block_rows(self._rate)
         for start in range(0, len(voltage), length):
             given = voltage[start : start + length]
             output = np.concatenate([[self._output], given[:-1]])
-            readings = plant.read(output)
+            readings, temperature = self._read(output)
             self._output = float(given[-1])
-            yield Block(start, {name: readings[name] for name in self._measured}, output)
+            yield Block(start, readings, output, temperature)
 
     def exchange(self, voltage: float) -> dict[str, float]:
         """Read every channel once, then give a voltage out: see ``Bench.exchange``. One period of the rate passes."""
-        plant = self._opened()
+        self._check_open()
         low, high = self.rig.output.low, self.rig.output.high
         if not low <= voltage <= high:
             raise InputError(
@@ -132,7 +157,7 @@ class VirtualBench:
                 where="voltage",
                 repair="give a smaller voltage",
             )
-        readings = plant.read(np.array([self._output]))
+        readings, _ = self._read(np.array([self._output]))
         self._output = voltage
         return {name: float(readings[name][0]) for name in self._measured}
 
@@ -144,9 +169,25 @@ class VirtualBench:
     def close(self) -> None:
         """Bring the output to 0 V and let go of the strip."""
         self.zero()
-        self._plant = None
+        self._opened = False
 
-    def _opened(self) -> Plant:
-        if self._plant is None:
+    def _read(self, output: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Let the clock run for some rows: what the converters read [V], and the thermometer [degC]."""
+        rows = self._rows + np.arange(1, len(output) + 1)
+        self._rows += len(output)
+        volts = self.plant.advance(self._start + rows / self._rate, {self.rig.output.physical: output})
+        readings = {}
+        for name in self._measured:
+            channel = self.rig[name]
+            # Drawn row by row, so that the noise does not depend on how the rows are cut into blocks.
+            noise = channel.converter.noise * self._noise[name].standard_normal(len(rows))
+            readings[name] = channel.converter.convert(volts[channel.physical or name] + noise)
+        meter = self.rig.thermometer
+        if meter is None:
+            return readings, np.empty(0)
+        due = (rows - 1) % max(1, round(self._rate * THERMOMETER_PERIOD)) == 0
+        return readings, platinum_temperature(volts[meter.physical or "thermometer"][due], meter.resistance)
+
+    def _check_open(self) -> None:
+        if not self._opened:
             raise InputError("the bench is not open", code="bench-closed", where="bench", repair="call open first")
-        return self._plant
