@@ -13,11 +13,14 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.run import Run
+from ipmclab.run import Finding, Run
 from ipmclab.units import CHANNELS
 
 VOLTAGE: Final = 0.1
 """Of the step [V]: far below what moves or heats a strip."""
+
+LEAST_RATE: Final = 50.0
+"""Of its run [Hz]: below, the edge of the current is missed."""
 
 DURATION: Final = 5.0
 """Of the step [s]."""
@@ -112,6 +115,16 @@ def read_fingerprint(run: Run) -> Fingerprint | None:
     drift_of = next((name for name in ("displacement", "force") if name in run.channels), "current")
     slope, uncertainty = _slope(run, drift_of, first)
     return Fingerprint(voltage / peak, charge / voltage, slope, drift_of, uncertainty)
+
+
+def fingerprint_finding(run: Run) -> Finding | None:
+    """The numbers of a fingerprint as a finding of its run, which the catalogue keeps; None for another run."""
+    if run.metadata.purpose != "fingerprint":
+        return None
+    found = read_fingerprint(run)
+    if found is None:
+        return None
+    return Finding("fingerprint", "info", str(found), values=found.as_dict())
 
 
 def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]:
