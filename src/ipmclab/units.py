@@ -27,6 +27,10 @@ _MULTIPLES: Final[dict[str, dict[str, float]]] = {
     "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6},
     "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
     "N": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "gf": 9.80665e-3},
+    "C": {"C": 1.0, "mC": 1e-3, "uC": 1e-6},
+    "W": {"W": 1.0, "mW": 1e-3, "uW": 1e-6},
+    "J": {"J": 1.0, "mJ": 1e-3, "kJ": 1e3},
+    "V/s": {"V/s": 1.0, "mV/s": 1e-3},
     "ohm": {"ohm": 1.0, "mohm": 1e-3, "kohm": 1e3, "Mohm": 1e6},
     "ohm/sq": {"ohm/sq": 1.0, "ohm": 1.0, "mohm": 1e-3, "kohm": 1e3},
     "ohm m": {"ohm m": 1.0, "ohm cm": 1e-2, "ohm mm": 1e-3, "kohm m": 1e3},
@@ -102,6 +106,10 @@ AREAL_MASS = Quantity("mass per area", "kg/m^2", "mg/cm^2")
 PRESSURE = Quantity("pressure", "Pa", "kPa", "p")
 FREQUENCY = Quantity("frequency", "Hz", "Hz", "f")
 ANGLE = Quantity("angle", "rad", "deg", "φ")
+CHARGE = Quantity("charge", "C", "C", "Q")
+POWER = Quantity("power", "W", "W", "P")
+ENERGY = Quantity("energy", "J", "J", "E")
+SLEW_RATE = Quantity("slew rate", "V/s", "V/s")
 
 CHANNELS: Final[dict[str, Quantity]] = {
     "voltage": VOLTAGE,

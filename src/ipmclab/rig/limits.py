@@ -1,0 +1,460 @@
+"""What a strip may be given, and how far its readings may go: checked in a plan, watched by the guard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+
+import numpy as np
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.rig.request import chunks
+from ipmclab.units import (
+    CHARGE,
+    CURRENT,
+    DISPLACEMENT,
+    ENERGY,
+    FORCE,
+    POWER,
+    SLEW_RATE,
+    TEMPERATURE,
+    TIME,
+    VOLTAGE,
+    Quantity,
+    format_quantity,
+    parse_quantity,
+)
+
+if TYPE_CHECKING:
+    from ipmclab.rig.channels import Rig
+    from ipmclab.signals import Signal
+
+Action = Literal["zero", "warn"]
+"""``zero``: the output goes to 0 V and the run ends, aborted. ``warn``: the run goes on, with a mark."""
+
+ELECTROLYSIS: Final = 1.23
+"""Above this voltage [V] water is split."""
+
+MOST_VOLTAGE: Final = 10.0
+"""No strip is given more [V], whatever a table states: it is what the NI 9263 can give."""
+
+MEAN_TIME: Final = 1.0
+"""Over so long [s] the mean current and the power are averaged."""
+
+QUANTITIES: Final[Mapping[str, Quantity]] = {
+    "voltage": VOLTAGE,
+    "current": CURRENT,
+    "mean_current": CURRENT,
+    "charge": CHARGE,
+    "power": POWER,
+    "energy": ENERGY,
+    "displacement": DISPLACEMENT,
+    "force": FORCE,
+    "temperature": TEMPERATURE,
+}
+"""The quantity of each limit."""
+
+NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "voltage": ("voltage",),
+    "current": ("current",),
+    "mean_current": ("current",),
+    "charge": ("voltage", "current"),
+    "power": ("voltage", "current"),
+    "energy": ("voltage", "current"),
+    "displacement": ("displacement",),
+    "force": ("force",),
+    "temperature": ("temperature",),
+}
+"""The readings that each limit is watched with."""
+
+_WORDS: Final = ("most", "duration", "action")
+_OFF: Final = "off"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How far a quantity may go, how long it may be beyond, and what happens then.
+
+    Parameters
+    ----------
+    most : float [SI unit of the quantity]
+        Largest magnitude; for the temperature the highest value.
+    duration : float [s]
+        The limit acts once the quantity has been beyond it for so long without a break; with 0, at the first reading.
+    action : "zero" or "warn"
+
+    Raises
+    ------
+    InputError
+        A ``most`` that is not above 0, a negative duration, an unknown action.
+    """
+
+    most: float
+    duration: float = 0.0
+    action: Action = "zero"
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.most < math.inf:
+            raise InputError(
+                f"the limit is {self.most:g}, it must be above 0",
+                code="bad-limit",
+                where="most",
+                repair="give the largest magnitude that is allowed",
+            )
+        if not 0.0 <= self.duration < math.inf:
+            raise InputError(
+                f"the duration is {self.duration:g} s", code="bad-limit", where="duration", repair="give 0 s or more"
+            )
+        if self.action not in get_args(Action):
+            raise InputError(
+                f"unknown action {self.action!r}",
+                code="bad-limit",
+                where="action",
+                repair=suggest(str(self.action), get_args(Action)),
+            )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Everything that the guard watches; None is not watched.
+
+    The defaults are for a strip such as ``friend-2``: 30 mm x 5 mm x 0.245 mm, 103 mg dry with 10 mg of water
+    (0.15 J/K), 250 mm^2 of surface in still air (about 5 mW/K, so that it warms with a time constant of 30 s).
+    3 V x 110 mA would warm it by some 60 K in the end, and by 2 K in each second at first.
+
+    Parameters
+    ----------
+    voltage : Limit [V]
+        3.5 V. A plan that asks for more is refused, and so is such a value where voltages are handed to the bench. The
+        guard holds the reading against it too, with a tolerance of 2 % and 20 mV for noise and calibration.
+    current : Limit [A]
+        0.5 A for 50 ms: a short circuit. The inrush of friend-2 is 57 mA for a step of 1 V and 324 mA for a square
+        of 3.5 V.
+    mean_current : Limit [A]
+        Mean magnitude over 1 s; 190 mA for 1 s. A square of 3 V, 0.1 Hz draws that much for no longer.
+    charge : Limit [C]
+        Magnitude that passes while the electrodes are above 1.23 V; 10 C split 0.9 mg of water, a tenth of what the
+        strip holds, into 1.3 ml of hydrogen beside the oxygen.
+    power : Limit [W]
+        Into the strip, mean over 1 s; 0.3 W for 5 s warm it by up to 10 K.
+    energy : Limit [J]
+        Into the strip since the run began; 25 J, a warning: as heat it would evaporate all 10 mg of water.
+    displacement : Limit [m]
+        12 mm for 0.5 s, a warning: the strip leaves the range of the laser.
+    force : Limit [N]
+        80 mN for 0.1 s, a warning: the load cell ends at 98 mN.
+    temperature : Limit [degC]
+        Of the air; 60 degC for 10 s.
+    slew : float [V/s], optional
+        Steepest ramp of a signal. A change that stands alone is a step and has no such limit.
+
+    Examples
+    --------
+    >>> limits = Limits.from_table({"voltage": "2 V", "force": {"most": "20 mN", "action": "zero"}})
+    >>> limits.voltage.most, limits.force
+    (2.0, Limit(most=0.02, duration=0.1, action='zero'))
+    """
+
+    voltage: Limit = Limit(3.5, 0.02)
+    current: Limit | None = Limit(0.5, 0.05)
+    mean_current: Limit | None = Limit(0.19, 1.0)
+    charge: Limit | None = Limit(10.0)
+    power: Limit | None = Limit(0.3, 5.0)
+    energy: Limit | None = Limit(25.0, 0.0, "warn")
+    displacement: Limit | None = Limit(12e-3, 0.5, "warn")
+    force: Limit | None = Limit(80e-3, 0.1, "warn")
+    temperature: Limit | None = Limit(60.0, 10.0)
+    slew: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.voltage.most > MOST_VOLTAGE:
+            raise InputError(
+                f"the limit is {self.voltage.most:g} V, no strip is given more than {MOST_VOLTAGE:g} V",
+                code="bad-limit",
+                where="limits.voltage",
+                repair="give what this strip stands, such as 3.5 V",
+            )
+        if self.voltage.action != "zero":
+            raise InputError(
+                "a voltage beyond its limit always ends the run",
+                code="bad-limit",
+                where="limits.voltage.action",
+                repair="leave the action out",
+            )
+        if self.slew is not None and not 0.0 < self.slew < math.inf:
+            raise InputError(
+                f"the limit is {self.slew:g} V/s, it must be above 0",
+                code="bad-limit",
+                where="limits.slew",
+                repair="give for example 1 V/s, or leave it out",
+            )
+
+    @property
+    def watched(self) -> dict[str, Limit]:
+        """The limits that are set, by name."""
+        found = {name: getattr(self, name) for name in QUANTITIES}
+        return {name: limit for name, limit in found.items() if limit is not None}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], *, where: str = "limits") -> Limits:
+        """Read limits from a table of texts with units; what it does not name keeps its default.
+
+        Parameters
+        ----------
+        table : mapping
+            For each limit a text such as ``"150 mA"``, ``"off"``, or a table with ``most``, ``duration`` and
+            ``action``, of which each may be left out.
+        where : str
+            What the messages name.
+
+        Raises
+        ------
+        InputError
+            An unknown key, a unit of something else, a voltage limit that is off or above 10 V.
+        """
+        values: dict[str, Limit | float | None] = {}
+        defaults = cls()
+        for key, given in table.items():
+            place = f"{where}.{key}"
+            if key == "slew":
+                values[key] = None if given == _OFF else parse_quantity(_text(given, place), SLEW_RATE, where=place)
+            elif key not in QUANTITIES:
+                raise InputError(
+                    f"unknown key {key!r}",
+                    code="unknown-key",
+                    where=place,
+                    repair=suggest(key, [field.name for field in fields(cls)]),
+                )
+            elif given == _OFF:
+                if key == "voltage":
+                    raise InputError(
+                        "the voltage is never without a limit",
+                        code="bad-limit",
+                        where=place,
+                        repair="give what this strip stands, such as '3.5 V'",
+                    )
+                values[key] = None
+            else:
+                values[key] = _read(given, getattr(defaults, key), QUANTITIES[key], place)
+        try:
+            return replace(defaults, **values)  # type: ignore[arg-type]
+        except InputError as error:
+            error.where = error.where.replace("limits", where, 1)
+            raise
+
+    def to_table(self) -> dict[str, Any]:
+        """The limits as ``from_table`` reads them back to equal ones.
+
+        Examples
+        --------
+        >>> Limits.from_table(Limits().to_table()) == Limits()
+        True
+        """
+        table: dict[str, Any] = {}
+        for name, quantity in QUANTITIES.items():
+            limit: Limit | None = getattr(self, name)
+            table[name] = _OFF if limit is None else _write(limit, quantity)
+        table["slew"] = _OFF if self.slew is None else format_quantity(self.slew, SLEW_RATE)
+        return table
+
+    def as_text(self) -> dict[str, str]:
+        """The limits as they stand in the record of a run.
+
+        Examples
+        --------
+        >>> Limits().as_text()["current"]
+        '500 mA for 0.05 s, then zero'
+        """
+        texts = {}
+        for name, limit in self.watched.items():
+            lasts = f" for {limit.duration:g} s" if limit.duration else ""
+            texts[name] = f"{shown(name, limit.most)}{lasts}, then {limit.action}"
+        if self.slew is not None:
+            texts["slew"] = f"{self.slew:g} V/s"
+        return texts
+
+    def refuse(self, signal: Signal, duration: float, rate: float) -> None:
+        """Refuse a signal that would put more on the strip than it stands.
+
+        Parameters
+        ----------
+        signal : Signal
+        duration : float [s]
+        rate : float [Hz]
+
+        Raises
+        ------
+        InputError
+            ``"voltage-limit"`` with the first row that is beyond the limit, ``"slew-limit"`` with the steepest ramp.
+
+        Examples
+        --------
+        >>> from ipmclab.signals import parse
+        >>> try:
+        ...     Limits().refuse(parse("step 35 V"), 40.0, 50.0)
+        ... except InputError as error:
+        ...     print(error)
+        signal: it commands 35 V at 0 s, the limit is 3.5 V; give a smaller amplitude or offset
+        """
+        most, steepest, at = self.voltage.most, 0.0, 0.0
+        rows = max(1, round(duration * rate))
+        before = np.empty(0)
+        for first, voltage in chunks(signal, rows, rate):
+            beyond = np.flatnonzero(~(np.abs(voltage) <= most))  # what is no number is beyond too
+            if len(beyond):
+                row = int(beyond[0])
+                raise InputError(
+                    f"it commands {voltage[row]:.6g} V at {(first + row) / rate:.6g} s, the limit is {most:g} V",
+                    code="voltage-limit",
+                    where="signal",
+                    repair="give a smaller amplitude or offset",
+                )
+            if self.slew is not None:
+                slopes = _ramps(np.concatenate([before, voltage])) * rate
+                if len(slopes) and slopes.max() > steepest:
+                    steepest, row = float(slopes.max()), int(slopes.argmax()) - len(before)
+                    at = (first + row) / rate
+                before = voltage[-3:]
+        if self.slew is not None and steepest > self.slew * (1.0 + 1e-9):
+            raise InputError(
+                f"it ramps by {steepest:.4g} V/s at {at:.6g} s, the limit is {self.slew:g} V/s",
+                code="slew-limit",
+                where="signal",
+                repair="give a lower frequency or amplitude; a step has no such limit",
+            )
+
+    def remarks(
+        self, signal: Signal, duration: float, rate: float, rig: Rig | None = None, measured: Collection[str] = ()
+    ) -> tuple[str, ...]:
+        """What a plan should say about a signal that is not refused.
+
+        Parameters
+        ----------
+        signal : Signal
+        duration : float [s]
+        rate : float [Hz]
+        rig : Rig, optional
+            With it, limits that nothing can watch are named.
+        measured : collection of str
+            What will be read beside the voltage and the current.
+
+        Examples
+        --------
+        >>> from ipmclab.signals import parse
+        >>> print(*Limits().remarks(parse("step 2 V"), 40.0, 50.0))
+        it is above 1.23 V for 40 s, up to 2 V: the water in the strip is split there
+        """
+        rows, above, largest = max(1, round(duration * rate)), 0, 0.0
+        for _, voltage in chunks(signal, rows, rate):
+            above += int(np.count_nonzero(np.abs(voltage) > ELECTROLYSIS))
+            largest = max(largest, float(np.abs(voltage).max()))
+        found = []
+        if above:
+            found.append(
+                f"it is above {ELECTROLYSIS} V for {above / rate:.3g} s, up to {largest:.3g} V: "
+                "the water in the strip is split there"
+            )
+        return (*found, *self.unwatched(rig, measured)) if rig is not None else tuple(found)
+
+    def unwatched(self, rig: Rig, measured: Collection[str]) -> Iterator[str]:
+        """The limits that the readings of a rig cannot show to be passed, in words."""
+        known = {channel.name for channel in rig.channels}
+        read = {"voltage", "current", *measured} & known
+        if rig.thermometer is not None:
+            read.add("temperature")
+        for name, limit in self.watched.items():
+            missing = [channel for channel in NEEDS[name] if channel not in read]
+            if missing:
+                if name not in ("displacement", "force", "temperature"):
+                    yield f"the limit of the {words(name)} is not watched: the {missing[0]} is not measured"
+                continue
+            if name not in known:
+                continue
+            low, high = rig[name].range
+            if rig[name].zeroed:
+                low, high = low - rig[name].rest, high - rig[name].rest
+            if limit.most > max(-low, high):
+                yield (
+                    f"the limit of the {words(name)}, {shown(name, limit.most)}, is beyond what its channel reads, "
+                    f"{shown(name, max(-low, high))}: it is not seen to be passed"
+                )
+
+
+def words(name: str) -> str:
+    """A limit in words.
+
+    Examples
+    --------
+    >>> words("mean_current")
+    'mean current over 1 s'
+    """
+    special = {"mean_current": "mean current over 1 s", "charge": "charge above 1.23 V", "power": "mean power over 1 s"}
+    return special.get(name, name)
+
+
+def shown(name: str, value: float) -> str:
+    """A value of a limited quantity with its unit, as people read it.
+
+    Examples
+    --------
+    >>> shown("force", 0.08)
+    '80 mN'
+    """
+    quantity = QUANTITIES[name]
+    return f"{quantity.to_display(value):.4g} {quantity.display_unit}"
+
+
+def _ramps(voltage: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The change per row of every ramp: the middle one of three changes in one direction.
+
+    A jump at the start or the end of a ramp is not the middle one.
+    """
+    changes = np.diff(voltage)
+    if len(changes) < 3:
+        return np.zeros(0)
+    three = np.stack([changes[:-2], changes[1:-1], changes[2:]])
+    ramp = np.abs(np.sign(three).sum(axis=0)) == 3
+    return np.where(ramp, np.median(np.abs(three), axis=0), 0.0)
+
+
+def _text(value: Any, place: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(
+            f"{value!r} is not a text",
+            code="bad-value",
+            where=place,
+            repair='write a number with its unit in quotes, such as "150 mA", or "off"',
+        )
+    return value
+
+
+def _read(given: Any, default: Limit, quantity: Quantity, place: str) -> Limit:
+    if not isinstance(given, Mapping):
+        most = parse_quantity(_text(given, place), quantity, where=place)
+        values: dict[str, Any] = {"most": most}
+    else:
+        values = {}
+        for key, value in given.items():
+            at = f"{place}.{key}"
+            if key not in _WORDS:
+                raise InputError(f"unknown key {key!r}", code="unknown-key", where=at, repair=suggest(key, _WORDS))
+            text = _text(value, at)
+            if key == "action":
+                values[key] = text
+            else:
+                values[key] = parse_quantity(text, quantity if key == "most" else TIME, where=at)
+    try:
+        return replace(default, **values)
+    except InputError as error:
+        error.where = f"{place}.{error.where}"
+        raise
+
+
+def _write(limit: Limit, quantity: Quantity) -> dict[str, str]:
+    return {
+        "most": format_quantity(limit.most, quantity),
+        "duration": format_quantity(limit.duration, TIME),
+        "action": limit.action,
+    }
