@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -78,3 +79,91 @@ else:
         # Below the buffer of sys.stdin, which would take more than one key and hide them from the next look.
         ready, _, _ = select.select([sys.stdin.fileno()], [], [], within)
         return os.read(sys.stdin.fileno(), 1).decode(errors="replace") if ready else ""
+
+
+_LOCKED_BYTE = 2**31 - 2  # the largest place that Windows can lock through the C library
+_SHARING_TIME = 5.0  # how long [s] a virus scanner or MATLAB may hold a file before we give up
+
+
+def lock_file(descriptor: int) -> bool:
+    """Take the lock of an open file: False where someone else holds it.
+
+    It is given back when the file is closed, also by a process that dies.
+    """
+    if sys.platform == "win32":
+        import msvcrt
+
+        here = os.lseek(descriptor, 0, os.SEEK_CUR)
+        # Others cannot read a locked byte there, so it lies where a file seldom reaches.
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        finally:
+            os.lseek(descriptor, here, os.SEEK_SET)
+        return True
+    import fcntl  # noqa: TID251
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def is_still_at(descriptor: int, path: Path) -> bool:
+    """Whether an open file has not been renamed or removed by someone else."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk: new, renamed and removed files."""
+    if sys.platform == "win32":
+        return  # a folder cannot be flushed there; the file system logs its names itself
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def move_file(source: Path, target: Path) -> None:
+    """Rename a file within one disk, over another of that name, and bring both names to the disk.
+
+    Raises
+    ------
+    OSError
+        On Windows only after some seconds, for another program may have the file open for a moment.
+    """
+    until = time.monotonic() + _SHARING_TIME
+    while True:
+        try:
+            source.replace(target)
+            break
+        except PermissionError:
+            if os.name != "nt" or time.monotonic() > until:
+                raise
+            time.sleep(0.05)
+    sync_folder(target.parent)
+    if source.parent != target.parent:
+        sync_folder(source.parent)
+
+
+def reserve(descriptor: int, size: int) -> None:
+    """Give an open file so many bytes that are really taken from the disk.
+
+    Raises
+    ------
+    OSError
+        No room.
+    """
+    if hasattr(os, "posix_fallocate"):  # Linux
+        os.posix_fallocate(descriptor, 0, size)
+        return
+    block = os.urandom(1 << 20)  # zeros might be kept as a hole, or compressed away
+    for start in range(0, size, len(block)):
+        os.write(descriptor, block[: size - start])
