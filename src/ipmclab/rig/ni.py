@@ -1,0 +1,403 @@
+"""The NI bench: a strip on a CompactDAQ chassis, through NI's own client. The only module that imports ``nidaqmx``.
+
+With ``rig.address`` the chassis is behind a gRPC server (NI's, or the stand-in of ``ipmclab rig serve``), without
+it behind the driver of this computer; everything else is the same.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.bench import BenchError, Block, block_rows
+from ipmclab.rig.channels import Rig
+from ipmclab.rig.ni_driver import Driver
+from ipmclab.rig.ni_tasks import OnDemand, TimedTasks
+from ipmclab.rig.readback import left_at_output
+from ipmclab.rig.request import Feed, check_measured, check_signal, check_voltage
+from ipmclab.signals import Signal
+
+if TYPE_CHECKING:
+    from ipmclab.sample import Sample
+
+FloatArray = npt.NDArray[np.float64]
+
+AHEAD: Final = 0.5
+"""How far [s] the output is fed ahead: a program that hangs leaves no more than this of its signal."""
+
+_ANSWER: Final = 5.0
+"""Time [s] for a server to answer when a bench is opened."""
+
+_ANSWER_AFTER_FAILURE: Final = 1.5
+"""The same after a failure: enough for a server that is being restarted, short for one that hangs."""
+
+_RESET_TIME: Final = 5.0
+"""Time [s] for the reset of a module."""
+
+_SETTLED: Final = 0.1
+"""Time [s] after which a reading of 0 V shows the output, not what came before."""
+
+
+def reset(rig: Rig) -> None:
+    """Bring the output of a rig to 0 V from anywhere, through a connection of its own.
+
+    Resets every module of the rig: outputs go to 0 V, reservations are freed, and whatever another program
+    was doing on them is aborted. This is what the guardian does when the recorder is silent, and what every
+    bench does when it is opened.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Raises
+    ------
+    BenchError
+        No driver, no server, no such module.
+    """
+    driver = Driver(_client(), rig, wait=_ANSWER_AFTER_FAILURE)
+    try:
+        driver.be_patient(_RESET_TIME)
+        driver.reset(driver.modules)
+    finally:
+        driver.close()
+
+
+class Resetter:
+    """A connection that is kept ready to bring the output of a rig to 0 V at once, for a guardian.
+
+    Parameters
+    ----------
+    rig : Rig
+        Of which only the output and the address are looked at.
+    within : float [s]
+        How long a reset may take.
+
+    Raises
+    ------
+    BenchError
+        No driver, no server.
+    """
+
+    def __init__(self, rig: Rig, *, within: float = 0.4) -> None:
+        self._rig = rig
+        self._within = within
+        self._driver = self._connect(_ANSWER)
+
+    def _connect(self, wait: float) -> Driver:
+        driver = Driver(_client(), self._rig, wait=wait)
+        driver.be_patient(self._within)
+        return driver
+
+    def reset(self) -> None:
+        """Reset the module of the output. May be called again, also after it failed: it connects anew then.
+
+        Raises
+        ------
+        BenchError
+        """
+        if self._driver.lost is not None:
+            self._driver.close()
+            self._driver = self._connect(self._within)
+        self._driver.reset(self._driver.modules[:1])
+
+    def close(self) -> None:
+        """Let go of the connection. May be called twice."""
+        self._driver.close()
+
+
+def _client() -> Any:
+    try:
+        import nidaqmx
+        import nidaqmx.constants
+        import nidaqmx.errors
+        import nidaqmx.grpc_session_options
+        import nidaqmx.stream_readers
+        import nidaqmx.stream_writers
+        import nidaqmx.system
+    except ImportError as error:
+        raise BenchError(
+            "the package nidaqmx is not installed",
+            code="no-nidaqmx",
+            where="bench",
+            repair='install it with: pip install "ipmclab[ni]"',
+        ) from error
+    return nidaqmx
+
+
+class NiBench:
+    """A strip on a CompactDAQ chassis.
+
+    Parameters
+    ----------
+    rig : Rig
+        With the physical names of its channels; ``address`` names a gRPC server.
+    ahead : float [s]
+        How far the output is fed ahead of its clock.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> NiBench(THESIS_RIG).description
+    "NI-DAQmx, rig of Friend's thesis, chapter 3"
+    """
+
+    origin: Literal["measured", "virtual bench"] = "measured"
+
+    def __init__(self, rig: Rig, *, ahead: float = AHEAD) -> None:
+        self.rig = rig
+        self._ahead = ahead
+        self._about = "NI-DAQmx"
+        self._driver: Driver | None = None
+        self._measured: tuple[str, ...] = ()
+        self._rate = 0.0
+        self._lock = threading.RLock()  # zero may come from another thread, or from a signal handler of this one
+        self._demand: OnDemand | None = None
+        self._timed: TimedTasks | None = None
+        self._output = 0.0
+        self._zero_from: int | None = None
+        self._failure: IpmclabError | None = None
+        self._safe = True
+
+    @property
+    def description(self) -> str:
+        """The bench as a text for the record."""
+        return f"{self._about}, {self.rig.name}"
+
+    @property
+    def sample(self) -> Sample | None:
+        """Nobody told the chassis what is in the clamp."""
+        return None
+
+    def open(self, measured: Collection[str], rate: float) -> None:
+        """Take hold of the chassis, with the output reset to 0 V: see ``Bench.open``."""
+        from ipmclab.model.simulate import above_zero
+
+        rate = above_zero("rate", rate, "Hz")
+        check_measured(self.rig, measured)
+        self.close()
+        driver = Driver(_client(), self.rig, wait=_ANSWER)
+        try:
+            names = tuple(dict.fromkeys(measured))
+            driver.check(names)
+            driver.reset(driver.modules)
+            self._about, simulated = driver.describe()
+            # Made once to see that the modules can do what will be asked of them, before anything is given out.
+            TimedTasks(driver, names, rate, self._ahead).close()
+            driver.be_patient()
+        except BaseException:
+            driver.close()
+            raise
+        self.origin = "virtual bench" if simulated else "measured"
+        self._driver = driver
+        self._demand = OnDemand(driver, names)
+        self._measured = names
+        self._rate = rate
+        self._output = 0.0
+        self._failure = None
+        self._safe = True
+
+    def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
+        """Give a signal out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
+        self._opened()
+        check_signal(self.rig, signal, rows, self._rate)
+        return self._blocks(signal, rows)
+
+    def _blocks(self, signal: Signal, rows: int) -> Iterator[Block]:
+        if rows < 1:
+            return
+        given, reported = Feed(signal, rows, self._rate), Feed(signal, rows, self._rate)
+        stuck = 0
+        try:
+            timed = self._start(given)
+            for first in range(0, rows, block_rows(self._rate)):
+                count = min(block_rows(self._rate), rows - first)
+                block = self._next(timed, given, reported, first, count)
+                if first + count == rows:
+                    self._stop(timed)
+                stuck = stuck + 1 if self._is_stuck(block) else 0
+                if stuck > 1:
+                    raise self._failed(_stuck_error(block.readings["voltage"][-1]))
+                yield block
+        except IpmclabError as error:
+            raise self._failed(error) from error.__cause__
+        finally:
+            self._abandon()
+
+    def _start(self, given: Feed) -> TimedTasks:
+        driver = self._opened()
+        with self._lock:
+            if self._timed is not None:
+                raise InputError(
+                    "a signal is being given out", code="bench-busy", where="bench", repair="let it end first"
+                )
+            if self._demand is not None:
+                self._demand.close()  # a module gives out on a clock or on demand, not both
+            timed = TimedTasks(driver, self._measured, self._rate, self._ahead)
+            self._timed, self._zero_from, self._safe = timed, None, False
+            timed.start(given)
+        return timed
+
+    def _next(self, timed: TimedTasks, given: Feed, reported: Feed, first: int, count: int) -> Block:
+        with self._lock:
+            timed.feed(given, first + count)
+        # No block for this long means that the chassis stands still.
+        readings = timed.read(count, max(1.0, 5.0 * block_rows(self._rate) / self._rate))
+        told = np.concatenate([[self._output], reported.take(count)])
+        output = told[:-1]
+        with self._lock:
+            self._output = float(told[-1])
+            if self._zero_from is not None:
+                output = np.where(np.arange(first, first + count) >= self._zero_from, 0.0, output)
+                self._output = 0.0
+        by_name = dict(zip(self._measured, readings, strict=True))
+        return Block(first, by_name, output, timed.temperatures(first + count))
+
+    def _is_stuck(self, block: Block) -> bool:
+        """Whether a block shows a voltage that should long be gone."""
+        if self._zero_from is None or block.first_row < self._zero_from + _SETTLED * self._rate:
+            return False
+        left = left_at_output(self.rig, {name: float(np.mean(values)) for name, values in block.readings.items()})
+        return left is not None
+
+    def _stop(self, timed: TimedTasks) -> None:
+        """Stop the clock, then the output, which keeps its last voltage."""
+        with self._lock:
+            timed.stop_clock()
+            timed.close()
+            self._timed = None
+
+    def _abandon(self) -> None:
+        """Leave a signal that did not end: what the output gives by now depends on when it was stopped."""
+        with self._lock:
+            timed, self._timed = self._timed, None
+            if timed is None:
+                return
+            with suppress(IpmclabError):
+                timed.stop_clock()
+            timed.close()
+
+    def exchange(self, voltage: float) -> dict[str, float]:
+        """Read every channel once, then give a voltage out: see ``Bench.exchange``."""
+        self._opened()
+        check_voltage(self.rig, voltage)
+        with self._lock:
+            demand = self._demand
+            if self._timed is not None or demand is None:
+                raise InputError(
+                    "a signal is being given out", code="bench-busy", where="bench", repair="let it end first"
+                )
+            try:
+                readings = demand.read()
+                self._safe = False
+                demand.write(voltage)
+            except IpmclabError as error:
+                raise self._failed(error) from error.__cause__
+            self._output = voltage
+        return readings
+
+    def zero(self) -> None:
+        """Bring the output to 0 V now: see ``Bench.zero``. The inputs go on, so that the discharge is seen.
+
+        Raises
+        ------
+        BenchError
+            The output could not be brought to 0 V. After an earlier failure this is that failure, whose message now
+            says so.
+        """
+        with self._lock:
+            driver, demand = self._driver, self._demand
+            if driver is None or demand is None:
+                return
+            if driver.lost is not None and self._safe:
+                return
+            try:
+                self._zero_on_demand(demand)
+            except IpmclabError as error:
+                self._zero_by_reset(driver, error)
+            self._output = 0.0
+            self._safe = True
+
+    def _zero_on_demand(self, demand: OnDemand) -> None:
+        timed = self._timed
+        if timed is None:
+            demand.write(0.0)
+            self._output = 0.0
+            if "voltage" in self._measured:
+                left = left_at_output(self.rig, demand.read())
+                demand.release_inputs()
+                if left is not None:
+                    raise _stuck_error(left)
+            return
+        timed.stop_output()
+        demand.write(0.0)
+        self._zero_from = timed.sampled()
+
+    def _zero_by_reset(self, driver: Driver, error: IpmclabError) -> None:
+        """The last means: reset the output's module through a connection that nothing has happened to."""
+        try:
+            if driver.lost is not None:
+                reset(self.rig)
+            else:
+                driver.reset(driver.modules[:1])
+                if error.code == "output-stuck":
+                    raise error
+            if self._timed is not None and self._zero_from is None:
+                self._zero_from = 0 if driver.lost is not None else self._timed.sampled()
+        except IpmclabError as also:
+            raise self._failed(_not_zeroed(self._failure, also)) from also
+
+    def close(self) -> None:
+        """Bring the output to 0 V and let go of the chassis. May be called twice."""
+        with self._lock:
+            driver, demand = self._driver, self._demand
+            if driver is None or demand is None:
+                return
+            try:
+                if not (self._failure is not None and self._failure.code == "output-not-zero"):
+                    self.zero()
+            finally:
+                self._abandon()
+                demand.close()
+                driver.close()
+                self._driver = self._demand = None
+
+    def _opened(self) -> Driver:
+        if self._driver is None:
+            raise InputError("the bench is not open", code="bench-closed", where="bench", repair="call open first")
+        return self._driver
+
+    def _failed(self, error: IpmclabError) -> IpmclabError:
+        """Keep the first failure."""
+        if self._failure is None and not isinstance(error, InputError):
+            self._failure = error
+        return error
+
+
+def _stuck_error(volts: float) -> BenchError:
+    return BenchError(
+        f"the output was set to 0 V, but {volts:.3g} V are still read",
+        code="output-stuck",
+        where="voltage",
+        repair="switch the amplifier off, then look at its wiring and at that of the output",
+    )
+
+
+def _not_zeroed(first: IpmclabError | None, also: IpmclabError) -> IpmclabError:
+    """That the output may still drive the strip, told with the first failure where there was one."""
+    danger = "the output could not be brought to 0 V"
+    if first is None:
+        return BenchError(
+            f"{danger}: {also.message}",
+            code="output-not-zero",
+            where=also.where,
+            repair="switch the amplifier off",
+        )
+    if danger not in first.message:
+        first.message = f"{first.message}; {danger} ({also.message}): switch the amplifier off"
+    return first

@@ -1,0 +1,47 @@
+"""Whether the output really is at 0 V, from what the channels read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from ipmclab.rig.channels import Rig
+
+TOLERANCE: Final = 0.1
+"""What may be left [V]: offsets of amplifier and converter are millivolts, a step that drives a strip is more."""
+
+
+def left_at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
+    """What the output still gives although it should give 0 V.
+
+    The current of a strip that discharges drops over the resistances between the output and the place
+    where the voltage is read, so 0 V at the output need not read as 0 V.
+
+    Parameters
+    ----------
+    rig : Rig
+    readings : mapping of channel to float [V]
+        As they come from the converters.
+
+    Returns
+    -------
+    voltage : float or None [V]
+        None when it is within ``TOLERANCE`` of 0 V, or when the channels cannot tell.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> left_at_output(THESIS_RIG, {"voltage": 2.9, "current": 0.02})
+    2.9
+    >>> left_at_output(THESIS_RIG, {"voltage": 0.01, "current": -0.1}) is None
+    True
+    """
+    if "voltage" not in readings:
+        return None
+    between = rig.source_resistance + (rig.shunt_resistance if rig.voltage_sensed == "electrodes" else 0.0)
+    if between and "current" not in readings:
+        return None
+    voltage = rig["voltage"].to_quantity(readings["voltage"])
+    current = rig["current"].to_quantity(readings["current"]) if between else 0.0
+    left = voltage + current * between
+    return left if abs(left) > TOLERANCE else None

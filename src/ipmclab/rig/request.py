@@ -1,0 +1,141 @@
+"""What is asked of a bench, checked before it does anything: every bench refuses the same things in the same words."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.rig.channels import Rig
+from ipmclab.signals import Signal
+
+FloatArray = npt.NDArray[np.float64]
+
+_CHUNK: Final = 2**18
+"""Rows of a signal that are held at once: a signal may last for hours."""
+
+
+def check_measured(rig: Rig, measured: Collection[str]) -> None:
+    """Refuse channels that the rig cannot read.
+
+    Raises
+    ------
+    InputError
+        An unknown channel, displacement and force at once, or two channels on one physical input.
+    """
+    known = [channel.name for channel in rig.channels]
+    for name in measured:
+        if name not in known:
+            raise InputError(
+                f"the bench has no channel {name!r}",
+                code="unknown-channel",
+                where="measured",
+                repair=suggest(name, known),
+            )
+    if "displacement" in measured and "force" in measured:
+        raise InputError(
+            "displacement and force cannot be measured in one run: the load cell holds the tip",
+            code="blocked-tip",
+            where="measured",
+            repair="record two runs, one with each",
+        )
+    taken: dict[str, str] = {}
+    for name in dict.fromkeys(measured):
+        physical = rig[name].physical
+        if physical and physical in taken:
+            raise InputError(
+                f"{taken[physical]} and {name} are both on {physical}",
+                code="duplicate-channel",
+                where=f"channels.{name}.physical",
+                repair="give each channel its own input",
+            )
+        taken[physical] = name
+
+
+def check_voltage(rig: Rig, voltage: float) -> None:
+    """Refuse a single voltage [V] that the output cannot give.
+
+    Raises
+    ------
+    InputError
+    """
+    low, high = rig.output.low, rig.output.high
+    if not low <= voltage <= high:  # not a number is refused here too
+        raise InputError(
+            f"{voltage:g} V is asked for, the output gives {low:g} V to {high:g} V",
+            code="out-of-range",
+            where="voltage",
+            repair="give a smaller voltage",
+        )
+
+
+def check_signal(rig: Rig, signal: Signal, rows: int, rate: float) -> None:
+    """Refuse a signal of which a row is beyond what the output can give.
+
+    Raises
+    ------
+    InputError
+        With the first such row.
+    """
+    low, high = rig.output.low, rig.output.high
+    for first, voltage in chunks(signal, rows, rate):
+        beyond = np.flatnonzero(~((voltage >= low) & (voltage <= high)))
+        if len(beyond):
+            row = int(beyond[0])
+            raise InputError(
+                f"the signal asks for {voltage[row]:g} V at {(first + row) / rate:g} s, "
+                f"the output gives {low:g} V to {high:g} V",
+                code="out-of-range",
+                where="signal",
+                repair="give a smaller amplitude or offset",
+            )
+
+
+def chunks(signal: Signal, rows: int, rate: float) -> Iterator[tuple[int, FloatArray]]:
+    """A signal in pieces: the first row of each, and its voltages [V]."""
+    for first in range(0, rows, _CHUNK):
+        yield first, signal.voltage(np.arange(first, min(first + _CHUNK, rows)) / rate)
+
+
+class Feed:
+    """A signal that is taken row by row, and goes on with its last voltage for as long as it is asked for.
+
+    Parameters
+    ----------
+    signal : Signal
+    rows : int
+        At least 1.
+    rate : float [Hz]
+    """
+
+    def __init__(self, signal: Signal, rows: int, rate: float) -> None:
+        self._chunks = chunks(signal, rows, rate)
+        self._left = np.empty(0)
+        self._last = 0.0
+
+    def take(self, count: int) -> FloatArray:
+        """The next ``count`` voltages [V].
+
+        Examples
+        --------
+        >>> from ipmclab.signals import Square
+        >>> feed = Feed(Square(amplitude=1.0, frequency=1.0), rows=4, rate=4.0)
+        >>> feed.take(3).tolist(), feed.take(3).tolist()
+        ([1.0, 1.0, -1.0], [-1.0, -1.0, -1.0])
+        """
+        parts = [self._left[:count]]
+        self._left = self._left[count:]
+        missing = count - len(parts[0])
+        while missing:
+            _, chunk = next(self._chunks, (0, None))
+            if chunk is None:
+                parts.append(np.full(missing, self._last))
+                break
+            self._last = float(chunk[-1])
+            parts.append(chunk[:missing])
+            self._left = chunk[missing:]
+            missing -= len(parts[-1])
+        return np.concatenate(parts)

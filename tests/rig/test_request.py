@@ -1,0 +1,64 @@
+"""What every bench refuses, and the signal that is fed to it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ipmclab import signals
+from ipmclab.errors import InputError
+from ipmclab.rig import request
+from ipmclab.rig.channels import THESIS_RIG, Output
+from ipmclab.rig.readback import left_at_output
+
+
+def test_two_channels_on_one_input_are_refused() -> None:
+    channels = tuple(
+        replace(channel, physical="cDAQ1Mod1/ai0") if channel.name == "force" else channel
+        for channel in THESIS_RIG.channels
+    )
+    twice = replace(THESIS_RIG, channels=channels)
+    request.check_measured(twice, ["voltage", "current"])
+    with pytest.raises(InputError, match=r"channels.force.physical: current and force are both on cDAQ1Mod1/ai0"):
+        request.check_measured(twice, ["voltage", "current", "force"])
+
+
+@pytest.mark.parametrize("voltage", [10.5, -10.5, np.nan, np.inf])
+def test_a_voltage_beyond_the_output_is_refused(voltage: float) -> None:
+    request.check_voltage(THESIS_RIG, -10.0)
+    with pytest.raises(InputError, match=r"voltage: .* V is asked for, the output gives -10 V to 10 V"):
+        request.check_voltage(THESIS_RIG, voltage)
+
+
+def test_a_row_beyond_the_output_is_found_in_any_piece_of_a_long_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(request, "_CHUNK", 7)
+    rig = replace(THESIS_RIG, output=Output(-2.0, 2.0))
+    signal = signals.parse("step 1 V for 0.5 s then step 3 V")
+    request.check_signal(rig, signal, 25, 50.0)
+    with pytest.raises(InputError, match=r"signal: the signal asks for 3 V at 0.5 s, the output gives -2 V to 2 V"):
+        request.check_signal(rig, signal, 26, 50.0)
+
+
+def test_pieces_of_a_signal_are_the_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(request, "_CHUNK", 7)
+    signal = signals.parse("random 1 V 0.1 s")
+    whole = signal.voltage(np.arange(100) / 50.0)
+    for sizes in ([100], [1] * 100, [13, 0, 27, 60], [3] * 33 + [1]):
+        feed = request.Feed(signal, 100, 50.0)
+        assert np.array_equal(np.concatenate([feed.take(size) for size in sizes]), whole)
+        assert feed.take(5).tolist() == [whole[-1]] * 5
+
+
+def test_a_discharging_strip_does_not_look_like_a_stuck_output() -> None:
+    # 0.2 A back into an amplifier of 2 ohm, read upstream of the shunt: 0.4 V, and 0 V at the output.
+    source = replace(THESIS_RIG, source_resistance=2.0)
+    assert left_at_output(source, {"voltage": 0.4, "current": -0.2}) is None
+    assert left_at_output(THESIS_RIG, {"voltage": 0.4, "current": -0.2}) == 0.4
+    at_strip = replace(source, voltage_sensed="electrodes")
+    assert left_at_output(at_strip, {"voltage": 0.6, "current": -0.2}) is None
+    assert left_at_output(at_strip, {"voltage": 2.0, "current": 0.1}) == pytest.approx(2.3)
+    # Without the current nobody can tell.
+    assert left_at_output(at_strip, {"voltage": 2.0}) is None
+    assert left_at_output(THESIS_RIG, {"current": 0.2}) is None
