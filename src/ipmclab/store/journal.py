@@ -9,6 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -98,7 +99,7 @@ class Journal:
         self._acknowledged = 0
         self._queue: deque[_Rows | _Note] = deque()
         self._queued = 0
-        self._failure: OSError | None = None
+        self._failure: Exception | None = None
         self._closing = False
         self._changed = threading.Condition()
         self._writer = threading.Thread(target=self._work, name=f"journal {header.uuid}", daemon=True)
@@ -286,10 +287,12 @@ class Journal:
         try:
             if self._failure is not None:
                 self._free_room()
-            left = list(self._queue)
-            for start in range(0, len(left), 256):  # a long queue in pieces: what has room is kept
-                self._commit(left[start : start + 256])
-            self._commit([_Note(END, json.dumps(table).encode())])
+            while self._queue:  # piece by piece: what has room is kept
+                batch, _ = self._batch()
+                self._commit(batch)
+                for _ in batch:
+                    self._queue.popleft()
+            self._commit_end(_Note(END, json.dumps(table).encode()))
         except OSError as error:
             self._failure = error
             raise _failed(self.path, error) from error
@@ -337,7 +340,7 @@ class Journal:
             last = time.monotonic()
             try:
                 self._commit(batch)
-            except OSError as error:
+            except Exception as error:  # also one that nobody thought of: the recorder must hear of it
                 with self._changed:
                     self._failure = error
                     self._changed.notify_all()
@@ -348,7 +351,15 @@ class Journal:
                 self._queued -= size
                 self._changed.notify_all()
             if self._on_commit is not None:
-                self._on_commit(self._acknowledged)
+                with suppress(Exception):  # whoever listens must not end the recording
+                    self._on_commit(self._acknowledged)
+
+    def _commit_end(self, end: _Note) -> None:
+        try:
+            self._commit([end])
+        except OSError:
+            self._free_room()
+            self._commit([end])
 
     def _batch(self) -> tuple[list[_Rows | _Note], int]:
         """What is written next. It stays in the queue until it is on the disk."""
@@ -446,8 +457,8 @@ def _hold_room(path: Path, size: int) -> None:
         reserve(stream.fileno(), size)
 
 
-def _failed(path: Path, error: OSError) -> JournalError:
-    if error.errno == errno.ENOSPC:
+def _failed(path: Path, error: Exception) -> JournalError:
+    if getattr(error, "errno", None) == errno.ENOSPC:
         return JournalError(
             "the disk is full: nothing more can be recorded; what was recorded is safe",
             code="disk-full",
@@ -455,7 +466,7 @@ def _failed(path: Path, error: OSError) -> JournalError:
             repair="free some room, then: ipmclab recover",
         )
     return JournalError(
-        f"the journal cannot be written: {error.strerror or error}; what was recorded is safe",
+        f"the journal cannot be written: {getattr(error, 'strerror', None) or error}; what was recorded is safe",
         code="write-failed",
         where=str(path),
         repair="see that the disk is sound and that you may write there; then: ipmclab recover",

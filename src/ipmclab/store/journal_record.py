@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +20,6 @@ from ipmclab.store.frames import DATA, END, EVENT, HEADER, HEADER_SIZE, Damage, 
 from ipmclab.store.journal_header import JournalHeader
 
 FloatArray = npt.NDArray[np.float64]
-
-DEFAULT_KIND: Final = "note"
 
 
 @dataclass(frozen=True)
@@ -167,6 +165,7 @@ class _Collector:
         self.flagged: set[str] = set()
         self.unread_voltages = 0
         self.end: dict[str, Any] = {}
+        self.metadata: RunMetadata | None = None
         self.next_row = 0
 
     def collect(self, found: Iterator[Frame | Damage]) -> JournalRecord:
@@ -177,7 +176,6 @@ class _Collector:
                 self._add_rows(item)
             elif item.kind in (EVENT, END):
                 self._add_note(item)
-        metadata = self.end.get("metadata")
         return JournalRecord(
             path=self.path,
             header=self.header,
@@ -185,7 +183,7 @@ class _Collector:
             events=tuple(self.events),
             state=self.end.get("state"),
             reason=str(self.end.get("reason", "")),
-            final_metadata=None if metadata is None else parse_metadata(metadata, where=f"{self.path}: metadata"),
+            final_metadata=self.metadata,
             damage=tuple(self.damage),
             flagged=frozenset(self.flagged),
             unread_voltages=self.unread_voltages,
@@ -208,19 +206,18 @@ class _Collector:
         try:
             table = json.loads(frame.payload)
             if frame.kind == END:
-                self.end = table if table["state"] in ("complete", "aborted") else {}
+                if table["state"] not in ("complete", "aborted"):
+                    raise ValueError(table["state"])
+                if "metadata" in table:
+                    self.metadata = parse_metadata(table["metadata"], where=f"{self.path}: metadata")
+                self.end = table
                 return
             time = float(table["time"])
             if math.isfinite(time):
                 self.events.append(Event(str(table["kind"]), time, str(table["text"]), dict(table.get("values", {}))))
         except (ValueError, KeyError, TypeError):
-            self.damage.append(Damage(frame.offset, frame.offset + len(frame), "a frame holds no event"))
+            self.damage.append(Damage(frame.offset, frame.offset + len(frame), "a frame holds neither event nor end"))
 
 
 def _values(payload: bytes, columns: int) -> FloatArray:
     return np.frombuffer(payload, dtype="<f8").reshape(-1, columns).astype(np.float64, copy=False)
-
-
-def missing_rows(gaps: Sequence[tuple[int, int]]) -> int:
-    """Rows in all gaps together."""
-    return sum(stop - start for start, stop in gaps)
