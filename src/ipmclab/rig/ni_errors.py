@@ -21,7 +21,7 @@ class Meaning:
     Parameters
     ----------
     name : str
-        NI's own name of it.
+        Of ``nidaqmx.error_codes.DAQmxErrors``.
     message : str
         What happened, in the words of a rig.
     repair : str
@@ -43,171 +43,171 @@ _REPLUG: Final = "check its power and its cable, look whether NI MAX shows it, t
 
 MEANINGS: Final[Mapping[int, Meaning]] = {
     -200279: Meaning(
-        "samples no longer available",
+        "SAMPLES_NO_LONGER_AVAILABLE",
         "readings were overwritten before they were fetched: this computer did not keep up with the chassis",
         "end other programs, lower the rate, or record fewer channels",
     ),
     -200278: Meaning(
-        "samples will never be available",
+        "SAMPLES_WILL_NEVER_BE_AVAILABLE",
         "more readings were asked for than the chassis takes",
         "please report this: it is a fault of ipmclab",
     ),
     -200284: Meaning(
-        "samples not yet available",
+        "SAMPLES_NOT_YET_AVAILABLE",
         "the chassis gives no readings",
         "its sample clock stands still: check its power and its cable; then start again",
         code="bench-frozen",
     ),
     -200290: Meaning(
-        "generation stopped to prevent regeneration of old samples",
+        "GEN_STOPPED_TO_PREVENT_REGEN_OF_OLD_SAMPLES",
         "the output ran out of samples and holds its last voltage: this computer did not feed it in time",
         "end other programs or lower the rate",
     ),
     -200292: Meaning(
-        "samples cannot yet be written",
+        "SAMPLES_CAN_NOT_YET_BE_WRITTEN",
         "the output takes no more samples: its clock stands still",
         "check the power and the cable of the chassis; then start again",
         code="bench-frozen",
     ),
     -200561: Meaning(
-        "invalid data for an analogue output",
+        "INVALID_AO_DATA_WRITE",
         "the voltage is beyond what the output can give",
         "give a smaller amplitude, or mend `range` of the output in the rig file",
         code="out-of-range",
         input=True,
     ),
     -50103: Meaning(
-        "resource reserved",
+        "PAL_RESOURCE_RESERVED",
         "another program holds it",
         "end that program (NI MAX test panels too); `ipmclab rig check` resets a chassis that a program left behind",
         code="bench-in-use",
     ),
     -200022: Meaning(
-        "resource already reserved",
+        "RESOURCE_ALREADY_RESERVED",
         "another task holds it",
         "end the other program that uses this chassis (NI MAX test panels too)",
         code="bench-in-use",
     ),
     -200088: Meaning(
-        "invalid task",
+        "INVALID_TASK",
         "the chassis no longer knows this run: its server was restarted, or another program reset it",
         "start the run again, and let no other program use this chassis meanwhile",
         code="bench-lost",
     ),
     -88710: Meaning(
-        "aborting",
+        "RUNTIME_ABORTING_ROUTING",
         "the run was aborted from outside: another program reset the chassis, or the guardian did",
         "see what was reported before this; start again",
         code="bench-lost",
     ),
     -88709: Meaning(
-        "aborted",
+        "RUNTIME_ABORTED_ROUTING",
         "the run was aborted from outside: another program reset the chassis, or the guardian did",
         "see what was reported before this; start again",
         code="bench-lost",
     ),
-    -200983: Meaning(
-        "reserved by another application",
+    -201420: Meaning(
+        "NETWORK_DEVICE_RESERVED_BY_ANOTHER_HOST",
         "the network chassis is reserved by another computer",
         "release it there, or reserve it for this computer in NI MAX",
         code="bench-in-use",
     ),
     -200220: Meaning(
-        "invalid device",
+        "INVALID_DEVICE_ID",
         "the chassis has no module of that name",
         "compare the rig file with the names in NI MAX; `ipmclab rig check` lists what is there",
         code="no-device",
     ),
     -200170: Meaning(
-        "physical channel does not exist",
+        "PHYSICAL_CHAN_DOES_NOT_EXIST",
         "the module has no such input or output",
         "mend `physical` in the rig file; `ipmclab rig check` lists what is there",
         code="no-channel",
         input=True,
     ),
     -200431: Meaning(
-        "measurement not supported by the channel",
+        "PHYS_CHAN_MEAS_TYPE",
         "the module cannot measure that",
         "mend `physical` in the rig file: voltages belong on an NI 9205, thermometers on an NI 9217",
         code="wrong-module",
         input=True,
     ),
     -200077: Meaning(
-        "value not supported",
+        "INVALID_ATTRIBUTE_VALUE",
         "the module cannot do that",
         "mend the range, the terminal or the rate in the rig or experiment file",
         code="not-supported",
         input=True,
     ),
     -200452: Meaning(
-        "property not supported",
+        "ATTRIBUTE_NOT_SUPPORTED_IN_TASK_CONTEXT",
         "the module cannot do that",
         "mend the terminal in the rig file: `ipmclab rig check` says what the module can",
         code="not-supported",
         input=True,
     ),
     -200332: Meaning(
-        "rate too high",
+        "SAMP_RATE_TOO_HIGH",
         "the rate is above what the module can do",
         "give a lower rate, or record fewer channels",
         code="bad-rate",
         input=True,
     ),
     -200081: Meaning(
-        "rate too high for the number of channels",
+        "SAMPLE_RATE_NUM_CHANS_CONVERT_PERIOD_COMBO",
         "the rate is above what the module can do with so many channels",
         "give a lower rate, or record fewer channels",
         code="bad-rate",
         input=True,
     ),
     -200489: Meaning(
-        "channel already in the task",
+        "CHAN_ALREADY_IN_TASK",
         "two channels are on one input",
         "give each channel of the rig file its own input",
         code="duplicate-channel",
         input=True,
     ),
     -201003: Meaning(
-        "device cannot be accessed",
+        "DEV_CANNOT_BE_ACCESSED",
         "the module was unplugged, or lost its power",
         f"switch the amplifier off, {_REPLUG}",
         code="bench-lost",
     ),
     -88705: Meaning(
-        "device not present",
+        "DRIVER_DEVICE_GUID_NOT_FOUND_ROUTING",
         "the chassis is not there, or has lost its power",
         f"switch the amplifier off, {_REPLUG}",
         code="bench-lost",
     ),
     -50405: Meaning(
-        "transfer aborted",
+        "PAL_TRANSFER_ABORTED",
         "the USB cable was unplugged, or the chassis lost its power",
         f"switch the amplifier off, {_REPLUG}",
         code="bench-lost",
     ),
     -50401: Meaning(
-        "communications fault",
+        "PAL_COMMUNICATIONS_FAULT",
         "the connection to the chassis is disturbed",
         f"switch the amplifier off, {_REPLUG}; use another USB port, without a hub",
         code="bench-lost",
     ),
     -200010: Meaning(
-        "input memory overflow",
+        "INPUT_FIFO_OVERFLOW",
         "the chassis lost readings: the bus did not carry them in time",
         "lower the rate, or use another USB port, without a hub",
     ),
     -200621: Meaning(
-        "output memory underflow",
+        "OUTPUT_FIFO_UNDERFLOW_2",
         "the output ran out of samples in the chassis: the bus did not carry them in time",
         "lower the rate, or use another USB port, without a hub",
     ),
     -200019: Meaning(
-        "converter overrun",
+        "ADC_OVERRUN",
         "the converter was clocked faster than it can convert",
         "lower the rate, or record fewer channels",
     ),
     -200560: Meaning(
-        "not done in time",
+        "WAIT_UNTIL_DONE_DOES_NOT_INDICATE_DONE",
         "the chassis did not end in time",
         "its sample clock stands still: check its power and its cable; then start again",
         code="bench-frozen",
@@ -247,7 +247,9 @@ STATUSES: Final[Mapping[str, tuple[str, str, str]]] = {
 STATUSES_OF_LOSS: Final = frozenset({"UNAVAILABLE", "CANCELLED", "DEADLINE_EXCEEDED"})
 """After these, nothing more is to be expected of the same connection."""
 
-_PLACES: Final = re.compile(r"^(?:Physical Channel Name|Channel Name|Channel|Device|Device Specified): *(\S.*)$", re.M)
+_PLACES: Final = re.compile(
+    r"^(?:Physical Channel Name|Channel Name|Channel|Module|Device|Device Specified): *(\S.*)$", re.M
+)
 _ADDED: Final = re.compile(r"^(?:Task Name|Status Code): .*$", re.M)
 
 
@@ -292,7 +294,7 @@ def _of_code(number: int, text: str, names: Mapping[str, str]) -> IpmclabError:
     kind = InputError if meaning.input else BenchError
     details = f", {wanted}" if (wanted := _asked_and_allowed(text)) else ""
     return kind(
-        f"{meaning.message}{details} (NI-DAQmx error {number}, {meaning.name})",
+        f"{meaning.message}{details} (NI-DAQmx error {number})",
         code=meaning.code or f"daq{number}",
         where=where,
         repair=meaning.repair,
@@ -347,13 +349,15 @@ def place(text: str, names: Mapping[str, str]) -> str:
 
 def _asked_and_allowed(text: str) -> str:
     """What was asked for and what is allowed, as far as NI-DAQmx says it."""
-    said = dict(re.findall(r"^([A-Z][A-Za-z ]*): *(\S.*)$", text, re.M))
+    said = {key.title(): value for key, value in re.findall(r"^([A-Z][A-Za-z ]*): *(\S.*)$", text, re.M)}
     asked = next((said[key] for key in ("Requested Value", "Value", "Attempted Value") if key in said), None)
     if asked is None:
         return ""
-    low = next((said[key] for key in ("Minimum Value", "Valid Values Begin with") if key in said), None)
-    high = next((said[key] for key in ("Maximum Value", "Valid Values End with") if key in said), None)
+    low = next((said[key] for key in ("Minimum Value", "Valid Values Begin With") if key in said), None)
+    high = next((said[key] for key in ("Maximum Value", "Valid Values End With") if key in said), None)
     allowed = f", allowed are {low} to {high}" if low and high else f", at most {high}" if high else ""
+    if "Allowed" in said:
+        allowed = f", allowed is: {said['Allowed']}"
     return f"{asked} was asked for{allowed}"
 
 
