@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.model.simulate import count_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiment import Experiment
 from ipmclab.rig.limits import Limits
@@ -23,6 +22,9 @@ if TYPE_CHECKING:
 
 USABLE: Final = 0.8
 """Share of a converter's range that an expected reading may reach."""
+
+MOST_ROWS: Final = 400_000_000
+"""Rows of one run: 11 hours at 10 kS/s."""
 
 _LONGEST_LOOK: Final = 200_000
 """Rows of a signal over which the peak current is foretold."""
@@ -161,7 +163,7 @@ def make_plan(
     if needed > bytes_free:
         raise InputError(
             f"the runs need {_megabytes(needed)}, the disk has {_megabytes(bytes_free)} left",
-            code="disk-full",
+            code="no-room",
             where=str(experiment.folder),
             repair="make room, choose another folder, or record less",
         )
@@ -170,10 +172,13 @@ def make_plan(
 
 def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[str]:
     """What to think of a run that is refused neither by the bench nor by the limits."""
-    try:
-        count_rows(run.seconds, run.rate)
-    except InputError as error:
-        raise InputError(error.message, code=error.code, where=f"{where}: duration", repair=error.repair) from error
+    if not 2 <= run.rows <= MOST_ROWS:
+        raise InputError(
+            f"{run.seconds:g} s at {run.rate:g} Hz are {run.rows} rows, a run has 2 to {MOST_ROWS}",
+            code="too-many-rows" if run.rows > 2 else "too-short",
+            where=f"{where}: duration",
+            repair="record at another rate, or for another time",
+        )
     try:
         check_signal(rig, run.signal, max(1, round(run.duration * run.rate)), run.rate)
         limits.refuse(run.signal, run.duration, run.rate)

@@ -1,0 +1,151 @@
+"""A recorder and its clients: several at once, late ones, slow ones, strangers."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.client import Recorder, attach
+from ipmclab.rig.hub import Hub
+from ipmclab.rig.messages import Message
+
+
+def until(condition: Callable[[], object], seconds: float = 5.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def laboratory(tmp_path: Path) -> Path:
+    (tmp_path / "recording").mkdir()
+    return tmp_path
+
+
+@pytest.fixture
+def asked() -> list[Message]:
+    return []
+
+
+@pytest.fixture
+def hub(laboratory: Path, asked: list[Message]) -> Iterator[Hub]:
+    hub = Hub(laboratory / "recording", asked.append)
+    yield hub
+    hub.close()
+
+
+def test_two_clients_hear_the_same_and_both_may_ask(hub: Hub, asked: list[Message]) -> None:
+    first, second = Recorder(hub.file), Recorder(hub.file)
+    until(lambda: hub.clients == 2)
+    hub.tell(Message("note", {"text": "hello"}))
+    for client in (first, second):
+        told = client.next(5.0)
+        assert told is not None
+        assert told["text"] == "hello"
+    first.request("mark", text="fan on")
+    second.request("stop")
+    until(lambda: len(asked) == 2)
+    assert {request.kind for request in asked} == {"mark", "stop"}
+    first.close()
+    until(lambda: hub.clients == 1)
+    hub.tell(Message("note", {"text": "still there"}))
+    assert second.next(5.0) is not None
+    second.close()
+
+
+def test_who_comes_late_is_told_what_happened_but_not_what_was_read(hub: Hub, laboratory: Path) -> None:
+    hub.tell(Message("plan", {"title": "x"}))
+    hub.tell(Message("progress", {"rows": 1}))
+    hub.tell(Message("progress", {"rows": 2}))
+    hub.tell(Message("block", {"first_row": 0}, {"voltage": np.ones(2)}))
+    late = attach(laboratory)
+    told = [late.next(5.0), late.next(5.0)]
+    assert [(one.kind, dict(one.values)) for one in told if one] == [
+        ("plan", {"title": "x"}),
+        ("progress", {"rows": 2}),
+    ]
+    assert late.next(0.05) is None
+    late.close()
+
+
+def test_blocks_come_to_those_who_asked_for_them(hub: Hub) -> None:
+    client = Recorder(hub.file)
+    client.request("subscribe", blocks=True)
+    until(lambda: hub._clients and hub._clients[0].wants_blocks)
+    hub.tell(Message("block", {"first_row": 4}, {"voltage": np.array([1.0, 2.0])}))
+    told = client.next(5.0)
+    assert told is not None
+    assert told.arrays["voltage"].tolist() == [1.0, 2.0]
+    client.close()
+
+
+def test_a_client_that_does_not_read_holds_nothing_up(hub: Hub) -> None:
+    client = Recorder(hub.file)
+    client.request("subscribe", blocks=True)
+    until(lambda: hub._clients and hub._clients[0].wants_blocks)
+    block = Message("block", {"first_row": 0}, {"voltage": np.zeros(10_000)})
+    began = time.monotonic()
+    for _ in range(2000):
+        hub.tell(block)
+    # 160 MB were to be sent to a client that takes nothing; what is kept for it is bounded.
+    assert hub._clients[0].queue.qsize() <= 201
+    assert time.monotonic() - began < 5.0
+    client.close()
+
+
+def test_strangers_are_not_let_in(hub: Hub, asked: list[Message]) -> None:
+    told = json.loads(hub.file.read_text())
+    host, port = told["address"].split(":")
+    assert host == "127.0.0.1"
+    silent = socket.create_connection((host, int(port)))  # says nothing, for ever
+    with pytest.raises((AuthenticationError, OSError, EOFError)):
+        Client((host, int(port)), authkey=b"guess")
+    honest = Recorder(hub.file)  # is let in all the same
+    honest.request("mark", text="x")
+    honest.request("format the disk")
+    until(lambda: asked)
+    assert [request.kind for request in asked] == ["mark"]
+    silent.close()
+    honest.close()
+
+
+def test_its_file_is_for_its_owner_and_goes_with_it(laboratory: Path) -> None:
+    hub = Hub(laboratory / "recording", lambda _: None)
+    if os.name == "posix":
+        assert stat.S_IMODE(hub.file.stat().st_mode) == 0o600
+    client = Recorder(hub.file)
+    until(lambda: hub.clients == 1)
+    hub.tell(Message("ended", {"status": 0}))
+    hub.close()
+    told = client.next(5.0)
+    assert told is not None
+    assert told.kind == "ended"
+    with pytest.raises(IpmclabError, match="process is gone"):
+        client.next(5.0)
+    assert not hub.file.exists()
+    with pytest.raises(InputError, match="no recorder is running here"):
+        attach(laboratory)
+
+
+def test_a_file_that_a_killed_recorder_left(laboratory: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    left = laboratory / "recording" / "dead.recorder"
+    left.write_text(json.dumps({"address": f"127.0.0.1:{port}", "token": "00", "process": 1}))
+    with pytest.raises(IpmclabError, match="no recorder answers"):
+        Recorder(left)
+    with pytest.raises(InputError, match="no recorder is running here"):
+        attach(laboratory)
+    assert not left.exists()

@@ -1,0 +1,54 @@
+"""What goes over the wire between a recorder and its clients."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from ipmclab.errors import IpmclabError
+from ipmclab.rig.messages import Message, decode, encode
+
+TEXT = st.text(max_size=20)
+VALUES = st.dictionaries(
+    TEXT, st.none() | st.booleans() | st.integers() | TEXT | st.lists(TEXT, max_size=3), max_size=4
+)
+ARRAYS = st.dictionaries(TEXT, arrays.arrays(np.float64, st.integers(0, 50)), max_size=4)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.builds(Message, TEXT, VALUES, ARRAYS))
+def test_a_message_comes_back(message: Message) -> None:
+    again = decode(encode(message))
+    assert (again.kind, dict(again.values)) == (message.kind, dict(message.values))
+    assert list(again.arrays) == list(message.arrays)
+    for name, values in message.arrays.items():
+        np.testing.assert_array_equal(again.arrays[name], values)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.binary(max_size=200)
+    | st.builds(lambda m, k: encode(m)[:k], st.builds(Message, TEXT, VALUES, ARRAYS), st.integers(0, 60))
+)
+def test_anything_else_is_refused_and_never_run(payload: bytes) -> None:
+    with contextlib.suppress(IpmclabError):
+        decode(payload)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"[]",
+        b'{"kind": 1, "values": {}, "arrays": {}}',
+        b'{"kind": "a", "values": {}, "arrays": {"x": -1}}',
+        b"[" * 9999,
+    ],
+)
+def test_json_of_another_shape(text: bytes) -> None:
+    with pytest.raises(IpmclabError, match="no message"):
+        decode(len(text).to_bytes(4, "little") + text)

@@ -1,0 +1,135 @@
+"""The plan: its steps in the order of section 3.5, and what is refused before anything moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ipmclab import load_actuator, signals
+from ipmclab.errors import InputError
+from ipmclab.rig.channels import THESIS_RIG, Converter, Rig
+from ipmclab.rig.experiment import experiment_from_table
+from ipmclab.rig.plan import Plan, check_answers, make_plan, unanswered
+from ipmclab.rig.steps import reversed_signal
+
+GOOD: dict[str, Any] = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
+AIR = {"temperature": "25 degC", "relative_humidity": "80 percent", "settle": "30 min"}
+
+
+def planned(rig: Rig = THESIS_RIG, *, bytes_free: int = 10**10, actuator: str | None = None, **changes: Any) -> Plan:
+    table = {key: value for key, value in (GOOD | changes).items() if value is not None}
+    model = load_actuator(actuator) if actuator else None
+    return make_plan(experiment_from_table(table), rig, bytes_free=bytes_free, actuator=model)
+
+
+def names(plan: Plan) -> list[str]:
+    return [step.name for step in plan.steps]
+
+
+def test_the_steps_of_the_thesis() -> None:
+    plan = planned(environment=AIR, fingerprint=False)
+    assert names(plan) == [
+        "hydrate",
+        "clamp",
+        "chamber-on",
+        "equilibrium",
+        "chamber-off",
+        "zero",
+        "preload",
+        "apply",
+        "hydrate",
+    ]
+    assert plan.seconds == 1800.0 + 10.0 + 10.0 + 50.0
+    # At room conditions steps 4 to 6 are left out (Friend, section 3.5).
+    assert "equilibrium" not in names(planned())
+    assert names(planned(steps=["clamp", "apply"], fingerprint=False)) == ["clamp", "apply"]
+
+
+def test_pairs_repeats_and_a_baseline() -> None:
+    plan = planned(signals=["step 1 V", "sine 1 V 0.1 Hz"], signal=None, pair=True, repeats=2, baseline=True)
+    runs = [run for run in plan.runs if run.purpose != "fingerprint"]
+    assert [str(run.signal) for run in runs] == ["step 0 V"] + 2 * ["step 1 V", "step -1 V"] + 2 * [
+        "sine 1 V 0.1 Hz",
+        "sine -1 V 0.1 Hz",
+    ]
+    assert [run.repeat for run in runs] == [1, 1, 1, 2, 2, 1, 1, 2, 2]
+    ids = [run.pair_id for run in runs]
+    assert ids[0] is None
+    assert len(set(ids[1:])) == 4
+    assert ids[1::2] == ids[2::2]
+    # Before each run with voltage there is a fingerprint, before each but the first a pause.
+    assert names(plan).count("fingerprint") == 8
+    assert names(plan).count("pause") == 8
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sine 1 V 0.1 Hz phase=30 deg offset=0.2 V",
+        "square 1 V 0.5 Hz for 2 s then step 0.5 V",
+        "prbs 1 V 0.1 s seed=3",
+        "samples 0 s 1 V 1 s -0.5 V",
+        "chirp 1 V 0.05 Hz 5 Hz",
+        "multisine 1 V 0.5 Hz 5 Hz",
+    ],
+)
+def test_the_other_polarity(text: str) -> None:
+    signal = signals.parse(text)
+    time = np.linspace(0.0, 5.0, 101)
+    assert np.allclose(reversed_signal(signal).voltage(time), -signal.voltage(time), rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "where", "words"),
+    [
+        ({"signal": "step 35 V"}, "out-of-range", "signal", "the output gives -10 V to 10 V"),
+        ({"signal": "step 4 V"}, "voltage-limit", "signal", "the limit is 3.5 V"),
+        ({"limits": {"voltage": "2 V"}, "signal": "step 3 V"}, "voltage-limit", "signal", "the limit is 2 V"),
+        ({"limits": {"votlage": "2 V"}}, "unknown-key", "limits.votlage", "did you mean 'voltage'"),
+        ({"rate": "1 MHz"}, "bad-unit", "rate", "Hz"),
+        ({"rate": "1e6 Hz", "duration": "1 h"}, "too-many-rows", "duration", "400000000"),
+        ({"bytes_free": 10**6}, "no-room", "", "the disk has"),
+        ({"actuator": "friend-2", "limits": {"current": "40 mA"}}, "beyond-limit", "signal", "56.9 mA"),
+    ],
+)
+def test_what_is_refused(changes: dict[str, Any], code: str, where: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        planned(**changes)
+    assert where in caught.value.where
+    assert words in str(caught.value)
+    assert caught.value.code == code
+
+
+def test_a_channel_that_the_rig_lacks() -> None:
+    blind = replace(THESIS_RIG, channels=tuple(one for one in THESIS_RIG.channels if one.name != "force"))
+    with pytest.raises(InputError, match="has no channel 'force'"):
+        planned(blind)
+
+
+def test_what_is_remarked() -> None:
+    assert any("1.23 V" in remark for remark in planned(signal="step 2 V").remarks)
+    # The square of 1 V draws 99 mA at each reversal through 10 ohm and more: within 200 mA, beyond 80 % of 0.1 A.
+    narrow = replace(
+        THESIS_RIG,
+        channels=tuple(
+            replace(one, converter=Converter(-0.1, 0.1, noise=0.0)) if one.name == "current" else one
+            for one in THESIS_RIG.channels
+        ),
+    )
+    assert any(
+        "wider range" in remark for remark in planned(narrow, signal="square 1 V 0.1 Hz", actuator="friend-2").remarks
+    )
+    assert not any("wider range" in remark for remark in planned(signal="step 1 V", actuator="friend-2").remarks)
+
+
+def test_answers_are_known_beforehand() -> None:
+    plan = planned()
+    assert unanswered(plan, {"hydrate": "done"}) == ["clamp", "zero", "preload"]
+    check_answers(plan, {"clamp": "kept", "fingerprint": "continue"})
+    with pytest.raises(InputError, match="no step 'clmap' asks anything; did you mean 'clamp'"):
+        check_answers(plan, {"clmap": "done"})
+    with pytest.raises(InputError, match="'maybe' is no answer to 'clamp'"):
+        check_answers(plan, {"clamp": "maybe"})
