@@ -150,8 +150,8 @@ class Hub:
         with self._lock:
             for message in self._past:
                 client.queue.put(encode(message))
+            client.sender.start()
             self._clients.append(client)
-        client.sender.start()
         self.had_clients.set()
         try:
             while True:
