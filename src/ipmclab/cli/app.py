@@ -13,7 +13,7 @@ from typing import Annotated, Final
 
 import typer
 
-from ipmclab.cli import check, demo, export, identify, import_, plot, report, simulate, validate
+from ipmclab.cli import check, demo, export, identify, import_, plot, recover, report, rig, simulate, validate
 from ipmclab.cli.options import SpreadCommand
 from ipmclab.cli.output import print_json
 from ipmclab.errors import InputError, IpmclabError
@@ -40,10 +40,17 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "identify": identify.identify,
     "validate": validate.validate,
     "report": report.report,
+    "recover": recover.recover,
 }
 
 for name, verb in VERBS.items():
     app.command(name, cls=SpreadCommand)(verb)
+
+GROUPS: Final = {"rig": rig.rig_app}
+"""Verbs that have verbs of their own."""
+
+for name, group in GROUPS.items():
+    app.add_typer(group, name=name)
 
 
 def _print_version(wanted: bool) -> None:

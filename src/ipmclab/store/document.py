@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy.typing as npt
 
@@ -12,6 +13,9 @@ from ipmclab.errors import InputError, IpmclabError, suggest
 from ipmclab.run import QUALITY_FLAGS, Hold, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
 from ipmclab.units import CHANNELS, PRESSURE, RELATIVE_HUMIDITY, RESISTANCE, TEMPERATURE, Quantity, format_quantity
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 FORMAT: Final = "ipmclab run"
 FORMAT_VERSION: Final = 1
@@ -60,11 +64,10 @@ def metadata_table(metadata: RunMetadata) -> dict[str, Any]:
     InputError
         When they hold something that no file can keep (a NaN, an object).
     """
-    from pydantic import TypeAdapter
     from pydantic_core import PydanticSerializationError
 
     try:
-        table = TypeAdapter(RunMetadata).dump_python(metadata, exclude_none=True, warnings="error")
+        table = _adapter().dump_python(metadata, exclude_none=True, warnings="error")
         table = json.loads(json.dumps(table, allow_nan=False))
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise InputError(
@@ -230,7 +233,7 @@ def flag_text() -> str:
 
 def parse_metadata(table: Any, *, where: str) -> RunMetadata:
     """Metadata from a table of plain values: an unknown key or a value of another kind is an error."""
-    from pydantic import TypeAdapter, ValidationError
+    from pydantic import ValidationError
 
     from ipmclab.store.strict import as_input_error
 
@@ -241,9 +244,17 @@ def parse_metadata(table: Any, *, where: str) -> RunMetadata:
             for item in table[key] if isinstance(table.get(key), list) else ():
                 _refuse_unknown_keys(item, kind, f"{where}.{key}")
     try:
-        return TypeAdapter(RunMetadata).validate_json(json.dumps(table), strict=True)
+        return _adapter().validate_json(json.dumps(table), strict=True)
     except ValidationError as error:
         raise as_input_error(error, table, where=f"{where}.") from error
+
+
+@cache
+def _adapter() -> TypeAdapter[RunMetadata]:
+    """What checks metadata; making it costs more than reading a file."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(RunMetadata)
 
 
 def _refuse_unknown_keys(table: Any, kind: type[Any], where: str) -> None:

@@ -24,6 +24,7 @@ from ipmclab.run import RunMetadata
 from ipmclab.store.document import metadata_table
 from ipmclab.store.frames import DATA, END, EVENT, HEADER, Frame
 from ipmclab.store.journal_header import JournalHeader as JournalHeader
+from ipmclab.store.journal_record import read_header as read_header
 from ipmclab.store.journal_record import read_journal as read_journal
 from ipmclab.store.laboratory import BALLAST, Laboratory
 

@@ -126,31 +126,50 @@ def read_journal(path: str | os.PathLike[str], stream: BinaryIO | None = None) -
     --------
     >>> read_journal("nowhere.runj")
     Traceback (most recent call last):
-    ipmclab.errors.InputError: nowhere.runj: it cannot be opened: No such file or directory; see its name
+    ipmclab.errors.InputError: nowhere.runj: it cannot be opened: No such file or directory; see where it was recorded
     """
     source = Path(path)
     if stream is None:
-        try:
-            with source.open("rb") as opened:
-                return read_journal(source, opened)
-        except OSError as error:
-            raise InputError(
-                f"it cannot be opened: {error.strerror or error}",
-                code="unreadable-file",
-                where=str(path),
-                repair="see its name",
-            ) from error
+        with _opened(source) as opened:
+            return read_journal(source, opened)
     found = read_frames(stream)
-    first = next(found, None)
+    header = _header(next(found, None), str(path))
+    return _Collector(source, header).collect(found)
+
+
+def read_header(path: str | os.PathLike[str]) -> JournalHeader:
+    """Read only what a journal says of itself.
+
+    Raises
+    ------
+    InputError
+        No such file, or one without a readable header.
+    """
+    with _opened(Path(path)) as stream:
+        return _header(next(read_frames(stream), None), str(path))
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise InputError(
+            f"it cannot be opened: {error.strerror or error}",
+            code="unreadable-file",
+            where=str(path),
+            repair="see where it was recorded",
+        ) from error
+
+
+def _header(first: Frame | Damage | None, where: str) -> JournalHeader:
     if not isinstance(first, Frame) or first.kind != HEADER:
         raise InputError(
             "its first frame is no header of a journal" if first else "it is empty (0 bytes)",
             code="not-a-journal" if first else "empty-file",
-            where=str(path),
+            where=where,
             repair="what is in it cannot be told",
         )
-    header = JournalHeader.from_json(first.payload, where=str(path))
-    return _Collector(source, header).collect(found)
+    return JournalHeader.from_json(first.payload, where=where)
 
 
 class _Collector:
