@@ -7,6 +7,7 @@ import json
 import os
 import queue
 import secrets
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -51,8 +52,17 @@ class _Client:
                 self.connection.send_bytes(payload)
             except (OSError, ValueError):
                 break
-        with contextlib.suppress(OSError):
-            self.connection.close()
+        _hang_up(self.connection)
+
+
+def _hang_up(connection: Connection) -> None:
+    """End a connection for both sides: to close it is not enough while another thread waits for it."""
+    with contextlib.suppress(OSError):
+        there = socket.socket(fileno=connection.fileno())
+        try:
+            there.shutdown(socket.SHUT_RDWR)
+        finally:
+            there.detach()
 
 
 class Hub:
@@ -144,8 +154,7 @@ class Hub:
             deliver_challenge(connection, self._token)
             answer_challenge(connection, self._token)
         except (AuthenticationError, OSError, EOFError):
-            with contextlib.suppress(OSError):
-                connection.close()
+            connection.close()
             return
         with self._lock:
             for message in self._past:
@@ -165,6 +174,8 @@ class Hub:
         finally:
             with self._lock:
                 self._forget(client)
+            client.sender.join()
+            connection.close()
 
     def _forget(self, client: _Client) -> None:
         if client in self._clients:
