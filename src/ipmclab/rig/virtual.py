@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, suggest
+from ipmclab.errors import InputError
 from ipmclab.model.simulate import above_zero
 from ipmclab.rig.bench import Block, block_rows
 from ipmclab.rig.chamber import platinum_temperature
 from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.plant import StripPlant
+from ipmclab.rig.request import check_measured, check_signal, check_voltage
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:
@@ -96,22 +97,7 @@ class VirtualBench:
     def open(self, measured: Collection[str], rate: float) -> None:
         """Take a strip that has been left alone until it was discharged, with the output at 0 V: see ``Bench.open``."""
         rate = above_zero("rate", rate, "Hz")
-        known = [channel.name for channel in self.rig.channels]
-        for name in measured:
-            if name not in known:
-                raise InputError(
-                    f"the bench has no channel {name!r}",
-                    code="unknown-channel",
-                    where="measured",
-                    repair=suggest(name, known),
-                )
-        if "displacement" in measured and "force" in measured:
-            raise InputError(
-                "displacement and force cannot be measured in one run: the load cell holds the tip",
-                code="blocked-tip",
-                where="measured",
-                repair="record two runs, one with each",
-            )
+        check_measured(self.rig, measured)
         self.plant.rest()
         self._opened = True
         self._measured = tuple(measured)
@@ -122,18 +108,8 @@ class VirtualBench:
     def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
         """Give a signal out, and read: see ``Bench.apply``. Blocks come as fast as they are asked for."""
         self._check_open()
+        check_signal(self.rig, signal, rows, self._rate)
         voltage = np.array(signal.voltage(np.arange(rows) / self._rate))  # a copy, which zero may write to
-        low, high = self.rig.output.low, self.rig.output.high
-        beyond = np.flatnonzero((voltage < low) | (voltage > high))
-        if len(beyond):
-            row = int(beyond[0])
-            raise InputError(
-                f"the signal asks for {voltage[row]:g} V at {row / self._rate:g} s, "
-                f"the output gives {low:g} V to {high:g} V",
-                code="out-of-range",
-                where="signal",
-                repair="give a smaller amplitude or offset",
-            )
         self._given_out = voltage
         return self._blocks(voltage)
 
@@ -149,14 +125,7 @@ class VirtualBench:
     def exchange(self, voltage: float) -> dict[str, float]:
         """Read every channel once, then give a voltage out: see ``Bench.exchange``. One period of the rate passes."""
         self._check_open()
-        low, high = self.rig.output.low, self.rig.output.high
-        if not low <= voltage <= high:
-            raise InputError(
-                f"{voltage:g} V is asked for, the output gives {low:g} V to {high:g} V",
-                code="out-of-range",
-                where="voltage",
-                repair="give a smaller voltage",
-            )
+        check_voltage(self.rig, voltage)
         readings, _ = self._read(np.array([self._output]))
         self._output = voltage
         return {name: float(readings[name][0]) for name in self._measured}

@@ -1,0 +1,34 @@
+"""From a rig to the bench that drives it: the one place where a bench meets its plant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ipmclab.rig.bench import Bench
+    from ipmclab.rig.channels import Rig
+
+
+def make_bench(rig: Rig) -> Bench:
+    """The bench of a rig, not yet open: NI's, or the virtual one with the strip of ``rig.virtual``.
+
+    Raises
+    ------
+    InputError
+        The actuator of a virtual strip cannot be read.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.rig_file import load_rig
+    >>> make_bench(load_rig("thesis")).description
+    "virtual bench, actuator friend-2, rig of Friend's thesis, chapter 3, seed 20261121"
+    """
+    if rig.bench == "ni":
+        from ipmclab.rig.ni import NiBench
+
+        return NiBench(rig)
+    from ipmclab.rig.virtual import VirtualBench
+
+    bench = VirtualBench(rig=rig)
+    _ = bench.plant  # whatever is wrong with its actuator is told now
+    return bench
