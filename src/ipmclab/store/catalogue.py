@@ -6,7 +6,8 @@ import os
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -324,12 +325,13 @@ class Catalogue:
                     put_findings(connection, row.id, *finding_columns(found))
 
     def _look_for_recordings(self) -> None:
-        """Rows of recordings follow the journals: one without its row gets it, a row without its journal is missing."""
+        """Let rows of recordings follow the journals: one for each, and none that still says so without its journal."""
         from sqlalchemy import select, update
 
         from ipmclab.store.catalogue_tables import run
+        from ipmclab.store.journal_record import read_header
 
-        journals = {path.stem for path in (self.root / "recording").glob("*.runj")}
+        journals = {path.stem: path for path in (self.root / "recording").glob("*.runj")}
         with self._database.read() as connection:
             begun = select(run.c.id, run.c.uuid).where(run.c.state == "recording", run.c.home == self.laboratory)
             rows = connection.execute(begun).all()
@@ -337,6 +339,13 @@ class Catalogue:
         if gone:
             with self._database.write() as connection:
                 connection.execute(update(run).where(run.c.id.in_(gone), run.c.state == "recording").values(state=None))
+        for uuid in sorted(journals.keys() - {uuid for _, uuid in rows}):
+            # One that cannot be read is for `recover`, or on Windows in use by its recorder, which wrote its row.
+            with suppress(InputError):
+                header = read_header(journals[uuid])
+                self.begin(
+                    header.uuid, replace(header.metadata, recorded_at=header.metadata.recorded_at or header.created_at)
+                )
 
     def _forget(self) -> None:
         """Take every file of the folder as changed, and its runs as not inspected."""
