@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.rig.bench import Bench, BenchError
+from ipmclab.errors import IpmclabError
+from ipmclab.rig.bench import Bench
 from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.readback import left_at_output
 from ipmclab.rig.rig_ranges import calibrations, expected_peak, ranges
@@ -26,6 +27,10 @@ FloatArray = npt.NDArray[np.float64]
 READ_TIME: Final = 2.0
 RATE: Final = 50.0
 """How long [s] and how fast [Hz] each channel is read."""
+
+
+_GONE: Final = ("bench-lost", "bench-frozen", "bench-in-use", "no-nidaqmx")
+"""Errors after which no channel can be read."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,11 @@ def check_rig(
         Largest voltage of either polarity.
     today : date, optional
         Against which calibrations age.
+
+    Raises
+    ------
+    IpmclabError
+        The bench cannot be read at all.
     """
     rig = bench.rig
     peak = expected_peak(rig, actuator, amplitude)
@@ -133,8 +143,8 @@ def _read(bench: Bench) -> tuple[dict[str, FloatArray], float | None, list[Findi
     for group in groups:
         try:
             _read_group(bench, group, readings, temperatures)
-        except BenchError as error:
-            if error.code in ("bench-lost", "bench-frozen"):
+        except IpmclabError as error:
+            if error.code in _GONE:
                 raise
             findings += _one_by_one(bench, group, readings, temperatures, error)
     seen = np.concatenate(temperatures) if temperatures else np.empty(0)
@@ -160,19 +170,27 @@ def _one_by_one(
     group: Sequence[str],
     readings: dict[str, FloatArray],
     temperatures: list[FloatArray],
-    first: BenchError,
-) -> Iterator[Finding]:
-    """Which channel it is that keeps the bench from reading them all."""
-    at_fault = False
+    first: IpmclabError,
+) -> list[Finding]:
+    """Which channel it is that keeps the bench from reading them all.
+
+    Raises
+    ------
+    IpmclabError
+        It is none of them: the bench cannot be read at all.
+    """
+    errors: dict[str, IpmclabError] = {}
     for name in group:
         try:
             _read_group(bench, [name], readings, temperatures)
-        except BenchError as error:
-            at_fault = True
-            yield Finding(error.code, "error", _said(error), error.repair, name)
-    if not at_fault:
-        yield Finding(first.code, "error", _said(first), first.repair)
+        except IpmclabError as error:
+            errors[name] = error
+    if len(errors) == len(group) and len({str(error) for error in errors.values()}) == 1:
+        raise first
+    if not errors:
+        return [Finding(first.code, "error", _said(first), first.repair)]
+    return [Finding(error.code, "error", _said(error), error.repair, name) for name, error in errors.items()]
 
 
-def _said(error: BenchError) -> str:
+def _said(error: IpmclabError) -> str:
     return f"{error.where}: {error.message}" if error.where else error.message
