@@ -98,8 +98,8 @@ def rtd_temperature(ohms: Floats, r0: float, curve: tuple[float, float, float]) 
 
     Examples
     --------
-    >>> rtd_temperature(np.array([100.0, 138.5055]), 100.0, RTD_CURVES[10071]).round(3).tolist()
-    [0.0, 100.0]
+    >>> rtd_temperature(np.array([80.3063, 138.5055]), 100.0, RTD_CURVES[10071]).round(2).tolist()
+    [-50.0, 100.0]
     """
     a, b, c = curve
     ratio = ohms / r0

@@ -8,6 +8,8 @@ from __future__ import annotations
 OWN_TEXT = {
     -50103: "The resource is reserved by another task: a module, an engine or a channel that this task needs is in use.",
     -50352: "The requested buffer does not fit into the memory.",
+    -88709: "The task was aborted, or its device was reset or removed.",
+    -88710: "The operation was cut short: the task was aborted, or its device was reset or removed.",
     -89120: "The source terminal does not exist on this chassis.",
     -200052: "The device is not of a kind that can do this.",
     -200077: "The requested value is not a supported value for this property.",

@@ -1,0 +1,142 @@
+"""Properties of the channels of a task."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from virtual_cdaq.attributes.table import Property, Table, kept
+from virtual_cdaq.model.channels import Channel
+from virtual_cdaq.model.converters import choose_range, step
+from virtual_cdaq.model.errors import ChassisError, unsupported_value
+from virtual_cdaq.model.modules import EXCITATION
+
+AI_CHANNEL, AO_CHANNEL = 10100, 10102  # DAQmx_Val_AI, _AO
+USAGE_VOLTAGE, USAGE_RESISTANCE, USAGE_RTD = 10322, 10278, 10301
+INTERNAL, TWO_WIRE, THREE_WIRE, FOUR_WIRE = 10200, 2, 3, 4
+REFERENCED_OUTPUT = 10083
+
+
+def _for(kind: str, prop: Property) -> Property:
+    """A property that only channels of one kind have."""
+
+    def checked(channel: Channel) -> Channel:
+        if channel.module.kind != kind:
+            raise ChassisError(-200452, f"Channel: {channel.name}")
+        return channel
+
+    put, reset = prop.put, prop.reset
+    return Property(
+        lambda channel: prop.get(checked(channel)),
+        None if put is None else lambda channel, value: put(checked(channel), value),
+        None if reset is None else lambda channel: reset(checked(channel)),
+    )
+
+
+def _resistive(prop: Property) -> Property:
+    def checked(channel: Channel) -> Channel:
+        if not channel.module.resistive:
+            raise ChassisError(-200452, f"Channel: {channel.name}")
+        return channel
+
+    put = prop.put
+    return Property(
+        lambda channel: prop.get(checked(channel)),
+        None if put is None else lambda channel, value: put(checked(channel), value),
+        prop.reset,
+    )
+
+
+def _set_limit(which: str) -> Any:
+    def put(channel: Channel, value: float) -> None:
+        low, high = (value, channel.high) if which == "low" else (channel.low, value)
+        if channel.measurement != "rtd":
+            chosen = choose_range(channel.module, low, high)
+            if chosen is None:
+                most = channel.module.ranges[-1]
+                name = f"{channel.module.kind.upper()}.{'Min' if which == 'low' else 'Max'}"
+                raise unsupported_value(name, value, f"{most.low:g} to {most.high:g}")
+            channel.chosen = chosen
+        channel.low, channel.high = low, high
+
+    return put
+
+
+def _usage(channel: Channel) -> int:
+    return {"voltage": USAGE_VOLTAGE, "resistance": USAGE_RESISTANCE, "rtd": USAGE_RTD}[channel.measurement]
+
+
+def _range_end(sign: int) -> Any:
+    def get(channel: Channel) -> float:
+        return channel.chosen.high if sign > 0 else channel.chosen.low
+
+    return get
+
+
+def _set_name(channel: Channel, value: str) -> None:
+    channel.name = value
+
+
+def _set_terminal(channel: Channel, value: int) -> None:
+    if value not in channel.module.terminals:
+        raise unsupported_value("AI.TermCfg", value, str(channel.module.terminals))
+    channel.terminal = value
+
+
+def _set_timing_mode(channel: Channel, value: int) -> None:
+    if value not in (16097, 10195, 14712):
+        raise unsupported_value("AI.ADCTimingMode", value, "automatic, high resolution, high speed")
+    channel.timing_mode = value
+
+
+def _scale_coefficients(channel: Channel) -> list[float]:
+    return [0.0, step(channel.module, channel.chosen)]
+
+
+CHANNEL: Table = {
+    "CHAN_TYPE": Property(lambda c: AI_CHANNEL if c.module.kind == "ai" else AO_CHANNEL),
+    "CHAN_DESCR": kept("CHAN_DESCR", ""),
+    "CHAN_IS_GLOBAL": Property(lambda c: False),
+    "PHYSICAL_CHAN_NAME": Property(lambda c: c.physical),
+    "AI_MEAS_TYPE": _for("ai", Property(_usage)),
+    "AI_MAX": _for("ai", Property(lambda c: c.high, _set_limit("high"))),
+    "AI_MIN": _for("ai", Property(lambda c: c.low, _set_limit("low"))),
+    "AI_RNG_HIGH": _for("ai", Property(_range_end(+1))),
+    "AI_RNG_LOW": _for("ai", Property(_range_end(-1))),
+    "AI_TERM_CFG": _for("ai", Property(lambda c: c.terminal, _set_terminal)),
+    "AI_COUPLING": _for("ai", Property(lambda c: 10050)),
+    "AI_RESOLUTION": _for("ai", Property(lambda c: float(c.module.bits))),
+    "AI_RESOLUTION_UNITS": _for("ai", Property(lambda c: 10109)),
+    "AI_RAW_SAMP_SIZE": _for("ai", Property(lambda c: 16 if c.module.bits <= 16 else 32)),
+    "AI_RAW_SAMP_JUSTIFICATION": _for("ai", Property(lambda c: 10279)),
+    "AI_VOLTAGE_UNITS": _for("ai", Property(lambda c: c.units)),
+    "AI_TEMP_UNITS": _for("ai", Property(lambda c: c.units)),
+    "AI_RESISTANCE_UNITS": _for("ai", Property(lambda c: c.units)),
+    "AI_CUSTOM_SCALE_NAME": _for("ai", kept("AI_CUSTOM_SCALE_NAME", "")),
+    "AI_DEV_SCALING_COEFF": _for("ai", Property(_scale_coefficients)),
+    "AI_AUTO_ZERO_MODE": _for("ai", kept("AI_AUTO_ZERO_MODE", 10230)),
+    "AI_DATA_XFER_MECH": _for("ai", kept("AI_DATA_XFER_MECH", 12590)),
+    "AI_MEM_MAP_ENABLE": _for("ai", kept("AI_MEM_MAP_ENABLE", False)),
+    "AI_RTD_TYPE": _resistive(Property(lambda c: c.rtd_type)),
+    "AI_RTD_R0": _resistive(Property(lambda c: c.r0)),
+    "AI_RTD_A": _resistive(Property(lambda c: c.curve()[0], kept("AI_RTD_A", 0.0).put)),
+    "AI_RTD_B": _resistive(Property(lambda c: c.curve()[1], kept("AI_RTD_B", 0.0).put)),
+    "AI_RTD_C": _resistive(Property(lambda c: c.curve()[2], kept("AI_RTD_C", 0.0).put)),
+    "AI_RESISTANCE_CFG": _resistive(Property(lambda c: c.wires)),
+    "AI_EXCIT_SRC": _resistive(Property(lambda c: INTERNAL)),
+    "AI_EXCIT_VAL": _resistive(Property(lambda c: EXCITATION)),
+    "AI_EXCIT_ACTUAL_VAL": _resistive(kept("AI_EXCIT_ACTUAL_VAL", EXCITATION)),
+    "AI_EXCIT_VOLTAGE_OR_CURRENT": _resistive(Property(lambda c: 10134)),
+    "AI_ADC_TIMING_MODE": _resistive(Property(lambda c: c.timing_mode, _set_timing_mode)),
+    "AI_OPEN_CHAN_DETECT_ENABLE": _resistive(kept("AI_OPEN_CHAN_DETECT_ENABLE", False)),
+    "AO_OUTPUT_TYPE": _for("ao", Property(lambda c: USAGE_VOLTAGE)),
+    "AO_MAX": _for("ao", Property(lambda c: c.high, _set_limit("high"))),
+    "AO_MIN": _for("ao", Property(lambda c: c.low, _set_limit("low"))),
+    "AO_DAC_RNG_HIGH": _for("ao", Property(_range_end(+1))),
+    "AO_DAC_RNG_LOW": _for("ao", Property(_range_end(-1))),
+    "AO_TERM_CFG": _for("ao", Property(lambda c: REFERENCED_OUTPUT)),
+    "AO_RESOLUTION": _for("ao", Property(lambda c: float(c.module.bits))),
+    "AO_RESOLUTION_UNITS": _for("ao", Property(lambda c: 10109)),
+    "AO_VOLTAGE_UNITS": _for("ao", Property(lambda c: c.units)),
+    "AO_CUSTOM_SCALE_NAME": _for("ao", kept("AO_CUSTOM_SCALE_NAME", "")),
+    "AO_DEV_SCALING_COEFF": _for("ao", Property(lambda c: [0.0, 1.0 / step(c.module, c.chosen)])),
+}

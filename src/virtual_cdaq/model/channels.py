@@ -1,0 +1,139 @@
+"""A channel of a task: a physical channel with its range, its measurement and its units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from virtual_cdaq.model.converters import (
+    RTD_CURVES,
+    ZERO_CELSIUS,
+    Codes,
+    Floats,
+    channel_key,
+    decode,
+    encode,
+    noise,
+    rtd_temperature,
+)
+from virtual_cdaq.model.modules import HIGH_RESOLUTION_NOISE, Module, Range
+
+DEGREES_C, DEGREES_F, KELVINS, DEGREES_R = 10143, 10144, 10325, 10145  # DAQmx_Val_DegC, _DegF, _Kelvins, _DegR
+VOLTS, OHMS = 10348, 10384
+HIGH_SPEED, HIGH_RESOLUTION, AUTOMATIC = 14712, 10195, 16097
+
+
+@dataclass
+class Channel:
+    """One channel of one task.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the task.
+    physical : str
+        Such as ``cDAQ1Mod1/ai0``.
+    device : str
+        The module it is on, such as ``cDAQ1Mod1``.
+    module : Module
+    measurement : {"voltage", "resistance", "rtd"}
+    low, high : float
+        Limits that were asked for, in the units of the channel.
+    chosen : Range
+        What the module was set to.
+    units : int
+        DAQmx number.
+    terminal : int
+        DAQmx number of the terminal configuration; 0 for an output.
+    properties : dict
+        Values that were set and that nothing here depends on.
+    """
+
+    name: str
+    physical: str
+    device: str
+    module: Module
+    measurement: Literal["voltage", "resistance", "rtd"]
+    low: float
+    high: float
+    chosen: Range
+    units: int
+    terminal: int = 0
+    rtd_type: int = 0
+    r0: float = 100.0
+    wires: int = 4
+    timing_mode: int = AUTOMATIC
+    properties: dict[str, Any] = field(default_factory=dict)
+
+    def curve(self) -> tuple[float, float, float]:
+        """Callendar-Van Dusen constants; those of a custom RTD may have been set."""
+        a, b, c = RTD_CURVES[self.rtd_type]
+        own = self.properties
+        return (float(own.get("AI_RTD_A", a)), float(own.get("AI_RTD_B", b)), float(own.get("AI_RTD_C", c)))
+
+    def scale(self, codes: Codes) -> Floats:
+        """Codes of the converter in the units of the channel."""
+        values = decode(self.module, self.chosen, codes)
+        if self.measurement != "rtd":
+            return values
+        celsius = rtd_temperature(values, self.r0, self.curve())
+        if self.units == DEGREES_F:
+            return celsius * 1.8 + 32.0
+        if self.units == KELVINS:
+            return celsius + ZERO_CELSIUS
+        if self.units == DEGREES_R:
+            return (celsius + ZERO_CELSIUS) * 1.8
+        return celsius
+
+
+class Converter:
+    """One channel while it converts: its noise goes on from sample to sample.
+
+    Parameters
+    ----------
+    channel : Channel
+    seed : int
+        Of the chassis.
+    acquisition : int
+        How many acquisitions the physical channel has seen before.
+    high_resolution : bool
+        Of an NI 9217.
+    """
+
+    def __init__(self, channel: Channel, seed: int, acquisition: int, *, high_resolution: bool = False) -> None:
+        self.channel = channel
+        self._key = channel_key(seed, channel.physical, acquisition)
+        chosen = channel.chosen
+        self._noise = chosen.noise * (HIGH_RESOLUTION_NOISE if high_resolution else 1.0)
+        # The offset belongs to the channel and its range, whatever is done with them.
+        offset_key = channel_key(seed, f"{channel.physical} offset {chosen.high}", 0)
+        fraction = float(offset_key[0]) / 2.0**63 - 1.0
+        self._offset = channel.module.offset * chosen.high * fraction
+
+    def convert(self, values: Floats, first: int) -> Codes:
+        """What the converter makes of the terminal's `values`, the samples from `first` on."""
+        read = values + self._offset + self._noise * noise(self._key, first, values.size)
+        return encode(self.channel.module, self.channel.chosen, read)
+
+
+def repeated(conversion: NDArray[np.int64], last: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Which samples start a new conversion of a slow module.
+
+    Parameters
+    ----------
+    conversion : array of int, shape (n,)
+        Number of the conversion that each sample belongs to, ascending.
+    last : int
+        Number of the conversion before.
+
+    Returns
+    -------
+    owner : array of int, shape (n,)
+        For every sample, how many of these samples up to and with it start a conversion.
+    starts : array of bool, shape (n,)
+    """
+    starts = np.diff(conversion, prepend=last) != 0
+    return np.cumsum(starts), starts

@@ -1,0 +1,543 @@
+"""The chassis: slots, engines, the passage of time, and who holds what.
+
+Nothing here runs by itself. Whoever looks (a read, a write, the pump of the server) first lets the chassis catch up with
+its clock: all edges since the last look are worked through in one go, in the order in which they came, with the plant
+behind the terminals. Inputs are read before outputs change on a common edge.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from virtual_cdaq.model.channels import Channel, Converter, repeated
+from virtual_cdaq.model.clock import TICKS_PER_SECOND, LockStepClock, RealClock, sample_period, seconds, ticks
+from virtual_cdaq.model.converters import Floats, decode
+from virtual_cdaq.model.engines import INPUT_ENGINES, OUTPUT_ENGINE, START_DELAY, Engine, Ticks
+from virtual_cdaq.model.errors import ChassisError
+from virtual_cdaq.model.faults import Fault, Faults
+from virtual_cdaq.model.modules import MODULES, Module
+from virtual_cdaq.model.plant import Plant
+from virtual_cdaq.model.task import CONTINUOUS, FINITE, State, Task
+
+SEED = 20261121
+AT_ONCE = 32_768  # edges of one clock that are worked through in one go
+LONGEST_SLEEP = 0.25  # s; a waiting call looks this often whether its caller is still there
+ON_DEMAND = 1e-3  # s that an on-demand call takes when time stands still between calls
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A module in its slot."""
+
+    number: int
+    device: str
+    module: Module
+
+
+class Gone(Exception):
+    """The caller of a waiting call has gone away, or the server closes."""
+
+
+class Chassis:
+    """A cDAQ-9174 with its modules and whatever is wired to them.
+
+    Parameters
+    ----------
+    plant : Plant
+    clock : RealClock or LockStepClock
+    name : str
+    modules : sequence of str
+        Products, from slot 1 on.
+    seed : int
+        Of the converters' noise and offset.
+    on_demand : float [s]
+        What an on-demand call takes on a clock that otherwise stands still.
+    faults : sequence of Fault
+
+    Examples
+    --------
+    >>> from virtual_cdaq.model.plant import RcPlant
+    >>> chassis = Chassis(RcPlant(), LockStepClock())
+    >>> [slot.device for slot in chassis.slots.values()]
+    ['cDAQ1Mod1', 'cDAQ1Mod2', 'cDAQ1Mod3']
+    """
+
+    product = "cDAQ-9174"
+    number = 29885
+    fastest_slow_clock = 400.0  # S/s, of a task with nothing but slow modules
+
+    def __init__(
+        self,
+        plant: Plant,
+        clock: RealClock | LockStepClock,
+        *,
+        name: str = "cDAQ1",
+        modules: Sequence[str] = ("NI 9205", "NI 9263", "NI 9217"),
+        seed: int = SEED,
+        on_demand: float = ON_DEMAND,
+        faults: Sequence[Fault] = (),
+    ) -> None:
+        if not 1 <= len(modules) <= 4:
+            raise ValueError(f"a cDAQ-9174 has 4 slots, not {len(modules)} modules")
+        self.plant = plant
+        self.clock = clock
+        self.name = name
+        self.seed = seed
+        self.slots: dict[str, Slot] = {}
+        for number, product in enumerate(modules, start=1):
+            device = f"{name}Mod{number}"
+            self.slots[device] = Slot(number, device, MODULES[product])
+        self.levels = {
+            f"{slot.device}/ao{index}": 0.0
+            for slot in self.slots.values()
+            if slot.module.kind == "ao"
+            for index in range(slot.module.channels)
+        }
+        self.engines = {engine: Engine(engine) for engine in (*INPUT_ENGINES, OUTPUT_ENGINE)}
+        self.tasks: list[Task] = []
+        self.lock = threading.RLock()
+        self.changed = threading.Condition(self.lock)
+        self.caller = threading.local()
+        self.closing = False
+        self.faults = Faults(faults)
+        self.on_level: Callable[[dict[str, float]], None] = lambda levels: None
+        self._shown = dict(self.levels)
+        self._on_demand = ticks(on_demand)
+        self._time = 0
+        self._acquisitions: dict[str, int] = {}
+
+    @property
+    def time(self) -> float:
+        """How far the chassis has come [s]."""
+        return seconds(self._time)
+
+    # Tasks and what they hold
+
+    def new_task(self, name: str) -> Task:
+        """A task without channels."""
+        task = Task(self, name)
+        self.tasks.append(task)
+        return task
+
+    def clear(self, task: Task) -> None:
+        """Stop a task and forget it."""
+        try:
+            if task.running:
+                task.stop()
+        except ChassisError:
+            pass
+        finally:
+            task.unreserve()
+            if task in self.tasks:
+                self.tasks.remove(task)
+            self.changed.notify_all()
+
+    def take(self, task: Task) -> None:
+        """Reserve an engine and the modules for `task`."""
+        for other in self.tasks:
+            if other is not task and other.state >= State.RESERVED:
+                reason = _conflict(task, other)
+                if reason:
+                    raise ChassisError(-50103, f"{reason}\nTask: {task.name}\nHeld by: {other.name}")
+        if not task.hardware_timed:
+            return
+        names = INPUT_ENGINES if task.kind == "ai" else (OUTPUT_ENGINE,)
+        free = next((self.engines[name] for name in names if self.engines[name].owner is None), None)
+        if free is None:
+            raise ChassisError(-50103, f"No timing engine is free ({', '.join(names)}).\nTask: {task.name}")
+        free.owner = task
+        task.engine = free
+        task.clock = self.engine_of_terminal(task.timing.source) or free
+
+    def release(self, task: Task) -> None:
+        """Give back what `task` holds."""
+        engine = task.engine
+        if engine is not None:
+            engine.running = False
+            engine.owner = None
+        task.engine = None
+        task.clock = None
+
+    def engine_of_terminal(self, terminal: str, signal: str = "SampleClock") -> Engine | None:
+        """The engine behind a terminal such as ``/cDAQ1/te0/SampleClock``; None for the task's own.
+
+        Raises
+        ------
+        ChassisError
+            -89120, no such terminal.
+        """
+        if terminal in ("", "OnboardClock"):
+            return None
+        parts = terminal.strip("/").split("/")
+        if len(parts) == 3 and parts[0].lower() == self.name.lower():
+            parts = parts[1:]
+        if len(parts) == 2 and parts[1].lower() == signal.lower():
+            for name, engine in self.engines.items():
+                if name.lower() == parts[0].lower():
+                    return engine
+        raise ChassisError(-89120, f"Terminal: {terminal}")
+
+    def check_present(self, task: Task) -> None:
+        """Refuse when the chassis is unplugged."""
+        if self.faults.unplugged:
+            raise ChassisError(-201003, f"Device: {self.name}\nTask: {task.name}")
+
+    def converter(self, channel: Channel, *, high_resolution: bool = False) -> Converter:
+        """The converter of a new acquisition on a channel."""
+        acquisition = self._acquisitions.get(channel.physical, 0)
+        self._acquisitions[channel.physical] = acquisition + 1
+        return Converter(channel, self.seed, acquisition, high_resolution=high_resolution)
+
+    def reset(self, devices: Iterable[str]) -> None:
+        """Abort every task on the devices and bring their outputs to 0 V."""
+        devices = set(devices)
+        self.advance()
+        for task in list(self.tasks):
+            if devices & set(task.devices):
+                task.abort(ChassisError(-88709, f"Task: {task.name}"))
+        self._point()
+        for physical in self.levels:
+            if physical.split("/")[0] in devices:
+                self._set_level(physical, 0.0)
+        self._show()
+
+    # Starting and stopping clocks
+
+    def start_clock(self, task: Task) -> None:
+        """Let the engine of a task run, at once or when its trigger comes."""
+        if task.clock is not task.engine:
+            return
+        if self.engine_of_terminal(task.trigger, "StartTrigger") is not None:
+            task.armed = True
+            return
+        self.advance()
+        self._begin_clock(task, max(self.clock.now(), self._time) + START_DELAY)
+
+    def _begin_clock(self, task: Task, tick: int) -> None:
+        engine = task.engine
+        assert engine is not None
+        task.armed = False
+        limit = task.timing.samples if task.timing.mode == FINITE else None
+        engine.begin(tick, sample_period(task.timing.rate), limit)
+        self.faults.begin(tick)
+        for other in self.tasks:
+            if other.armed and self.engine_of_terminal(other.trigger, "StartTrigger") is engine:
+                self._begin_clock(other, tick)
+        self.changed.notify_all()
+
+    def stop_clock(self, task: Task) -> None:
+        """Let the engine of a task stand."""
+        if task.engine is not None:
+            task.engine.running = False
+
+    def task_started(self, task: Task) -> None:
+        """Tell those who wait."""
+        self.changed.notify_all()
+
+    # Time
+
+    def advance(self) -> None:
+        """Catch up with the clock."""
+        self.run_to(self.clock.now())
+
+    def pass_time(self) -> None:
+        """What an on-demand call, or a look at a task, takes on a clock that stands still between calls."""
+        if isinstance(self.clock, LockStepClock):
+            self.clock.step_to(self.clock.now() + self._on_demand)
+        self.advance()
+
+    def run_to(self, target: int) -> None:
+        """Work through all edges up to and with tick `target`, and through the faults that fall due on the way."""
+        while True:
+            due = self.faults.due()
+            stop = target if due is None else min(target, max(due, self._time))
+            self._run(stop)
+            if due is None or due > target:
+                break
+            self.faults.strike(self, due)
+        self._tell()
+        self._show()
+
+    def _run(self, target: int) -> None:
+        while self._time < target:
+            stop = target
+            running = [engine for engine in self.engines.values() if engine.running]
+            for engine in running:
+                last = engine.tick(engine.next + AT_ONCE)
+                if last is not None:
+                    stop = min(stop, max(last, self._time + 1))
+            edges = {engine: engine.edges(stop) for engine in running}
+            some = [each for each in edges.values() if each.size]
+            if some:
+                points = some[0] if len(some) == 1 else np.unique(np.concatenate(some))
+                self._exchange(points, edges)
+                for engine, each in edges.items():
+                    engine.next += each.size
+            self._time = stop
+            for task in self.tasks:
+                self._check_end(task)
+
+    def _check_end(self, task: Task) -> None:
+        """A finite output on its own clock is done one period after its last sample."""
+        if task.running and task.kind == "ao" and task.engine is not None and task.clock is task.engine:
+            engine = task.engine
+            if engine.limit is not None and not task.ended and not task.armed and engine.next >= engine.limit:
+                task.ended = self._time >= engine.start + engine.limit * engine.period
+
+    def _exchange(self, points: Ticks, edges: dict[Engine, Ticks]) -> None:
+        """Let outputs follow their edges and inputs read at theirs."""
+        outputs = {physical: np.full(points.size, level) for physical, level in self.levels.items()}
+        updates: list[tuple[str, float]] = []
+        for task in self.tasks:
+            if task.kind == "ao" and task.clock in edges and not task.armed and not task.done and task.hardware_timed:
+                updates += self._generate(task, points, edges[task.clock], outputs)
+        terminals = self.plant.advance(points / TICKS_PER_SECOND, outputs)
+        for task in self.tasks:
+            if task.kind == "ai" and task.clock in edges and not task.armed and not task.done and task.hardware_timed:
+                self._acquire(task, points, edges[task.clock], terminals)
+        for physical, level in updates:
+            self._set_level(physical, level)
+
+    def _generate(self, task: Task, points: Ticks, edges: Ticks, outputs: dict[str, Floats]) -> list[tuple[str, float]]:
+        buffer = task.output_buffer
+        assert buffer is not None
+        finite = task.timing.mode == FINITE
+        wanted = edges.size
+        if finite:
+            wanted = min(wanted, task.timing.samples - buffer.generated)
+        codes = buffer.take(wanted, again=task.regenerate)
+        taken = codes.shape[1]
+        updates = []
+        # On an edge the new level comes after the reading: it acts on the points after it.
+        before = np.searchsorted(edges[:taken], points, side="left")
+        for channel, row in zip(task.channels, codes, strict=True):
+            volts = decode(channel.module, channel.chosen, row)
+            level = self.levels[channel.physical]
+            if taken and not self.faults.stuck:
+                outputs[channel.physical] = np.concatenate(([level], volts))[before]
+                updates.append((channel.physical, float(volts[-1])))
+        task.edges += edges.size
+        if taken < wanted:
+            task.edges -= edges.size - taken
+            task.fail(ChassisError(-200290, f"Samples generated: {buffer.generated}\nTask: {task.name}"))
+        elif finite and task.clock is not task.engine and task.edges > task.timing.samples:
+            task.ended = True
+        return updates
+
+    def _acquire(self, task: Task, points: Ticks, edges: Ticks, terminals: object) -> None:
+        buffer = task.input_buffer
+        assert buffer is not None and task.clock is not None
+        if task.timing.mode == FINITE:
+            edges = edges[: task.timing.samples - buffer.acquired]
+        if not edges.size:
+            return
+        at = slice(None) if edges.size == points.size else np.searchsorted(points, edges)
+        codes = np.empty((len(task.channels), edges.size), dtype=np.int32)
+        conversion = owner = starts = None
+        if any(channel.module.slow for channel in task.channels):
+            conversion = (edges - task.clock.start) // task.slow_period
+            owner, starts = repeated(conversion, task.conversion)
+        for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
+            values = self.faults.distort(channel, self._terminal(terminals, channel), points)[at]
+            if channel.module.slow and conversion is not None and owner is not None and starts is not None:
+                # A slow module converts when it can, and repeats itself in between.
+                numbers = conversion[starts]
+                first = int(numbers[0]) if numbers.size else 0
+                fresh = (
+                    converter.convert(values[starts], first)
+                    if _gapless(numbers)
+                    else np.concatenate(
+                        [converter.convert(values[starts][k : k + 1], int(n)) for k, n in enumerate(numbers)]
+                    )
+                )
+                held = np.concatenate((task.held[row], fresh))
+                codes[row] = held[owner]
+                task.held[row, 0] = held[-1]
+            else:
+                codes[row] = converter.convert(values, buffer.acquired)
+        if conversion is not None:
+            task.conversion = int(conversion[-1])
+        buffer.put(codes)
+        task.edges += edges.size
+        if task.timing.mode == FINITE and buffer.acquired >= task.timing.samples:
+            task.ended = True
+
+    def _terminal(self, terminals: object, channel: Channel) -> Floats:
+        values = terminals.get(channel.physical)  # type: ignore[attr-defined]
+        if values is None:
+            return np.array(np.inf if channel.module.resistive else 0.0)
+        return np.asarray(values, dtype=np.float64)
+
+    # On demand
+
+    def _point(self) -> tuple[Ticks, object]:
+        """Let the plant come to the present, with the outputs as they are, and look at its terminals."""
+        tick = max(self.clock.now(), self._time) + 1
+        self.run_to(tick)
+        points = np.array([tick + 1], dtype=np.int64)
+        self._time = tick + 1
+        outputs = {physical: np.array([level]) for physical, level in self.levels.items()}
+        return points, self.plant.advance(points / TICKS_PER_SECOND, outputs)
+
+    def read_now(self, task: Task, count: int) -> np.ndarray:
+        """Codes of `count` samples taken one after the other, shape (channels, count)."""
+        codes = np.empty((len(task.channels), count), dtype=np.int32)
+        for k in range(count):
+            points, terminals = self._point()
+            for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
+                values = np.atleast_1d(self.faults.distort(channel, self._terminal(terminals, channel), points))
+                codes[row, k] = converter.convert(values, task.edges)[0]
+            task.edges += 1
+        return codes
+
+    def write_now(self, task: Task, volts: Sequence[float]) -> None:
+        """Set the outputs of a task."""
+        self._point()
+        for channel, level in zip(task.channels, volts, strict=True):
+            self._set_level(channel.physical, level)
+        self._show()
+
+    def _set_level(self, physical: str, level: float) -> None:
+        if not self.faults.stuck:
+            self.levels[physical] = level
+
+    def _show(self) -> None:
+        if self.levels != self._shown:
+            self._shown = dict(self.levels)
+            self.on_level(dict(self.levels))
+
+    # Waiting
+
+    def gate(self) -> None:
+        """Hold the caller while the chassis is frozen."""
+        while self.faults.frozen and not self.closing:
+            self._sleep(LONGEST_SLEEP)
+            self.faults.thaw()
+        if self.closing:
+            raise Gone
+
+    def _sleep(self, duration: float) -> None:
+        self.changed.wait(max(duration, 0.0))
+        alive: Callable[[], bool] | None = getattr(self.caller, "alive", None)
+        if self.closing or (alive is not None and not alive()):
+            raise Gone
+
+    def wait(self, ready: Callable[[], bool], due: Callable[[], int | None], timeout: float) -> bool:
+        """Wait until `ready()`; the lock is given away meanwhile.
+
+        Parameters
+        ----------
+        ready : callable
+            Looked at after every catching up with the clock.
+        due : callable
+            When it may become ready [ticks]; None if that is not known.
+        timeout : float [s]
+            Negative for no end. On the wall; on a clock that stands still, in its own time.
+
+        Returns
+        -------
+        bool
+            False when the time-out came first.
+        """
+        begin = time.monotonic()
+        limit = self.clock.now() + ticks(timeout) if timeout >= 0 else None
+        while True:
+            self.advance()
+            self.gate()
+            if ready():
+                return True
+            tick = due()
+            if isinstance(self.clock, LockStepClock):
+                if tick is not None:
+                    if limit is not None and tick > limit:
+                        self.clock.step_to(limit)
+                        self.advance()
+                        return ready()
+                    self.clock.step_to(max(tick, self.clock.now() + 1))
+                    continue
+                until_due = LONGEST_SLEEP
+            else:
+                until_due = LONGEST_SLEEP if tick is None else self.clock.wall(tick - self.clock.now())
+            left = LONGEST_SLEEP if timeout < 0 else begin + timeout - time.monotonic()
+            if left <= 0.0:
+                return False
+            self._sleep(min(until_due, left, LONGEST_SLEEP))
+
+    def _tell(self) -> None:
+        """Call those who listen to tasks."""
+        for task in self.tasks:
+            if not task.listeners or not task.running:
+                continue
+            for listener in list(task.listeners):
+                if listener.kind == "done":
+                    finished = task.failure is not None or (task.hardware_timed and task.ended)
+                    if finished and not listener.told:
+                        listener.told = 1
+                        listener.call(task.failure.code if task.failure else 0)
+                    continue
+                buffer = task.input_buffer if listener.kind == "acquired" else task.output_buffer
+                if buffer is None:
+                    continue
+                count = buffer.acquired if hasattr(buffer, "acquired") else buffer.generated
+                while (listener.told + 1) * listener.every <= count:
+                    listener.told += 1
+                    listener.call(0)
+
+    def next_event(self) -> int | None:
+        """When somebody who listens has to be called next [ticks]; None if not known or if the program must read first."""
+        found = None
+        for task in self.tasks:
+            if not task.running or task.done:
+                continue
+            for listener in task.listeners:
+                tick: int | None = None
+                if listener.kind == "done":
+                    tick = task.done_tick() if not listener.told else None
+                else:
+                    last = (listener.told + 1) * listener.every
+                    buffer = task.input_buffer
+                    room = (
+                        listener.kind == "transferred"
+                        or task.timing.mode != CONTINUOUS
+                        or buffer is None
+                        or last - buffer.position <= buffer.size
+                    )
+                    tick = task.edge_tick(last - 1) if room else None
+                if tick is not None:
+                    found = tick if found is None else min(found, tick)
+        return found
+
+    def busy(self) -> bool:
+        """Whether something happens without being asked for."""
+        return any(engine.running for engine in self.engines.values())
+
+    def close(self) -> None:
+        """Let every waiting call go."""
+        with self.lock:
+            self.closing = True
+            self.changed.notify_all()
+
+
+def _gapless(numbers: Ticks) -> bool:
+    return bool(numbers.size == 0 or numbers[-1] - numbers[0] + 1 == numbers.size)
+
+
+def _conflict(task: Task, other: Task) -> str:
+    """Why two tasks cannot hold what they need at one time; empty if they can."""
+    if task.kind != other.kind:
+        return ""
+    shared = [device for device in task.devices if device in other.devices]
+    if not shared:
+        return ""
+    if task.kind == "ai":
+        return f"Module: {', '.join(shared)}"
+    if task.hardware_timed != other.hardware_timed:
+        return f"The channels of {shared[0]} are all hardware-timed or all software-timed."
+    mine = {channel.physical for channel in task.channels}
+    both = sorted(mine & {channel.physical for channel in other.channels})
+    return f"Channel: {', '.join(both)}" if both else ""

@@ -1,0 +1,241 @@
+"""Reading from tasks, writing to them, waiting for them: with the lock of the chassis held."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from virtual_cdaq.model.buffers import OutputBuffer
+from virtual_cdaq.model.converters import Codes, Floats, encode
+from virtual_cdaq.model.errors import ChassisError
+from virtual_cdaq.model.task import FINITE, State, Task
+
+ALL_AVAILABLE = -1
+
+
+def read(task: Task, count: int, timeout: float) -> tuple[Codes, int]:
+    """The next samples of an input task.
+
+    Parameters
+    ----------
+    task : Task
+    count : int
+        Samples per channel; -1 for all that are there (of a finite task: that there will be).
+    timeout : float [s]
+
+    Returns
+    -------
+    codes : array of int, shape (channels, n)
+    status : int
+        0, or -200284 when the time-out came before the last sample.
+    """
+    if task.kind != "ai":
+        raise ChassisError(-200460 if task.channels else -200478, f"Task: {task.name}", done=0)
+    chassis = task.chassis
+    chassis.gate()
+    chassis.check_present(task)
+    task.raise_failure()
+    if not task.hardware_timed:
+        return _read_on_demand(task, 1 if count == ALL_AVAILABLE else count), 0
+    if not task.running:
+        task.start()
+        task.started_by_read = True
+    chassis.advance()
+    buffer = task.input_buffer
+    assert buffer is not None
+    finite = task.timing.mode == FINITE
+    left = task.timing.samples - buffer.position
+    if count == ALL_AVAILABLE:
+        count = left if finite else buffer.available
+    if finite and left == 0 and count > 0:
+        raise ChassisError(-200278, f"Samples acquired: {buffer.acquired}\nTask: {task.name}", done=0)
+    wanted = min(count, left) if finite else count
+    pieces, status = _collect(task, wanted, timeout)
+    if task.started_by_read and finite and buffer.position == task.timing.samples:
+        task.stop()
+    return pieces, status
+
+
+def _collect(task: Task, wanted: int, timeout: float) -> tuple[Codes, int]:
+    buffer = task.input_buffer
+    assert buffer is not None
+    pieces: list[NDArray[np.int32]] = []
+    missing = wanted
+    while missing:
+        # A read may be larger than the buffer: it is emptied on the way.
+        piece = min(missing, max(1, buffer.size // 2)) if missing > buffer.size else missing
+        goal = buffer.position + piece
+        came = task.chassis.wait(
+            lambda goal=goal: buffer.acquired >= goal or task.failure is not None or not task.running,  # type: ignore[misc]
+            lambda goal=goal: task.edge_tick(goal - 1),  # type: ignore[misc]
+            timeout,
+        )
+        task.raise_failure()
+        if not came:
+            pieces.append(buffer.take(min(missing, buffer.available)))
+            return np.concatenate(pieces, axis=1), -200284
+        if not task.running and buffer.acquired < goal:
+            raise ChassisError(-88710, f"Task: {task.name}", done=0)
+        pieces.append(buffer.take(piece))
+        missing -= piece
+    if not pieces:
+        return buffer.take(0), 0
+    return (pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)), 0
+
+
+def _read_on_demand(task: Task, count: int) -> Codes:
+    started = not task.running
+    if started:
+        task.start()
+    try:
+        task.chassis.pass_time()
+        task.raise_failure()
+        return task.chassis.read_now(task, count)
+    finally:
+        if started and task.running:
+            task.stop()
+
+
+def to_codes(task: Task, volts: Floats) -> Codes:
+    """Volts of shape (channels, n) as codes of the converters; refused outside the range of a channel."""
+    if not len(task.channels) == volts.shape[0]:
+        raise ChassisError(-200524, f"Channels: {len(task.channels)}, in the data: {volts.shape[0]}", done=0)
+    codes = np.empty(volts.shape, dtype=np.int32)
+    for row, channel in enumerate(task.channels):
+        bad = ~((volts[row] >= channel.low - 1e-9) & (volts[row] <= channel.high + 1e-9))
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise ChassisError(
+                -200561,
+                f"Value: {volts[row, at]:g} V, sample {at}\nAllowed: {channel.low:g} V to {channel.high:g} V"
+                f"\nChannel: {channel.name}\nTask: {task.name}",
+                done=0,
+            )
+        codes[row] = encode(channel.module, channel.chosen, volts[row])
+    return codes
+
+
+def write(task: Task, codes: Codes, *, auto_start: bool, timeout: float) -> int:
+    """Hand samples to an output task.
+
+    Parameters
+    ----------
+    task : Task
+    codes : array of int, shape (channels, n)
+    auto_start : bool
+    timeout : float [s]
+
+    Returns
+    -------
+    int
+        Samples per channel that were taken.
+    """
+    if task.kind != "ao":
+        raise ChassisError(-200459 if task.channels else -200478, f"Task: {task.name}", done=0)
+    chassis = task.chassis
+    chassis.gate()
+    chassis.check_present(task)
+    chassis.advance()
+    task.raise_failure()
+    if not task.hardware_timed:
+        _write_on_demand(task, codes, auto_start=auto_start)
+        return codes.shape[1]
+    count = codes.shape[1]
+    if task.output_buffer is None:
+        task.output_buffer = OutputBuffer(len(task.channels), task.output_size or max(1, count))
+    buffer = task.output_buffer
+    if not task.running and count > buffer.space:
+        if count <= buffer.size or task.output_size is not None:
+            raise ChassisError(-200292, f"Buffer: {buffer.size} samples\nTask: {task.name}", done=0)
+        raise ChassisError(-200547, f"Buffer: {buffer.size} samples, written: {count}\nTask: {task.name}", done=0)
+    put = 0
+    while put < count:
+        piece = min(count - put, buffer.size)
+        came = (
+            chassis.wait(
+                lambda piece=piece: buffer.space >= piece or task.failure is not None or task.done,  # type: ignore[misc]
+                lambda piece=piece: task.edge_tick(buffer.written + piece - buffer.size - 1),  # type: ignore[misc]
+                timeout,
+            )
+            if task.running
+            else True
+        )
+        task.raise_failure()
+        if task.running and task.done:
+            raise ChassisError(-200288, f"Task: {task.name}", done=put)
+        if not came:
+            raise ChassisError(-200292, f"Buffer: {buffer.size} samples\nTask: {task.name}", done=put)
+        buffer.put(codes[:, put : put + piece])
+        put += piece
+    if auto_start and not task.running:
+        task.start()
+    return count
+
+
+def _write_on_demand(task: Task, codes: Codes, *, auto_start: bool) -> None:
+    from virtual_cdaq.model.converters import decode
+
+    started = not task.running
+    if started and not auto_start:
+        raise ChassisError(-200846, f"Task: {task.name}", done=0)
+    if started:
+        task.start()
+    try:
+        for column in codes.T:
+            task.chassis.pass_time()
+            volts = [
+                float(decode(channel.module, channel.chosen, np.array([code]))[0])
+                for channel, code in zip(task.channels, column, strict=True)
+            ]
+            task.chassis.write_now(task, volts)
+    finally:
+        if started and task.running:
+            task.stop()
+
+
+def wait_until_done(task: Task, timeout: float) -> None:
+    """Wait for a finite task to end.
+
+    Raises
+    ------
+    ChassisError
+        -200560 when it was not done in time, or what ended it.
+    """
+    chassis = task.chassis
+    chassis.gate()
+    came = chassis.wait(lambda: task.done, task.done_tick, timeout)
+    task.raise_failure()
+    if not came:
+        raise ChassisError(-200560, f"Task: {task.name}")
+
+
+def is_done(task: Task) -> bool:
+    """Whether nothing more comes of a task."""
+    task.chassis.gate()
+    if task.running and task.hardware_timed:
+        task.chassis.pass_time()
+    task.raise_failure()
+    return task.done
+
+
+def control(task: Task, action: int) -> None:
+    """Bring a task to a state: start 0, stop 1, verify 2, commit 3, reserve 4, unreserve 5, abort 6."""
+    if action == 0:
+        task.start()
+    elif action == 1:
+        task.stop()
+    elif action == 2:
+        task.verify()
+    elif action in (3, 4):
+        if task.running:
+            return
+        task.commit() if action == 3 else task.reserve()
+        task.explicit = max(task.explicit, State.COMMITTED if action == 3 else State.RESERVED)
+    elif action == 5:
+        task.refuse_while_running()
+        task.explicit = State.UNVERIFIED
+        task.unreserve()
+    elif action == 6:
+        task.abort()
+    else:
+        raise ChassisError(-200077, f"Property: task action\nRequested value: {action}\nAllowed: 0 to 6")
