@@ -65,7 +65,7 @@ def test_a_meaning_says_what_happened_with_the_code_and_what_to_do(number: int) 
         (
             DaqError("No.\n\nProperty: SampClk.Rate\nRequested value: 3e5\nAllowed: at most 250000 S/s", -200077),
             "not-supported",
-            "the module cannot do that, 3e5 was asked for, allowed is: at most 250000 S/s (NI-DAQmx error -200077); mend",
+            "the module cannot do that, 3e5 was asked for, allowed is: at most 250000 S/s (NI-DAQmx error -200077)",
         ),
         (
             DaqError("Bad.\n\nChannel Name: voltage\nTask Name: t", -200431),

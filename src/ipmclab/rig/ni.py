@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.in_use import Hold
 from ipmclab.rig.ni_driver import Driver
 from ipmclab.rig.ni_tasks import OnDemand, TimedTasks
 from ipmclab.rig.readback import left_at_output
@@ -154,6 +155,7 @@ class NiBench:
         self._ahead = ahead
         self._about = "NI-DAQmx"
         self._driver: Driver | None = None
+        self._hold: Hold | None = None
         self._measured: tuple[str, ...] = ()
         self._rate = 0.0
         self._lock = threading.RLock()  # zero may come from another thread, or from a signal handler of this one
@@ -182,9 +184,11 @@ class NiBench:
         check_measured(self.rig, measured)
         self.close()
         driver = Driver(_client(), self.rig, wait=_ANSWER)
+        hold: Hold | None = None
         try:
             names = tuple(dict.fromkeys(measured))
             driver.check(names)
+            hold = Hold(self.rig.address, driver.modules)
             driver.reset(driver.modules)
             self._about, simulated = driver.describe()
             # Made once to see that the modules can do what will be asked of them, before anything is given out.
@@ -192,7 +196,10 @@ class NiBench:
             driver.be_patient()
         except BaseException:
             driver.close()
+            if hold is not None:
+                hold.release()
             raise
+        self._hold = hold
         self.origin = "virtual bench" if simulated else "measured"
         self._driver = driver
         self._demand = OnDemand(driver, names)
@@ -212,22 +219,23 @@ class NiBench:
         if rows < 1:
             return
         given, reported = Feed(signal, rows, self._rate), Feed(signal, rows, self._rate)
-        stuck = 0
+        told, stuck = 0, 0
         try:
             timed = self._start(given)
-            for first in range(0, rows, block_rows(self._rate)):
-                count = min(block_rows(self._rate), rows - first)
-                block = self._next(timed, given, reported, first, count)
-                if first + count == rows:
+            while told < rows:
+                count = min(block_rows(self._rate), rows - told)
+                block = self._next(timed, given, reported, told, count)
+                told += count
+                if told == rows:
                     self._stop(timed)
                 stuck = stuck + 1 if self._is_stuck(block) else 0
                 if stuck > 1:
-                    raise self._failed(_stuck_error(block.readings["voltage"][-1]))
+                    raise _stuck_error(float(block.readings["voltage"][-1]))
                 yield block
         except IpmclabError as error:
             raise self._failed(error) from error.__cause__
         finally:
-            self._abandon()
+            self._abandon(reported, told)
 
     def _start(self, given: Feed) -> TimedTasks:
         driver = self._opened()
@@ -272,14 +280,17 @@ class NiBench:
             timed.close()
             self._timed = None
 
-    def _abandon(self) -> None:
-        """Leave a signal that did not end: what the output gives by now depends on when it was stopped."""
+    def _abandon(self, reported: Feed | None = None, told: int = 0) -> None:
+        """Leave a signal that did not end; the output keeps what it gives by now."""
         with self._lock:
             timed, self._timed = self._timed, None
             if timed is None:
                 return
             with suppress(IpmclabError):
+                unread = timed.sampled() - told
                 timed.stop_clock()
+                if reported is not None and self._zero_from is None and unread > 0:
+                    self._output = float(reported.take(unread)[-1])
             timed.close()
 
     def exchange(self, voltage: float) -> dict[str, float]:
@@ -366,6 +377,8 @@ class NiBench:
                 demand.close()
                 driver.close()
                 self._driver = self._demand = None
+                if self._hold is not None:
+                    self._hold.release()
 
     def _opened(self) -> Driver:
         if self._driver is None:

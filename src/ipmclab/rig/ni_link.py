@@ -3,7 +3,8 @@
 The official client sets no deadline: a read with a timeout of 1 s waits for ever when the server hangs, because only
 the server looks at that timeout. Here every call has a deadline. Keepalive pings, the other remedy, are left
 out: a server with gRPC's default settings answers pings that come more often than every five minutes with
-"too many pings" and closes the connection, in the middle of a run.
+"too many pings" and closes the connection, in the middle of a run (measured: pinged every second, a call that waits
+for 12 s is cut off after 5 s).
 """
 
 from __future__ import annotations

@@ -1,0 +1,62 @@
+"""That one program at a time drives a module: opening a bench resets it, and would end another's run unseen."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+
+from ipmclab.platform import lock_file
+from ipmclab.rig.bench import BenchError
+
+
+class Hold:
+    """The modules of a chassis, taken for one bench of one program on this computer.
+
+    The system lets go of them when the program ends, however it ends. Programs on other computers, and those that are
+    not ipmclab, are not kept out: NI-DAQmx itself refuses what they have reserved.
+
+    Parameters
+    ----------
+    address : str or None
+        Of the gRPC server.
+    modules : collection of str
+
+    Raises
+    ------
+    BenchError
+        ``"bench-in-use"`` when another bench holds one of them.
+    """
+
+    def __init__(self, address: str | None, modules: Collection[str]) -> None:
+        self._files: list[int] = []
+        for module in modules:
+            name = hashlib.sha256(f"{address or ''}|{module}".encode()).hexdigest()[:16]
+            path = Path(tempfile.gettempdir()) / f"ipmclab-module-{name}.lock"
+            try:
+                descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            except PermissionError:
+                # Another user's: it can be locked all the same where the system allows it to be read.
+                descriptor = os.open(path, os.O_RDONLY)
+            self._files.append(descriptor)
+            if not lock_file(descriptor):
+                holder = os.read(descriptor, 20).decode("ascii", errors="replace").strip()
+                self.release()
+                raise BenchError(
+                    "another run is being recorded on it" + (f", by process {holder}" if holder else ""),
+                    code="bench-in-use",
+                    where=module,
+                    repair="wait until it has ended, or stop it",
+                )
+            with suppress(OSError):
+                os.ftruncate(descriptor, 0)
+                os.write(descriptor, str(os.getpid()).encode("ascii"))
+
+    def release(self) -> None:
+        """Let go of the modules. May be called twice."""
+        files, self._files = self._files, []
+        for descriptor in files:
+            os.close(descriptor)
