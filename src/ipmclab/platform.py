@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -167,3 +169,55 @@ def reserve(descriptor: int, size: int) -> None:
     block = os.urandom(1 << 20)  # zeros might be kept as a hole, or compressed away
     for start in range(0, size, len(block)):
         os.write(descriptor, block[: size - start])
+
+
+@contextmanager
+def told_to_end(act: Callable[[], None]) -> Iterator[None]:
+    """While it lasts, a request of the system to end raises SystemExit, so that whoever must clean up can.
+
+    That is SIGTERM and SIGHUP (a closed terminal), or Ctrl-Break. On Windows a console that closes, or a user who logs
+    off, leaves the program only moments and no exception: there ``act`` is called at once, from a thread of its own.
+    A program that has handlers of its own keeps them, and outside the main thread only the last part applies.
+
+    Parameters
+    ----------
+    act : callable
+        What must not be left undone.
+    """
+
+    def leave(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    changed: dict[int, object] = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+                changed[number] = signal.signal(number, leave)
+    forget = _when_console_closes(act)
+    try:
+        yield
+    finally:
+        forget()
+        for number in changed:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _when_console_closes(act: Callable[[], None]) -> Callable[[], None]:
+    """Call ``act`` when the console is closed; gives what undoes that."""
+    if sys.platform == "win32":
+        import ctypes
+        from ctypes import wintypes
+
+        kernel = ctypes.WinDLL("kernel32", use_last_error=True)
+
+        @ctypes.WINFUNCTYPE(wintypes.BOOL, wintypes.DWORD)
+        def handler(event: int) -> bool:
+            if event > 1:  # not Ctrl-C or Ctrl-Break, which Python turns into signals
+                act()
+            return False
+
+        kernel.SetConsoleCtrlHandler(handler, True)
+        return lambda: kernel.SetConsoleCtrlHandler(handler, False)
+    else:  # noqa: RET505  # a checker for the other system finds code after a return unreachable
+        return lambda: None

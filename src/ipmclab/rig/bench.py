@@ -66,7 +66,10 @@ class Bench(Protocol):
     """
 
     rig: Rig
-    origin: Literal["measured", "virtual bench"]
+
+    @property
+    def origin(self) -> Literal["measured", "virtual bench"]:
+        """What its runs are; a chassis tells what it is once it is open."""
 
     @property
     def description(self) -> str:

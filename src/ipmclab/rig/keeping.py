@@ -95,7 +95,7 @@ class InJournal:
 
     def air(self, air: Air) -> None:
         """Keep what the air was like."""
-        known = {name: value for name, value in air.values.items() if math.isfinite(value)}
+        known: dict[str, Any] = {name: value for name, value in air.values.items() if math.isfinite(value)}
         self._journal.event("environment", air.time, **known)
 
     def mark(self, mark: Mark) -> None:
@@ -166,5 +166,7 @@ def _air_columns(air: Sequence[Air]) -> dict[str, FloatArray]:
     if not air:
         return {}
     names = [name for name in air[0].values if any(math.isfinite(one.values[name]) for one in air)]
+    if not names:
+        return {}
     columns = {name: np.array([one.values[name] for one in air]) for name in names}
     return {"time_environment": np.array([one.time for one in air]), **columns}

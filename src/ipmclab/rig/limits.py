@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
@@ -356,19 +356,23 @@ class Limits:
                 f"it is above {ELECTROLYSIS} V for {above / rate:.3g} s, up to {largest:.3g} V: "
                 "the water in the strip is split there"
             )
-        return (*found, *self.unwatched(rig, measured)) if rig is not None else tuple(found)
+        return (*found, *self.unwatched(rig, measured).values()) if rig is not None else tuple(found)
 
-    def unwatched(self, rig: Rig, measured: Collection[str]) -> Iterator[str]:
-        """The limits that the readings of a rig cannot show to be passed, in words."""
+    def unwatched(self, rig: Rig, measured: Collection[str]) -> dict[str, str]:
+        """The limits that the readings of a rig cannot show to be passed, and why, in words.
+
+        Displacement and force that are not to be measured are left out.
+        """
         known = {channel.name for channel in rig.channels}
         read = {"voltage", "current", *measured} & known
         if rig.thermometer is not None:
             read.add("temperature")
+        found = {}
         for name, limit in self.watched.items():
             missing = [channel for channel in NEEDS[name] if channel not in read]
             if missing:
                 if name not in ("displacement", "force", "temperature"):
-                    yield f"the limit of the {words(name)} is not watched: the {missing[0]} is not measured"
+                    found[name] = f"the limit of the {words(name)} is not watched: the {missing[0]} is not measured"
                 continue
             if name not in known:
                 continue
@@ -376,10 +380,11 @@ class Limits:
             if rig[name].zeroed:
                 low, high = low - rig[name].rest, high - rig[name].rest
             if limit.most > max(-low, high):
-                yield (
+                found[name] = (
                     f"the limit of the {words(name)}, {shown(name, limit.most)}, is beyond what its channel reads, "
                     f"{shown(name, max(-low, high))}: it is not seen to be passed"
                 )
+        return found
 
 
 def words(name: str) -> str:
