@@ -42,7 +42,7 @@ def test_the_steps_of_the_thesis() -> None:
         "apply",
         "hydrate",
     ]
-    assert plan.seconds == 1800.0 + 10.0 + 10.0 + 50.0
+    assert plan.seconds == 1800.0 + 10.0 + (10.0 + 50.0 + 10.0)
     # At room conditions steps 4 to 6 are left out (Friend, section 3.5).
     assert "equilibrium" not in names(planned())
     assert names(planned(steps=["clamp", "apply"], fingerprint=False)) == ["clamp", "apply"]

@@ -77,6 +77,7 @@ class Fingerprint:
             "capacitance": self.capacitance,
             "drift": self.drift,
             "drift_of": self.drift_of,
+            "drift_uncertainty": self.drift_uncertainty,
         }
 
 

@@ -134,7 +134,7 @@ def make_plan(
     >>> table = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s", "fingerprint": False}
     >>> plan = make_plan(experiment_from_table(table), THESIS_RIG, bytes_free=10**9)
     >>> plan.seconds, [run.rows for run in plan.runs]
-    (70.0, [2500])
+    (80.0, [2500])
     """
     where = experiment.where
     try:
@@ -154,7 +154,7 @@ def make_plan(
         needed += free_space_needed(rate=run.rate, duration=run.seconds, columns=columns, ballast=0)
     if actuator is not None and "current" in experiment.measured:
         remarks += _current_remarks(experiment, rig, limits, actuator)
-    remarks += limits.unwatched(rig, experiment.measured)
+    remarks += limits.unwatched(rig, experiment.measured).values()
     environment = experiment.environment
     if environment is not None and not watched(experiment, rig):
         remarks.append("this rig has no sensor for the environment: its equilibrium is the operator's word")

@@ -11,14 +11,12 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.rig import fingerprint
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiment import Experiment
+from ipmclab.rig.zeroing import ZERO_TIME
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
 
-FORCE_SETTLE: Final = 60.0
-"""How long [s] the preload is given at most to stop drifting before the operator is asked."""
-
-ZERO_TIME: Final = 10.0
-"""How long [s] the channels are read at rest to find their zero."""
+MOST_DRIFT: Final = 5e-6
+"""The preload has settled when it drifts by less [N/s]: 0.2 mN in 40 s, against signals of 0.5 to 3.7 mN."""
 
 Purpose = Literal["signal", "baseline", "fingerprint"]
 
@@ -99,8 +97,18 @@ class PlannedRun:
     repeat: int = 1
 
     @property
+    def zero_before(self) -> float:
+        """How long the channels are read at rest before it [s]."""
+        return fingerprint.REST if self.purpose == "fingerprint" else ZERO_TIME
+
+    @property
+    def zero_after(self) -> float:
+        """How long the channels are read at rest after it [s]."""
+        return 0.0 if self.purpose == "fingerprint" else ZERO_TIME
+
+    @property
     def seconds(self) -> float:
-        """How long it takes [s]."""
+        """How long the record is [s]."""
         return self.rest_before + self.duration + self.rest_after
 
     @property
@@ -172,7 +180,7 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
         what = "without voltage" if run.purpose == "baseline" else str(run.signal)
         of = f" ({place + 1} of {len(runs)})" if len(runs) > 1 else ""
         text = f"{what}, {run.duration:g} s, with {run.rest_before:g} s and {run.rest_after:g} s at 0 V{of}"
-        steps.append(PlannedStep("apply", text, run.seconds, run=run))
+        steps.append(PlannedStep("apply", text, run.zero_before + run.seconds + run.zero_after, run=run))
     steps += [prepare(name, experiment, rig) for name in wanted[apply_at + 1 :]]
     return tuple(steps)
 
@@ -211,7 +219,9 @@ def fingerprint_step(experiment: Experiment) -> PlannedStep:
         rate=max(experiment.rate, fingerprint.LEAST_RATE),
         measured=experiment.measured,
     )
-    return PlannedStep("fingerprint", f"{fingerprint.VOLTAGE:g} V for {run.duration:g} s", run.seconds, run=run)
+    return PlannedStep(
+        "fingerprint", f"{fingerprint.VOLTAGE:g} V for {run.duration:g} s", run.zero_before + run.seconds, run=run
+    )
 
 
 def reversed_signal(signal: Signal) -> Signal:
@@ -275,9 +285,9 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
             text = "tip clear of the load cell: its tare is read"
             question = Question(name, text + "; 'skip' to go without it", ("done", "skip"), "done")
             return PlannedStep(name, text, ZERO_TIME, question, hands=("tip clear",))
-        return PlannedStep(name, "the channels are read at 0 V", ZERO_TIME)
-    text = "tip on the load cell: the preload is read when it has stopped drifting"
-    return PlannedStep(name, text, ZERO_TIME, question=Question(name, text, ("done",), "done"), hands=("tip on cell",))
+        return PlannedStep(name, f"the channels are read at 0 V for {ZERO_TIME:g} s before and after the run")
+    text = f"tip on the load cell: the run waits until the preload drifts by less than {1e6 * MOST_DRIFT:g} uN/s"
+    return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=("tip on cell",))
 
 
 def watched(experiment: Experiment, rig: Rig) -> tuple[str, ...]:

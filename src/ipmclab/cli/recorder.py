@@ -1,0 +1,242 @@
+"""The program of a recorder's own process: ``ipmclab record`` starts it, and its job comes as JSON on stdin.
+
+It answers with one line on stdout, the file that says where it listens, or an error; all else goes to its clients.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ipmclab.rig.channels import Rig
+    from ipmclab.rig.experiment import Experiment
+    from ipmclab.rig.plan import Plan
+    from ipmclab.rig.process import ClientDesk
+    from ipmclab.rig.recorder import Heartbeat
+    from ipmclab.rig.session import Desk, Session
+    from ipmclab.run import Finding, Run
+    from ipmclab.store.laboratory import Laboratory
+
+
+def main() -> int:
+    """Do one experiment."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from ipmclab.errors import IpmclabError
+    from ipmclab.rig.hub import Hub
+    from ipmclab.rig.process import ClientDesk, end_on_signals
+    from ipmclab.store.laboratory import Laboratory
+
+    job = json.load(sys.stdin)
+    desk = ClientDesk()
+    try:
+        experiment = read_experiment(job)
+        rig = rig_of(experiment)
+        laboratory = Laboratory.open(experiment.folder)
+        about = {"sample": experiment.sample.id, "rig": rig.name, "experiment": experiment.where}
+        hub = desk.hub = Hub(laboratory.recording, desk.on_request, about)
+    except IpmclabError as error:
+        _say({"error": {**error.as_dict(), "exit_status": error.exit_status}})
+        return error.exit_status
+    end_on_signals(desk)
+    _say({"file": str(hub.file)})
+    try:
+        return _record(job, experiment, rig, laboratory, desk)
+    finally:
+        hub.close()
+
+
+def read_experiment(job: Mapping[str, Any]) -> Experiment:
+    """The experiment of a job, with what its command line changes."""
+    from ipmclab.rig.experiment import load_experiment
+
+    experiment = load_experiment(job["experiment"])
+    changes = {key: job[key] for key in ("pair", "repeats") if job.get(key) is not None}
+    return replace(experiment, **changes)
+
+
+def rig_of(experiment: Experiment) -> Rig:
+    """The rig that an experiment names.
+
+    Raises
+    ------
+    InputError
+        With the key of the experiment.
+    """
+    from ipmclab.errors import InputError
+    from ipmclab.rig.rig_file import load_rig
+
+    if isinstance(experiment.rig, Path) and not experiment.rig.is_file():
+        raise InputError(
+            f"there is no rig {str(experiment.rig)!r}",
+            code="no-rig",
+            where=f"{experiment.where}: rig",
+            repair='name a rig file beside the experiment, or "virtual" for the rig that needs no hardware',
+        )
+    rig = load_rig(experiment.rig)
+    if isinstance(experiment.rig, str) and experiment.actuator is not None:
+        rig = replace(rig, virtual=replace(rig.virtual, actuator=experiment.actuator))
+    return rig
+
+
+def plan_of(experiment: Experiment, rig: Rig, laboratory: Laboratory) -> Plan:
+    """What an experiment is going to do.
+
+    Raises
+    ------
+    InputError
+        What cannot be done.
+    """
+    from ipmclab import load_actuator
+    from ipmclab.rig.plan import make_plan
+    from ipmclab.rig.proof import proof_of
+
+    named = experiment.actuator or (rig.virtual.actuator if rig.bench == "virtual" else None)
+    return make_plan(
+        experiment,
+        rig,
+        bytes_free=laboratory.free_space(),
+        actuator=load_actuator(named) if named else None,
+        rig_proof=proof_of(rig, experiment.rig) if rig.bench == "ni" else "",
+    )
+
+
+def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
+    """What is answered before anybody asks.
+
+    Raises
+    ------
+    InputError
+        An answer that fits no question, or a question that nobody would be there to answer.
+    """
+    from ipmclab.errors import InputError
+    from ipmclab.rig.plan import check_answers, unanswered
+    from ipmclab.rig.steps import FINGERPRINT
+
+    given: dict[str, str] = dict(job["answers"])
+    check_answers(plan, given)
+    known = {step.name: step.question.default for step in plan.steps if step.question is not None}
+    if job["yes"]:
+        return {FINGERPRINT.step: FINGERPRINT.default, **known, **given}
+    if plan.rig.bench == "virtual":
+        return {**known, **given}  # its hands are simulated too
+    open_ones = unanswered(plan, given)
+    if open_ones and not job["interactive"]:
+        listed = " ".join(f"--answer {name}={known[name]}" for name in open_ones)
+        raise InputError(
+            f"{', '.join(open_ones)} ask for an operator, and there is no terminal",
+            code="nobody-answers",
+            where="record",
+            repair=f"run it in a terminal, or give {listed}, or --yes",
+        )
+    return given
+
+
+def recover_first(laboratory: Laboratory) -> Iterator[str]:
+    """Make runs of what an earlier crash left in the folder, and tell what became of it."""
+    from ipmclab.store.catalogue import Catalogue, safely
+    from ipmclab.store.recover import recover
+
+    recovery = recover(laboratory)
+    for finished in recovery.finished:
+        if finished.outcome == "run":
+            yield f"{finished.state} from an earlier crash: {finished.path}, {finished.rows} rows"
+            safely(partial(Catalogue(laboratory.root).add, finished.path))
+    for path, error in recovery.failed:
+        yield f"{path} could not be recovered: {error}"
+
+
+def inspect(run: Run) -> list[Finding]:
+    """What is wrong with a run, and what its fingerprint tells."""
+    from ipmclab.quality import check
+    from ipmclab.rig.fingerprint import fingerprint_finding
+
+    told = fingerprint_finding(run)
+    return [*check(run), *([told] if told is not None else [])]
+
+
+def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbeat | None) -> Session:
+    """The session of a plan, with its bench."""
+    from ipmclab.cli.benches import make_bench
+    from ipmclab.rig.earlier import earlier_runs
+    from ipmclab.rig.session import Session
+
+    return Session(
+        plan,
+        make_bench(plan.rig),
+        laboratory,
+        desk,
+        inspect=inspect,
+        earlier=partial(earlier_runs, laboratory),
+        guardian=guardian,
+    )
+
+
+@contextmanager
+def guardian_of(rig: Rig) -> Iterator[Heartbeat | None]:
+    """Who brings the output to 0 V when this process no longer can; a simulated strip needs nobody."""
+    if rig.bench == "virtual":
+        yield None
+        return
+    from ipmclab.rig.guardian import Guardian
+
+    guardian = Guardian(rig)
+    try:
+        yield guardian
+    finally:
+        guardian.close()
+
+
+def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, desk: ClientDesk) -> int:
+    """Plan, wait for the word to start, do it, and tell how it ended."""
+    from ipmclab.errors import IpmclabError
+    from ipmclab.rig.messages import Message
+    from ipmclab.rig.process import ended
+
+    session = None
+    failed: IpmclabError | None = None
+    how: str | None = None
+    try:
+        for text in recover_first(laboratory):
+            desk.tell(Message("note", {"text": text, "passing": False}))
+        plan = plan_of(experiment, rig, laboratory)
+        desk.answer_beforehand(answers_of(job, plan))
+        desk.tell(Message("plan", plan.as_dict()))
+        if not desk.wait_for_start():
+            how = "declined"
+        else:
+            with guardian_of(rig) as guardian:
+                session = session_of(plan, laboratory, desk, guardian)
+                desk.steer(session)
+                session.run()
+    except IpmclabError as error:
+        failed = error
+    except Exception as error:
+        traceback.print_exc()
+        failed = IpmclabError(
+            f"{type(error).__name__}: {error}",
+            code="fault",
+            where="recorder",
+            repair=f"this is a fault in ipmclab: please report it with the file {job.get('log', 'of its log')}",
+        )
+    last = ended(session.recorded if session else (), session.ended_early if session else how, failed)
+    desk.tell(last)
+    return int(last["status"])
+
+
+def _say(document: Mapping[str, str | Mapping[str, Any]]) -> None:
+    print(json.dumps(document), flush=True)
+    # Nobody reads on: what a library prints must not fail on a closed pipe.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
