@@ -1,9 +1,9 @@
 """One record of 2,000 samples of friend-2: hand-written C, our kernel, the public call, scipy's lsim.
 
-Run ``python -m benchmarks.core [--rounds 41] [--gate] [--record]``. One process, candidates interleaved in
-rounds, medians of the ratios of each round. Every candidate is first held against dense matrix exponentials
-of the thesis's equations (1e-9 of peak). The C loop computes the same four outputs as the kernel: current,
-node voltage, displacement, force.
+Run ``python -m benchmarks.core [--rounds 301] [--gate] [--record]``. One process, candidates take short turns
+(``harness.interleave``), medians of the ratios of each round. Every candidate is first held against dense matrix
+exponentials of the thesis's equations (1e-9 of peak). The C loop computes the same four outputs as the kernel:
+current, node voltage, displacement, force.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def check(name: str, values: Array, expected: dict[str, Array]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=41)
+    parser.add_argument("--rounds", type=int, default=301)
     parser.add_argument("--gate", action="store_true", help="exit 1 when a ratio is missed")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/core.md")
     options = parser.parse_args()

@@ -19,28 +19,39 @@ import numpy.typing as npt
 RESULTS = Path(__file__).parent / "results"
 
 
+clock = time.process_time
+"""Processor time of this process, all its threads together: what other processes take is not in it."""
+
+
 def interleave(
-    candidates: Mapping[str, Callable[[], object]], *, rounds: int, seconds: float = 0.005
+    candidates: Mapping[str, Callable[[], object]], *, rounds: int, seconds: float = 5e-4
 ) -> dict[str, npt.NDArray[np.float64]]:
     """Time per call of each candidate in each round [s]; within a round every candidate has its turn.
 
-    A candidate is called as often as fits into ``seconds``, at least once.
+    Every second round goes backwards, so that each candidate comes as often before its neighbour as after it. A
+    turn is as many calls as fit into ``seconds``, at least one: so short that what disturbs a turn disturbs few of
+    them, and neighbours meet the same clock rate and the same caches.
     """
     calls: dict[str, int] = {}
     for name, candidate in candidates.items():
-        candidate()
-        start = time.perf_counter()
-        candidate()
-        calls[name] = max(1, round(seconds / max(time.perf_counter() - start, 1e-7)))
+        shortest = min(_timed(candidate, 1) for _ in range(5))
+        calls[name] = max(1, round(seconds / max(shortest, 1e-7)))
     times: dict[str, list[float]] = {name: [] for name in candidates}
+    order = list(candidates)
     for _ in range(rounds):
-        for name, candidate in candidates.items():
-            repeats = range(calls[name])
-            start = time.perf_counter()
-            for _ in repeats:
-                candidate()
-            times[name].append((time.perf_counter() - start) / calls[name])
+        for name in order:
+            times[name].append(_timed(candidates[name], calls[name]))
+        order.reverse()
     return {name: np.array(values) for name, values in times.items()}
+
+
+def _timed(candidate: Callable[[], object], calls: int) -> float:
+    repeats = range(calls)
+    candidate()  # whoever ran before filled the caches with its own
+    start = clock()
+    for _ in repeats:
+        candidate()
+    return (clock() - start) / calls
 
 
 @dataclass(frozen=True)

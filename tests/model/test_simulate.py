@@ -12,6 +12,7 @@ import pytest
 from ipmclab import InputError, Run, RunMetadata, signals, simulate
 from ipmclab.model import Actuator, kernels, modal_loop, sensitivities, simulate_outputs
 from ipmclab.model.modal import modes
+from ipmclab.model.simulate import modal_coefficients
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
 from tests.model.conftest import actuator_of
 
@@ -214,6 +215,17 @@ def test_outputs_beyond_floating_point_are_no_run(
         simulate(friend_2, f"step {voltage} V", duration=1e6, rate=0.01)
     with pytest.raises(InputError, match="beyond floating point"):
         simulate(friend_2, np.ones(9), duration=9e300, rate=1e-300, hold="first")
+
+
+@pytest.mark.parametrize("rows", [2, modal_loop.BLOCK, modal_loop.BLOCK + 1, 3 * modal_loop.BLOCK - 1])
+def test_the_plain_loop_has_the_digits_of_the_compiled_one(friend_2: Actuator, rows: int) -> None:
+    voltage = np.random.default_rng(20261121).normal(size=rows)
+    numbers = modal_coefficients(friend_2, 0.02, "first")
+    assert numbers is not None
+    plain, compiled = np.empty((4, rows)), np.empty((4, rows))
+    modal_loop.modal(voltage, numbers, plain)
+    kernels.modal(voltage, numbers, compiled)
+    np.testing.assert_array_equal(plain, compiled)
 
 
 @pytest.mark.parametrize("times", [[0.0, 2.0, 1.0], [0.0, np.nan, 1.0], [0.0, 0.0, 1.0], [0.0]])

@@ -234,7 +234,8 @@ def _fitted_actuator(
     order: Mapping[int, int],
 ) -> Actuator:
     every = [problem.values(solution.theta, record.place) for record in problem.records]
-    values = {name: float(np.mean([run[name] for run in every])) for name in actuator.parameter_values}
+    means = np.mean([[run[name] for name in actuator.parameter_values] for run in every], axis=0)
+    values = dict(zip(actuator.parameter_values, means.tolist(), strict=True))
     uncertain = {
         n: u for n, u in actuator.standard_uncertainties.items() if n not in {x.base for x in problem.unknowns}
     }

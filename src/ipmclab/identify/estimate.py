@@ -20,6 +20,7 @@ from ipmclab.identify.start import StartingPoint, fastest_rate, leak_shares, oth
 from ipmclab.identify.starts import is_idle, not_at_rest
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.model import Actuator
+from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
 
 FloatArray = npt.NDArray[np.float64]
@@ -51,10 +52,11 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     """
     records = list(records)
     # Before any numerics; starting states are counted when their number is known.
-    _need_as_many_readings(len(unknowns_of(names, actuator.parameters(), records)), records)
+    parameters = actuator.parameters()
+    _need_as_many_readings(len(unknowns_of(names, parameters, records)), records)
     given_up: set[int] = set()
     while True:
-        problem, solution, rivals = _fit(actuator, names, records)
+        problem, solution, rivals = _fit(actuator, parameters, names, records)
         problem, solution = _without_idle(problem, solution, names)
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
@@ -128,7 +130,7 @@ def _without_idle(problem: Problem, solution: Solution, names: FreeParameters) -
 
 
 def _fit(
-    actuator: Actuator, names: FreeParameters, records: Sequence[Record]
+    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[Record]
 ) -> tuple[Problem, Solution, tuple[dict[str, float], ...]]:
     noise = {
         (record.place, output): max(reading.noise, 1e-300)
@@ -139,7 +141,7 @@ def _fit(
     explore = any(name.startswith("coupling.") for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
     for point in starting_points(actuator, names, records):
-        problem = _problem(actuator, names, records, point, noise)
+        problem = _problem(actuator, parameters, names, records, point, noise)
         theta = _first(problem, point)
         solution = (polish(problem, theta) if point.exact else None) or minimise(problem, theta)
         tried.append((problem, solution))
@@ -200,6 +202,7 @@ def _held(problem: Problem, solution: Solution, name: str, points: Sequence[Mapp
 
 def _problem(
     actuator: Actuator,
+    parameters: Mapping[str, Parameter],
     names: FreeParameters,
     records: Sequence[Record],
     point: StartingPoint,
@@ -215,7 +218,7 @@ def _problem(
             if record.start == "free":
                 responder.prepare(record, near)
     states = {record.place: responder.amplitudes(record) for record in records if record.start == "free"}
-    unknowns = unknowns_of(names, actuator.parameters(), records, states=states, delays=point.delays)
+    unknowns = unknowns_of(names, parameters, records, states=states, delays=point.delays)
     _need_as_many_readings(len(unknowns), records)
     return Problem(actuator.parameter_values, records, unknowns, responder, noise)
 

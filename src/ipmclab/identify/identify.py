@@ -71,7 +71,7 @@ def identify(
     43.420408
     """
     given = _runs(runs)
-    names = parse_free(actuator.parameters(), free, per_run)
+    names = parse_free(actuator.parameter_values, free, per_run)
     outputs = _outputs(names)
     found = [check(run) for run in given]
     silent = [noise_only(findings) & set(outputs) for findings in found]

@@ -116,7 +116,7 @@ class Reading:
         """Whether some reading is only a bound."""
         return bool(np.any(self.side))
 
-    @property
+    @cached_property
     def exact(self) -> Mask:
         """Readings that are measured, not bounds."""
         return np.asarray(self.used & (self.side == 0))

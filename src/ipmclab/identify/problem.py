@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.observation import Record
-from ipmclab.identify.response import Responder
+from ipmclab.identify.response import Responder, Response
 from ipmclab.identify.unknowns import Unknown
 
 FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
 
 _RECTANGLE: Final = 3.0**0.5  # half width of a rectangular distribution, in its standard deviations
@@ -43,8 +44,11 @@ class Evaluation:
         It holds all that a step, a rank or a covariance needs. Where the columns are well apart the Cholesky
         factor of their products is the same in a tenth of the time.
         """
-        whole = np.column_stack([self.jacobian, self.residual])
-        products = whole.T @ whole
+        columns = self.jacobian.shape[1]
+        products = np.empty((columns + 1, columns + 1))
+        products[:-1, :-1] = self.jacobian.T @ self.jacobian
+        products[:-1, -1] = products[-1, :-1] = self.jacobian.T @ self.residual
+        products[-1, -1] = self.cost
         size = np.sqrt(np.maximum(np.diagonal(products), 1e-300))
         try:
             factor = np.linalg.cholesky(products / np.outer(size, size))
@@ -52,7 +56,7 @@ class Evaluation:
             factor = np.zeros_like(products)
         if np.min(np.diagonal(factor)) > _WELL_APART:
             return np.asarray(factor.T * size)
-        return np.asarray(np.linalg.qr(whole, mode="r"))
+        return np.asarray(np.linalg.qr(np.column_stack([self.jacobian, self.residual]), mode="r"))
 
 
 class Problem:
@@ -153,7 +157,7 @@ class Problem:
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
-        parts = [self._record(record, theta, ()) for record in self.records]
+        parts = [self._record(record, theta) for record in self.records]
         away = theta - self._centred(theta)
         return Evaluation(
             np.concatenate([*(part[0] for part in parts), self._prior_jacobian @ away]),
@@ -177,59 +181,73 @@ class Problem:
 
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
-        parts = [self._record(record, theta, names)[2] for record in self.records]
+        parts = []
+        for record in self.records:
+            response = self._response(record, theta, names)
+            for row, (output, reading) in enumerate(record.readings.items()):
+                columns = response.parameters[row] / self.noise[record.place, output]
+                if reading.has_bounds:
+                    columns[self._quiet(record, output, theta, response.values[row])] = 0.0
+                parts.append(columns if reading.complete else columns[reading.used])
         return np.concatenate([*parts, np.zeros((len(self._prior_places), len(names)))])
 
-    def _record(
-        self, record: Record, theta: FloatArray, fixed: Sequence[str]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _response(self, record: Record, theta: FloatArray, names: Sequence[str]) -> Response:
+        place = record.place
+        values, start = self.values(theta, place), self.start(theta, place)
+        return self.responder.respond(record, values, names, self.delay(theta, record), start)
+
+    def _sensor(self, record: Record, output: str) -> list[tuple[int, FloatArray | float]]:
+        """What the zero and the slope of a sensor add to its readings, for each unit of their entries."""
+        found: list[tuple[int, FloatArray | float]] = []
+        for column, unknown in enumerate(self.unknowns):
+            if unknown.place == record.place and unknown.base == f"observation.offset.{output}":
+                found.append((column, unknown.scale))
+            elif unknown.place == record.place and unknown.base == f"observation.drift.{output}":
+                found.append((column, (record.run.time - record.run.time[0]) * unknown.scale))
+        return found
+
+    def _away(self, record: Record, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
+        """Model minus reading, the sensor's own part included [SI]."""
+        away = values - record.readings[output].values
+        for column, added in self._sensor(record, output):
+            away += theta[column] * added
+        return away
+
+    def _quiet(self, record: Record, output: str, theta: FloatArray, values: FloatArray) -> Mask:
+        """Readings at their range that say nothing here.
+
+        Such a reading is a bound: it counts only while the model is on the wrong side.
+        """
+        return np.asarray(self._away(record, output, theta, values) * record.readings[output].side > 0)
+
+    def _record(self, record: Record, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Weighted residuals of one run, and their derivatives."""
+        own = [(column, u) for column, u in enumerate(self.unknowns) if u.place in (None, record.place)]
+        names = list(dict.fromkeys(unknown.base for _, unknown in own if unknown.base in self.base))
+        response = self._response(record, theta, names)
         values = self.values(theta, record.place)
-        names = tuple(
-            dict.fromkeys(u.base for u in self.unknowns if u.base in self.base and u.place in (None, record.place))
-        )
-        response = self.responder.respond(
-            record,
-            values,
-            (*names, *fixed),
-            self.delay(theta, record),
-            self.start(theta, record.place),
-        )
-        residuals, jacobians, fixed_jacobians = [], [], []
+        chains = np.zeros((len(names), len(theta)))
+        for column, unknown in own:
+            if unknown.base in names:
+                chains[names.index(unknown.base), column] = unknown.chain(values[unknown.base])
+        starts = [column for column, unknown in own if unknown.nuisance]
+        delays = [(column, unknown.scale) for column, unknown in own if unknown.base == "observation.delay"]
+        residuals, jacobians = [], []
         for row, (output, reading) in enumerate(record.readings.items()):
             sigma = self.noise[record.place, output]
-            residual = response.values[row] - reading.values
-            chains = np.zeros((len(names), len(theta)))
-            others: list[tuple[int, FloatArray | float]] = []
-            amplitude = 0
-            for column, unknown in enumerate(self.unknowns):
-                if unknown.place not in (None, record.place):
-                    continue
-                if unknown.base in names:
-                    chains[names.index(unknown.base), column] = unknown.chain(values[unknown.base])
-                elif unknown.nuisance:
-                    others.append((column, response.states[row, :, amplitude]))
-                    amplitude += 1
-                elif unknown.base == "observation.delay":
-                    others.append((column, response.delay[row] * unknown.scale))
-                elif unknown.base == f"observation.offset.{output}":
-                    others.append((column, unknown.scale))
-                    residual = residual + theta[column] * unknown.scale
-                elif unknown.base == f"observation.drift.{output}":
-                    ramp = (record.run.time - record.run.time[0]) * unknown.scale
-                    others.append((column, ramp))
-                    residual = residual + theta[column] * ramp
-            columns = response.parameters[row, :, : len(names)] @ (chains / sigma)
-            for column, values_there in others:
-                columns[:, column] = values_there / sigma
-            residual = residual / sigma
-            by_fixed = response.parameters[row, :, len(names) :] / sigma
+            residual = self._away(record, output, theta, response.values[row]) / sigma
+            columns = response.parameters[row] @ (chains / sigma)
+            if starts:
+                columns[:, starts] = response.states[row] / sigma
+            for column, scale in delays:
+                columns[:, column] = response.delay[row] * (scale / sigma)
+            for column, added in self._sensor(record, output):
+                columns[:, column] = added / sigma
             if reading.has_bounds:
-                # A reading at its range is a bound: it counts only while the model is on the wrong side.
-                quiet = residual * reading.side > 0
-                residual[quiet], columns[quiet], by_fixed[quiet] = 0.0, 0.0, 0.0
+                quiet = self._quiet(record, output, theta, response.values[row])
+                residual[quiet], columns[quiet] = 0.0, 0.0
             if not reading.complete:
-                residual, columns, by_fixed = residual[reading.used], columns[reading.used], by_fixed[reading.used]
+                residual, columns = residual[reading.used], columns[reading.used]
             residuals.append(residual)
             jacobians.append(columns)
-            fixed_jacobians.append(by_fixed)
-        return np.concatenate(residuals), np.concatenate(jacobians), np.concatenate(fixed_jacobians)
+        return np.concatenate(residuals), np.concatenate(jacobians)

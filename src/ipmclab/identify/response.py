@@ -87,21 +87,26 @@ class CircuitResponder:
 
     def __init__(self, branches: int) -> None:
         self._branches = branches
-        # The latest answers are kept: runs share their circuit, and a point is often asked again with more names.
+        # The latest answers are kept: runs share their circuit, and a point is often asked again for other names.
         self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
+        self._chains: dict[object, FloatArray] = {}
         self._moved: dict[int, tuple[object, tuple[Drive, FloatArray, FloatArray]]] = {}
 
     def _circuit(
         self, record: Record, values: Mapping[str, float], names: Sequence[str]
     ) -> tuple[Admittance, FloatArray]:
         """Poles and residues, and the derivatives of (direct, residues, poles) with respect to the parameters."""
-        key = (record.series_resistance, tuple(names), tuple(values.values()))
-        if key not in self._seen:
-            if len(self._seen) > 8:
-                self._seen.clear()
-            seen, derivatives = admittance(lumped(self._branches, values, record.series_resistance))
-            self._seen[key] = seen, derivatives @ lumped_derivatives(self._branches, values, names)
-        return self._seen[key]
+        point = tuple(values.values())
+        behind, asked = (record.series_resistance, point), (tuple(names), point)
+        if len(self._seen) + len(self._chains) > 16:
+            self._seen.clear()
+            self._chains.clear()
+        if behind not in self._seen:
+            self._seen[behind] = admittance(lumped(self._branches, values, record.series_resistance))
+        if asked not in self._chains:
+            self._chains[asked] = lumped_derivatives(self._branches, values, names)
+        seen, derivatives = self._seen[behind]
+        return seen, derivatives @ self._chains[asked]
 
     def _responses(self, record: Record, poles: FloatArray, delay: float) -> tuple[Drive, FloatArray, FloatArray]:
         key = (poles.tobytes(), delay, record.start)

@@ -103,7 +103,7 @@ def unknowns_of(
     delays : mapping of place to EdgeDelay
         What is known beforehand of the edges of foreign records.
     """
-    delays = delays or {record.place: record.at_its_rows for record in records}
+    delays = delays or {record.place: record.at_its_rows for record in records if record.delay_is_free}
     foreign = sum(record.delay_is_free for record in records)
     found = [actuator_unknown(parameters[name], None) for name in free.shared]
     rates = [record.run.rate for record in records if {"force", "displacement"} & set(record.readings)]

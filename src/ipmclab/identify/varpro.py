@@ -20,6 +20,7 @@ from ipmclab.identify.kernels import pole_response, pole_values
 FloatArray = npt.NDArray[np.float64]
 
 GRID_POLES: Final = 10
+_GRID_STARTS: Final = 4
 _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
 _EQUAL: Final = 0.05  # of a logarithm: poles nearer than that have met
@@ -104,6 +105,8 @@ class _Table:
         self.rows = np.zeros((self._fixed + 2 * count * self.width, len(self._weight)))
         self.rows[0] = np.concatenate([run.readings for run in series]) * self._weight
         self.rows[1 : self._fixed] = common * self._weight
+        self._products = np.empty((len(self.rows), len(self.rows)))
+        self._products[: self._fixed, : self._fixed] = self.rows[: self._fixed] @ self.rows[: self._fixed].T
 
     def gram(self, poles: FloatArray) -> FloatArray:
         """Products of all rows with each other."""
@@ -123,8 +126,10 @@ class _Table:
                 place += 1
             begin = end
         moving *= self._weight
-        found: FloatArray = self.rows @ self.rows.T
-        return found
+        products = self._products.copy()
+        products[self._fixed :] = moving @ self.rows.T
+        products[: self._fixed, self._fixed :] = products[self._fixed :, : self._fixed].T
+        return products
 
 
 def pole_grid(series: Sequence[Series], count: int = GRID_POLES) -> FloatArray:
@@ -193,9 +198,9 @@ def _grid_starts(series: Sequence[Series], count: int, common: FloatArray) -> li
             place += 1
         begin = end
     rows *= np.concatenate([run.weight for run in series])
-    products = rows @ rows.T
-    scale = np.sqrt(np.maximum(np.diagonal(products)[1:], 1e-300))
-    gram, right = products[1:, 1:] / np.outer(scale, scale), products[1:, 0] / scale
+    products = rows[1:] @ rows.T
+    scale = np.sqrt(np.maximum(np.diagonal(products[:, 1:]), 1e-300))
+    gram, right = products[:, 1:] / np.outer(scale, scale), products[:, 0] / scale
     choices = np.array(list(combinations(range(len(grid)), count)))
     members = first + width * choices[:, :, None] + np.arange(width)
     always = np.broadcast_to(np.arange(first), (len(choices), first))
@@ -204,14 +209,12 @@ def _grid_starts(series: Sequence[Series], count: int, common: FloatArray) -> li
     matrices = gram[index[:, :, None], index[:, None, :]] + 1e-10 * np.eye(index.shape[1])
     vectors = right[index]
     gains = np.einsum("ij,ij->i", vectors, np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])
-    kept: list[npt.NDArray[np.intp]] = []
-    for place in np.argsort(-gains):
-        choice = choices[place]
-        if all(np.max(np.abs(choice - other)) > 1 for other in kept):
-            kept.append(choice)
-        if len(kept) == 4:
-            break
-    return [grid[choice] for choice in kept]
+    left = choices[np.argsort(-gains)]
+    kept: list[FloatArray] = []
+    while len(left) and len(kept) < _GRID_STARTS:
+        kept.append(grid[left[0]])
+        left = left[np.max(np.abs(left - left[0]), axis=1) > 1]
+    return kept
 
 
 def _descend(table: _Table, series: Sequence[Series], poles: FloatArray) -> PoleFit:

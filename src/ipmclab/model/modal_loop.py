@@ -5,10 +5,15 @@ It stands alone so that a process that simulates one record need not load a comp
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+BLOCK: Final = 256
+"""Rows whose modes are worked out before their outputs: 12 kB, which stay in the fastest cache."""
 
 
 def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) -> None:
@@ -18,6 +23,10 @@ def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) ->
     ``z3+ = p z3 + q z4 + u``, ``z4+ = z3 + s z4``: two real modes (q = 0) or a complex pair
     (p = s, q < 0) at the same cost. Current and applied voltage read section 1, force sections 1
     and 2, displacement all three.
+
+    A mode needs the row before, an output does not: for a block of rows first the modes go row by row, then
+    each output goes over the block in a loop of its own, which a compiler turns into operations on several rows
+    at once. Each number is computed as the formula says, whichever way: compiled or not, the digits are the same.
 
     Parameters
     ----------
@@ -40,14 +49,27 @@ def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) ->
     first = voltage[0]
     z1, z2, z3 = coefficients[26] * first, coefficients[27] * first, coefficients[28] * first
     z4, z5, z6 = coefficients[29] * first, coefficients[30] * first, coefficients[31] * first
-    current, applied, displacement, force = outputs[0], outputs[1], outputs[2], outputs[3]
-    for k in range(voltage.shape[0]):
-        u = voltage[k]
-        current[k] = (i1 * z1 + i2 * z2) + i0 * u
-        applied[k] = (v1 * z1 + v2 * z2) + v0 * u
-        displacement[k] = ((d1 * z1 + d2 * z2) + (d3 * z3 + d4 * z4)) + ((d5 * z5 + d6 * z6) + d0 * u)
-        force[k] = ((f1 * z1 + f2 * z2) + (f3 * z3 + f4 * z4)) + f0 * u
-        z1 = a1 * z1 + u
-        z2 = a2 * z2 + u
-        z3, z4 = p2 * z3 + (q2 * z4 + u), s2 * z4 + z3
-        z5, z6 = p3 * z5 + (q3 * z6 + u), s3 * z6 + z5
+    modes = np.empty((6, BLOCK))
+    y1, y2, y3, y4, y5, y6 = modes[0], modes[1], modes[2], modes[3], modes[4], modes[5]
+    for begin in range(0, voltage.shape[0], BLOCK):
+        u = voltage[begin : begin + BLOCK]
+        for k in range(u.shape[0]):
+            y1[k], y2[k], y3[k], y4[k], y5[k], y6[k] = z1, z2, z3, z4, z5, z6
+            z1 = a1 * z1 + u[k]
+            z2 = a2 * z2 + u[k]
+            z3, z4 = p2 * z3 + (q2 * z4 + u[k]), s2 * z4 + z3
+            z5, z6 = p3 * z5 + (q3 * z6 + u[k]), s3 * z6 + z5
+        current = outputs[0, begin : begin + BLOCK]
+        for k in range(u.shape[0]):
+            current[k] = (i1 * y1[k] + i2 * y2[k]) + i0 * u[k]
+        applied = outputs[1, begin : begin + BLOCK]
+        for k in range(u.shape[0]):
+            applied[k] = (v1 * y1[k] + v2 * y2[k]) + v0 * u[k]
+        displacement = outputs[2, begin : begin + BLOCK]
+        for k in range(u.shape[0]):
+            displacement[k] = ((d1 * y1[k] + d2 * y2[k]) + (d3 * y3[k] + d4 * y4[k])) + (
+                (d5 * y5[k] + d6 * y6[k]) + d0 * u[k]
+            )
+        force = outputs[3, begin : begin + BLOCK]
+        for k in range(u.shape[0]):
+            force[k] = ((f1 * y1[k] + f2 * y2[k]) + (f3 * y3[k] + f4 * y4[k])) + f0 * u[k]
