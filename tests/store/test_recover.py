@@ -1,0 +1,195 @@
+"""Recovery: whatever was killed, every acknowledged row is back, and what was finished is as it was."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from uuid import uuid4
+
+import numpy as np
+import pytest
+
+from ipmclab.errors import IpmclabError
+from ipmclab.store import read_run
+from ipmclab.store import recover as recover_module
+from ipmclab.store.finalise import finalise
+from ipmclab.store.journal import Journal, JournalHeader
+from ipmclab.store.laboratory import Laboratory
+from ipmclab.store.recover import ARCHIVE_TIME, recover
+
+WRITER = Path(__file__).with_name("writer.py")
+
+
+def journal(root: Path, count: int = 50) -> Journal:
+    made = Journal.create(root, JournalHeader(str(uuid4()), 50.0, ("voltage",)), ballast=0)
+    made.append(0, np.arange(count, dtype=float)[:, None])
+    return made
+
+
+def cut_off(root: Path) -> Path:
+    made = journal(root)
+    made.close()
+    return made.path
+
+
+def hashes(root: Path) -> dict[Path, str]:
+    return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in root.rglob("*.nc")}
+
+
+def writer(root: Path, uuid: str, rows: int) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, WRITER, str(root), uuid, str(rows)], stdout=subprocess.PIPE)
+
+
+def killed_after(process: subprocess.Popen[bytes], seconds: float) -> list[str]:
+    """What a process had told when it was killed, so long after its first line."""
+    assert process.stdout is not None
+    first = process.stdout.readline()
+    time.sleep(seconds)
+    process.kill()
+    rest = process.stdout.read()
+    process.wait()
+    process.stdout.close()
+    return (first + rest).decode().split()
+
+
+def assert_nothing_lost(root: Path, uuid: str, told: list[str]) -> str:
+    """The run of a killed writer is whole as far as it was acknowledged; how it is marked."""
+    (path,) = (root / "runs").rglob(f"*_{uuid[:8]}.nc")
+    run = read_run(path)
+    acknowledged = max(int(word) for word in told if word.isdigit())
+    rows = np.arange(len(run))
+    assert len(run) >= acknowledged
+    np.testing.assert_array_equal(run.time, rows / 1000.0)
+    np.testing.assert_array_equal(run.voltage, rows)
+    np.testing.assert_array_equal(run.current, rows * 0.5)
+    np.testing.assert_array_equal(run.raw["current"], rows * 0.25)
+    assert run.metadata.uuid == uuid
+    return run.metadata.state or ""
+
+
+def test_kill_9_of_a_recording_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
+    """Killed at random moments of recording, end and finishing, by the signal that nobody can catch."""
+    random = np.random.default_rng(20261121)
+    states = set()
+    for number in range(8):
+        before = hashes(tmp_path)
+        uuid = str(uuid4())
+        process = writer(tmp_path, uuid, rows=4000 if number % 2 else 1200)
+        told = killed_after(process, random.uniform(0.02, 0.4) + (number % 4 == 0) * 0.5)
+        wait_for_orphans(tmp_path)
+        recovery = recover(tmp_path)
+        assert recovery.failed == ()
+        states.add(assert_nothing_lost(tmp_path, uuid, told))
+        if "ended" in told:
+            assert read_run(next((tmp_path / "runs").rglob(f"*_{uuid[:8]}.nc"))).metadata.state == "complete"
+        after = hashes(tmp_path)
+        assert before.items() <= after.items()
+        assert len(after) == number + 1
+        assert recover(tmp_path).finished == ()
+        assert hashes(tmp_path) == after
+        assert not list((tmp_path / "recording").iterdir())
+    assert "recovered" in states
+
+
+def wait_for_orphans(root: Path) -> None:
+    """A killed recorder's finishing process goes on alone: let it, so that its journal is not in use."""
+    until = time.monotonic() + 20.0
+    for left in (root / "recording").glob("*.runj"):
+        while time.monotonic() < until and left.exists() and in_use(left):
+            time.sleep(0.05)
+
+
+def in_use(path: Path) -> bool:
+    from ipmclab.platform import lock_file
+
+    try:
+        with path.open("r+b") as stream:
+            return not lock_file(stream.fileno())
+    except FileNotFoundError:
+        return False
+
+
+def test_kills_of_the_recovery_itself(tmp_path: Path) -> None:
+    random = np.random.default_rng(20261121)
+    uuid = str(uuid4())
+    told = killed_after(writer(tmp_path, uuid, rows=100_000), 0.3)
+    (path,) = (tmp_path / "recording").glob("*.runj")
+    command = [sys.executable, "-m", "ipmclab.store.finalise", str(path), str(tmp_path)]
+    for _ in range(4):
+        child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        time.sleep(random.uniform(0.1, 0.9))
+        child.kill()
+        child.wait()
+    assert recover(tmp_path).failed == ()
+    assert assert_nothing_lost(tmp_path, uuid, told) == "recovered"
+    assert len(hashes(tmp_path)) == 1
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_one_bad_recording_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, third = (cut_off(tmp_path) for _ in range(3))
+    (tmp_path / "recording" / "no journal.runj").write_bytes(b"what is this")
+    live = journal(tmp_path)
+    real = recover_module.finish
+
+    def finish(path: Path, laboratory: Laboratory) -> object:
+        if path == second:
+            raise IpmclabError("it breaks", code="write-failed")
+        return real(path, laboratory)
+
+    told: list[tuple[int, int]] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(recover_module, "finish", finish)
+        recovery = recover(tmp_path, on_progress=lambda done, total, path: told.append((done, total)))
+    assert told == [(number, 5) for number in range(5)]
+    outcomes = {Path(finished.journal).name: finished.outcome for finished in recovery.finished}
+    assert outcomes == {first.name: "run", third.name: "run", "no journal.runj": "lost", live.path.name: "in-use"}
+    assert [path for path, _ in recovery.failed] == [second]
+    again = recover(tmp_path)
+    assert [(finished.journal, finished.outcome) for finished in again.finished if finished.outcome == "run"] == [
+        (str(second), "run")
+    ]
+    assert read_run(finalise(live.end("complete"), tmp_path)).metadata.state == "complete"
+
+
+def test_half_files_and_old_journals_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    laboratory = Laboratory.open(tmp_path)
+    run = finalise(journal(tmp_path).end("complete"), tmp_path)
+    other = finalise(journal(tmp_path).end("complete"), tmp_path)
+    old, kept = sorted(laboratory.archive.iterdir(), key=lambda path: path.stem[:8] != run.stem[-8:])
+    unfinished = laboratory.archive / f"{uuid4()}.runj"
+    unfinished.write_bytes(b"the run of this one is not here")
+    long_ago = time.time() - ARCHIVE_TIME - 1.0
+    for path in (old, unfinished):
+        os.utime(path, (long_ago, long_ago))
+    live = Journal.create(tmp_path, JournalHeader(str(uuid4()), 50.0, ("voltage",)), ballast=10)
+    half = run.with_name("20261121_120000_rig_sample_step_01234567.nc.part")
+    its_own = run.with_name(f"20261121_120000_rig_sample_step_{live.path.stem[:8]}.nc.part")
+    ballast = laboratory.ballast(str(uuid4()))
+    for path in (half, its_own, ballast):
+        path.write_bytes(b"half")
+    recovery = recover(tmp_path)
+    assert set(recovery.removed) == {half, ballast, old}
+    assert {path.exists() for path in (run, other, kept, unfinished, its_own, live.path)} == {True}
+    assert laboratory.ballast(live.path.stem).exists()
+    live.close()
+
+
+def test_two_recoveries_at_once(tmp_path: Path) -> None:
+    for _ in range(3):
+        cut_off(tmp_path)
+    command = [sys.executable, "-c", f"from ipmclab.store.recover import recover; recover({str(tmp_path)!r})"]
+    both = [subprocess.Popen(command, stderr=subprocess.PIPE) for _ in range(2)]
+    for process in both:
+        assert process.communicate()[1] == b""
+        assert process.returncode == 0
+    recover(tmp_path)
+    assert len(hashes(tmp_path)) == 3
+    for path in hashes(tmp_path):
+        np.testing.assert_array_equal(read_run(path).voltage, np.arange(50.0))
+    assert len(list((tmp_path / "journal-archive").iterdir())) == 3
+    assert not list((tmp_path / "lost+found").iterdir())
