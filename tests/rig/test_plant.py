@@ -143,7 +143,7 @@ def test_hands_do_what_they_say(strip: Actuator) -> None:
     for words in WORDS:
         handle(plant, words)
     with pytest.raises(InputError, match=r"unknown words 'tip cleer'; did you mean 'tip clear'\?"):
-        handle(plant, "tip cleer")
+        handle(plant, "tip cleer\n")
     with pytest.raises(InputError, match="humidity: '60' has no unit"):
         handle(plant, "humidity 60")
 

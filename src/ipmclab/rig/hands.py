@@ -61,4 +61,4 @@ def handle(plant: StripPlant, words: str) -> None:
     elif what == "humidity":
         plant.set_chamber(relative_humidity=parse_quantity(setting, RELATIVE_HUMIDITY, where=what))
     else:
-        raise InputError(f"unknown words {words!r}", code="unknown-words", where="hands", repair=suggest(known, WORDS))
+        raise InputError(f"unknown words {known!r}", code="unknown-words", where="hands", repair=suggest(known, WORDS))

@@ -1,0 +1,204 @@
+"""``ipmclab rig serve``: a stand-in chassis with the virtual strip of a rig behind its terminals."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from ipmclab.errors import InputError, IpmclabError
+
+if TYPE_CHECKING:
+    from ipmclab.rig.channels import Rig
+    from ipmclab.rig.plant import StripPlant
+    from virtual_cdaq.model.chassis import Chassis
+    from virtual_cdaq.model.clock import LockStepClock, RealClock
+    from virtual_cdaq.model.faults import Fault
+
+_NAME: Final = re.compile(r"/?(?P<chassis>\w+?)Mod(?P<slot>[1-4])/a[io]\d+", re.IGNORECASE)
+_SLOTS: Final = 4
+
+
+def serve(
+    rig: Annotated[
+        str, typer.Argument(metavar="RIG", help="A rig file (.toml), or thesis: the rig in the library.")
+    ] = "thesis",
+    port: Annotated[int, typer.Option(metavar="PORT", help="On 127.0.0.1; 0 for a free one.")] = 0,
+    clock: Annotated[
+        str, typer.Option(metavar="real|x10|lock-step", help="Real time, so many times as fast, or as fast as asked.")
+    ] = "real",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FAULT", help='Such as "freeze at 2 s"; may be repeated.', show_default=False),
+    ] = None,
+    levels: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Keep the level of every output in this file.")
+    ] = None,
+    hands: Annotated[
+        bool, typer.Option("--hands", help='Take lines such as "tip clear" on stdin: what an operator\'s hands do.')
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the line as a JSON document.")] = False,
+) -> None:
+    """Serve a stand-in chassis that speaks NI's protocol, until Ctrl-C.
+
+    Prints one line, the address 127.0.0.1:PORT, as soon as it can be used.
+
+    \b
+    ipmclab rig serve rig.toml --port 31763
+    """
+    from ipmclab.rig.plant import StripPlant
+    from ipmclab.rig.rig_file import load_rig
+
+    loaded = load_rig(rig)
+    name, modules = chassis_of(loaded)
+    plant = StripPlant(loaded)
+    plant.advance([0.0], {})  # compiles what it needs, so that the first client does not wait for it
+    chassis, server = _make(plant, name, modules, port=port, clock=clock, faults=fault or [], levels=levels)
+    try:
+        address = server.start()
+    except OSError as error:
+        raise InputError(
+            str(error), code="port-taken", where="--port", repair="give another port, or 0 for a free one"
+        ) from error
+    stop = threading.Event()
+    for wanted in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(wanted, lambda *_: stop.set())
+    what = "a dummy load" if plant.actuator is None else plant.actuator.name
+    print(f"{loaded.name}, with {what}; clock {clock}; Ctrl-C stops it", file=sys.stderr, flush=True)
+    print(json.dumps({"address": address, "rig": rig, "clock": clock}) if as_json else address, flush=True)
+    if hands:
+        threading.Thread(target=_take_hands, args=(chassis, plant), name="hands", daemon=True).start()
+    while not stop.wait(0.5):  # without a time, Windows would not let Ctrl-C through
+        pass
+    server.stop()
+
+
+def chassis_of(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """The name of the chassis that a rig is wired to, and the modules in its slots, from slot 1 on.
+
+    Raises
+    ------
+    InputError
+        Names that no such chassis has, two modules in one slot.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> chassis_of(THESIS_RIG)
+    ('cDAQ1', ('NI 9205', 'NI 9263', 'NI 9217'))
+    """
+    wires = [("output", rig.output.physical, "NI 9263")]
+    wires += [(f"channels.{one.name}", one.physical, "NI 9205") for one in rig.channels]
+    wires += [
+        (key, one.physical, "NI 9217")
+        for key, one in (("thermometer", rig.thermometer), ("four_probe", rig.four_probe))
+        if one is not None
+    ]
+    slots: dict[int, str] = {}
+    names: dict[str, str] = {}
+    for key, physical, product in wires:
+        match = _NAME.fullmatch(physical)
+        if match is None:
+            raise InputError(
+                f"{physical!r} is at no module of a cDAQ-9174",
+                code="bad-channel-name",
+                where=f"{key}.physical",
+                repair="the stand-in has the modules cDAQ1Mod1 to cDAQ1Mod4: write for example cDAQ1Mod1/ai0",
+            )
+        slot = int(match["slot"])
+        names.setdefault(match["chassis"].lower(), match["chassis"])
+        if slots.setdefault(slot, product) != product:
+            raise InputError(
+                f"slot {slot} would need an {slots[slot]} and an {product}",
+                code="shared-module",
+                where=f"{key}.physical",
+                repair="wire voltages to an NI 9205, the output to an NI 9263, resistances to an NI 9217",
+            )
+    if len(names) > 1:
+        raise InputError(
+            f"the rig is wired to {len(names)} chassis: {', '.join(names.values())}",
+            code="several-chassis",
+            where="rig",
+            repair="the stand-in is one chassis: wire everything to it",
+        )
+    # A slot that nothing is wired to holds another voltage module.
+    return next(iter(names.values())), tuple(slots.get(slot, "NI 9205") for slot in range(1, max(slots) + 1))
+
+
+def _make(
+    plant: StripPlant,
+    name: str,
+    modules: Sequence[str],
+    *,
+    port: int,
+    clock: str,
+    faults: Sequence[str],
+    levels: Path | None,
+) -> tuple[Chassis, Any]:
+    try:
+        from virtual_cdaq.levels import LevelFile
+        from virtual_cdaq.model.chassis import Chassis
+        from virtual_cdaq.server import Server
+    except ImportError as error:
+        raise IpmclabError(
+            f"{error.name} is not installed: the stand-in speaks NI's protocol through NI's client",
+            code="no-nidaqmx",
+            where="rig serve",
+            repair='install it with: pip install "ipmclab[ni]"',
+        ) from error
+    chassis = Chassis(
+        plant,
+        _clock(clock),
+        name=name,
+        modules=modules,
+        seed=plant.rig.virtual.seed,
+        faults=[_fault(text) for text in faults],
+    )
+    if levels is not None:
+        chassis.on_level = LevelFile(levels, chassis.levels).write
+    return chassis, Server(chassis, port)
+
+
+def _clock(text: str) -> RealClock | LockStepClock:
+    from virtual_cdaq.model.clock import make_clock
+
+    try:
+        return make_clock(text)
+    except ValueError as error:
+        raise InputError(
+            f"unknown clock {text!r}", code="unknown-clock", where="--clock", repair="give real, x10 or lock-step"
+        ) from error
+
+
+def _fault(text: str) -> Fault:
+    from virtual_cdaq.model.faults import parse_fault
+
+    try:
+        return parse_fault(text)
+    except ValueError as error:
+        raise InputError(
+            str(error), code="unknown-fault", where="--fault", repair='write for example "freeze at 2 s for 5 s"'
+        ) from error
+
+
+def _take_hands(chassis: Chassis, plant: StripPlant) -> None:
+    """Do what stands in the lines of stdin, until it ends; what cannot be done is told on stderr."""
+    from ipmclab.rig.hands import handle
+
+    for line in sys.stdin:
+        if not line.strip():
+            continue
+        try:
+            with chassis.lock:
+                chassis.advance()  # up to here the plant was as before
+                handle(plant, line)
+            print(f"done: {line.strip()}", file=sys.stderr, flush=True)
+        except InputError as error:
+            print(f"error: {error}", file=sys.stderr, flush=True)
