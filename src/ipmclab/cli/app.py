@@ -13,7 +13,7 @@ from typing import Annotated, Final
 
 import typer
 
-from ipmclab.cli import check, demo, export, identify, import_, plot, recover, report, rig, simulate, validate
+from ipmclab.cli import check, demo, export, identify, import_, plot, record, recover, report, rig, simulate, validate
 from ipmclab.cli.options import SpreadCommand
 from ipmclab.cli.output import print_json
 from ipmclab.errors import InputError, IpmclabError
@@ -40,6 +40,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "identify": identify.identify,
     "validate": validate.validate,
     "report": report.report,
+    "record": record.record,
     "recover": recover.recover,
 }
 

@@ -5,6 +5,7 @@ It answers with one line on stdout, the file that says where it listens, or an e
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
@@ -43,6 +44,7 @@ def main() -> int:
         laboratory = Laboratory.open(experiment.folder)
         about = {"sample": experiment.sample.id, "rig": rig.name, "experiment": experiment.where}
         hub = desk.hub = Hub(laboratory.recording, desk.on_request, about)
+        log = _log_beside(hub.file)
     except IpmclabError as error:
         _say({"error": {**error.as_dict(), "exit_status": error.exit_status}})
         return error.exit_status
@@ -52,6 +54,10 @@ def main() -> int:
         return _record(job, experiment, rig, laboratory, desk)
     finally:
         hub.close()
+        sys.stderr.flush()
+        with contextlib.suppress(OSError):
+            if not log.stat().st_size:
+                log.unlink()
 
 
 def read_experiment(job: Mapping[str, Any]) -> Experiment:
@@ -225,11 +231,20 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
             f"{type(error).__name__}: {error}",
             code="fault",
             where="recorder",
-            repair=f"this is a fault in ipmclab: please report it with the file {job.get('log', 'of its log')}",
+            repair=f"this is a fault in ipmclab: please report it with the newest .log in {laboratory.recording}",
         )
     last = ended(session.recorded if session else (), session.ended_early if session else how, failed)
     desk.tell(last)
     return int(last["status"])
+
+
+def _log_beside(file: Path) -> Path:
+    """Let what nobody expected go to a file: the terminal of whoever started this may be gone long before."""
+    log = file.with_suffix(".log")
+    stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    os.dup2(stream, sys.stderr.fileno())
+    os.close(stream)
+    return log
 
 
 def _say(document: Mapping[str, str | Mapping[str, Any]]) -> None:

@@ -114,7 +114,7 @@ def attach(folder: Path) -> Recorder:
     )
 
 
-def launch(module: str, job: dict[str, Any], log: Path) -> Recorder:
+def launch(module: str, job: dict[str, Any]) -> Recorder:
     """Start a recorder in a process of its own and join it.
 
     Parameters
@@ -123,22 +123,15 @@ def launch(module: str, job: dict[str, Any], log: Path) -> Recorder:
         What ``python -m`` runs: it reads the job as JSON from its standard input, and writes the name of the file
         with its address on its standard output, or ``{"error": ...}``.
     job : mapping
-    log : Path
-        Where the process writes what nobody expected.
 
     Raises
     ------
     InputError, IpmclabError
         What the recorder refuses, or that it did not come up.
     """
-    with log.open("ab") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-m", module],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            **detached(),
-        )
+    process = subprocess.Popen(
+        [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, **detached()
+    )
     assert process.stdin is not None
     assert process.stdout is not None
     with process.stdin:
@@ -153,7 +146,7 @@ def launch(module: str, job: dict[str, Any], log: Path) -> Recorder:
             f"the recorder ended at its start with status {process.returncode}",
             code="no-recorder",
             where="record",
-            repair=f"report what stands at the end of {log}",
+            repair="report what it printed",
         ) from None
     if "error" in told:
         process.wait()

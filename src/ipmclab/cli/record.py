@@ -1,0 +1,309 @@
+"""``ipmclab record``: an experiment, from the strip to its run files."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from ipmclab.cli.options import Json
+from ipmclab.cli.output import print_json
+from ipmclab.cli.record_view import View, print_plan, print_results
+from ipmclab.errors import InputError, IpmclabError
+
+if TYPE_CHECKING:
+    from ipmclab.rig.client import Recorder
+    from ipmclab.rig.messages import Message
+
+RECORDER: Final = "ipmclab.cli.recorder"
+"""The program of the recorder's own process."""
+
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C, as shells have it: what was recorded is kept all the same."""
+
+_LOOK: Final = 0.05
+"""How often [s] keys and signals are looked at."""
+
+
+def record(
+    experiment: Annotated[
+        Path | None,
+        typer.Argument(metavar="EXPERIMENT", help="An experiment file (.toml).", show_default=False),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Start without asking, and answer every question with its default.")
+    ] = False,
+    answer: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STEP=VALUE", help="Answer what a step asks, such as clamp=kept; may be repeated."),
+    ] = None,
+    answers: Annotated[
+        Path | None, typer.Option(metavar="FILE", help='Answers in a TOML file: a line STEP = "VALUE" each.')
+    ] = None,
+    pair: Annotated[bool, typer.Option("--pair", help="Each signal with both polarities.")] = False,
+    repeats: Annotated[int | None, typer.Option(metavar="N", help="How often each signal is recorded.")] = None,
+    plan: Annotated[bool, typer.Option("--plan", help="Print what would happen, and do nothing.")] = False,
+    attach: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Join a recording that runs in this laboratory folder.")
+    ] = None,
+    template: Annotated[bool, typer.Option("--template", help="Print an experiment file to start from.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Record an experiment: prepare the strip, apply its signals, keep every row.
+
+    The recording runs in a process of its own. A terminal that closes does not end it: join it again with --attach.
+    In a terminal: s stops and keeps, a aborts, z brings the output to 0 V now, m adds a mark. Ctrl-C stops and keeps.
+
+    \b
+    ipmclab record step.toml
+    """
+    if template:
+        from ipmclab.rig.experiment import TEMPLATE
+
+        print(TEMPLATE, end="")
+        return
+    keys = sys.stdin.isatty() and sys.stderr.isatty()
+    view = View(quiet=as_json, keys=keys)
+    if attach is not None:
+        from ipmclab.rig.client import attach as attach_to
+
+        recorder = attach_to(attach)
+    elif experiment is None:
+        raise InputError(
+            "no experiment is named",
+            code="usage",
+            where="record",
+            repair="ipmclab record EXPERIMENT.toml; ipmclab record --template prints one to start from",
+        )
+    else:
+        if repeats is not None and repeats < 1:
+            raise InputError(f"{repeats} repeats", code="out-of-range", where="--repeats", repair="give 1 or more")
+        from ipmclab.rig.client import launch
+
+        job = {
+            "experiment": str(experiment),
+            "answers": _answers(answer or [], answers),
+            "yes": yes or plan,
+            "interactive": keys,
+            "pair": True if pair else None,
+            "repeats": repeats,
+        }
+        recorder = launch(RECORDER, job)
+    terminal = _Terminal(recorder, view, ask_first=keys and not yes, plan_only=plan, joined=attach is not None)
+    try:
+        last = terminal.follow()
+    finally:
+        view.close()
+        recorder.close()
+    _finish(terminal, last, as_json)
+
+
+def _answers(pairs: list[str], file: Path | None) -> dict[str, str]:
+    """The answers of the command line, after those of a file."""
+    found: dict[str, str] = {}
+    if file is not None:
+        import tomllib
+
+        try:
+            table = tomllib.loads(file.read_text(encoding="utf-8-sig"))
+        except ValueError as error:
+            raise InputError(
+                f"it is not TOML: {error}",
+                code="bad-toml",
+                where=str(file),
+                repair='write lines such as clamp = "done"',
+            ) from error
+        for name, value in table.items():
+            if not isinstance(value, str):
+                raise InputError(
+                    f"{value!r} is not a text", code="bad-value", where=f"{file}: {name}", repair="write it in quotes"
+                )
+            found[name] = value
+    for text in pairs:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(
+                f"{text!r} has no '='", code="usage", where="--answer", repair="write for example --answer clamp=done"
+            )
+        found[name.strip()] = value.strip()
+    return found
+
+
+class _Terminal:
+    """The terminal as a client of the recorder: what it shows, what it reads, what its signals mean."""
+
+    def __init__(self, recorder: Recorder, view: View, *, ask_first: bool, plan_only: bool, joined: bool) -> None:
+        self._recorder = recorder
+        self._view = view
+        self._ask_first = ask_first
+        self._plan_only = plan_only
+        self._joined = joined
+        self._signals: list[str] = []
+        self._interrupts = 0
+        self._question: dict[str, Any] | None = None
+        self._typed: str | None = None
+        self._typed_since = 0.0
+        self.interrupted = False
+        self.plan: dict[str, Any] | None = None
+
+    def follow(self) -> Message:
+        """Show what happens until it ends, and hand on what is typed.
+
+        Raises
+        ------
+        IpmclabError
+            The recorder's process is gone.
+        """
+        from ipmclab.platform import key_pressed, single_keys
+
+        reads_keys = sys.stdin.isatty()
+        before = self._catch_signals()
+        self._recorder.request("subscribe", blocks=sys.stderr.isatty())
+        try:
+            with single_keys() if reads_keys else nullcontext():
+                while True:
+                    message = self._recorder.next(_LOOK)
+                    if message is not None:
+                        if message.kind == "ended":
+                            return message
+                        self._take(message)
+                    while reads_keys and (key := key_pressed(0.0)):
+                        self._key(key)
+                    self._obey_signals()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _take(self, message: Message) -> None:
+        values = dict(message.values)
+        match message.kind:
+            case "plan":
+                self.plan = values
+                print_plan(values, self._view)
+                if self._joined:
+                    return
+                if self._plan_only:
+                    self._recorder.request("stop")
+                elif self._ask_first:
+                    self._put({"step": "start", "text": "start?", "choices": ["yes", "no"], "default": "yes"})
+                else:
+                    self._recorder.request("start")
+            case "question":
+                self._put(values)
+            case "answered":
+                if self._question is not None and self._question.get("number") == values["number"]:
+                    self._question = self._typed = None
+                self._view.say(f"  {values['step']}: {values['value']} ({values['by']})")
+            case _:
+                self._view.show(message)
+
+    def _put(self, question: dict[str, Any]) -> None:
+        """Show a question; what is typed from now on is its answer."""
+        self._view.close()
+        self._question = question
+        self._typed = ""
+        self._view.say(f"? {question['text']}")
+        self._view.write(f"  {'/'.join(question['choices'])} [{question['default']}] ")
+
+    def _key(self, key: str) -> None:
+        if self._typed is not None:
+            self._type(key)
+            return
+        match key.lower():
+            case "s":
+                self._recorder.request("stop")
+            case "a":
+                self._recorder.request("abort")
+            case "z":
+                self._recorder.request("zero")
+            case "m":
+                self._view.close()
+                self._typed, self._typed_since = "", time.monotonic()
+                self._view.write("  mark: ")
+
+    def _type(self, key: str) -> None:
+        assert self._typed is not None
+        if key in ("\r", "\n"):
+            typed, self._typed = self._typed.strip(), None
+            self._view.write("\n")
+            self._enter(typed)
+        elif key in ("\x7f", "\b"):
+            if self._typed:
+                self._typed = self._typed[:-1]
+                self._view.write("\b \b")
+        elif key.isprintable():
+            self._typed += key
+            self._view.write(key)
+
+    def _enter(self, typed: str) -> None:
+        question, self._question = self._question, None
+        if question is None:
+            ago = time.monotonic() - self._typed_since
+            late = f" ({ago:.1f} s earlier)" if ago > 1.0 else ""
+            self._recorder.request("mark", text=(typed or "mark") + late)
+            return
+        value = typed or question["default"]
+        near = [choice for choice in question["choices"] if choice.startswith(value.lower())]
+        if len(near) != 1:
+            self._view.say(f"  {value!r} is none of {', '.join(question['choices'])}")
+            self._put(question)
+        elif question["step"] == "start":
+            self._recorder.request("start" if near[0] == "yes" else "stop")
+        else:
+            self._recorder.request("answer", number=question["number"], value=near[0])
+
+    def _catch_signals(self) -> dict[int, Any]:
+        """Let signals be looked at between two messages: what they mean is asked of the recorder."""
+
+        def note(number: int, _frame: object) -> None:
+            self._signals.append(signal.Signals(number).name)
+
+        before: dict[int, Any] = {}
+        for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
+            number = getattr(signal, name, None)
+            if number is not None:
+                before[number] = signal.signal(number, note)
+        return before
+
+    def _obey_signals(self) -> None:
+        while self._signals:
+            name = self._signals.pop(0)
+            if name in ("SIGHUP", "SIGBREAK"):
+                # The terminal is gone. The run goes on, guarded; --attach joins it.
+                os._exit(0)
+            self._interrupts += 1
+            self.interrupted = True
+            if self._interrupts == 1:
+                self._view.say("  stopping; what was recorded is kept (once more: abort)")
+                self._recorder.request("stop")
+            else:
+                self._recorder.request("abort")
+
+
+def _finish(terminal: _Terminal, last: Message, as_json: bool) -> None:
+    """Say what came of it, and leave with its status."""
+    from ipmclab.rig.client import error_from
+
+    values = dict(last.values)
+    error: IpmclabError | None = error_from(values["error"]) if values["error"] is not None else None
+    document: dict[str, Any] = {"how": values["how"], "plan": terminal.plan, "runs": values["runs"]}
+    if as_json:
+        print_json(document if error is None else {"error": error.as_dict(), **document})
+    else:
+        print_results(values["runs"])
+    if error is not None:
+        if as_json:
+            print(f"error: {error}", file=sys.stderr)
+            raise typer.Exit(error.exit_status)
+        raise error
+    if not as_json and values["runs"]:
+        kept = [run["path"] for run in values["runs"] if run["purpose"] != "fingerprint"]
+        print(f"next: ipmclab check {' '.join(kept)}")
+    if terminal.interrupted:
+        raise SystemExit(INTERRUPTED)
