@@ -200,6 +200,7 @@ class Catalogue:
         """
         try:
             self._forget()
+            found = self.sweep(None, on_progress)
         except IpmclabError as error:
             if error.code == "catalogue-broken" and self._own:
                 self._database.move_aside()
@@ -207,7 +208,7 @@ class Catalogue:
                 self._database.reset()
             else:
                 raise
-        found = self.sweep(None, on_progress)
+            found = self.sweep(None, on_progress)
         self._drop_missing()
         if inspect is not None:
             self.inspect(self.query(self._here()), inspect, on_progress)

@@ -22,6 +22,9 @@ FILE_NAME: Final = "catalogue.db"
 PATIENCE: Final = 10.0
 """How long [s] a transaction waits for that of another program; each is over in milliseconds."""
 
+REFUSED_VALUE: Final = "refused-value"
+"""The code of an error about what was to be written, not about the catalogue."""
+
 _READ_ONLY: Final = "ipmclab_read_only"
 
 
@@ -193,10 +196,17 @@ class Database:
 
     @contextmanager
     def _translated(self) -> Iterator[None]:
-        from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+        from sqlalchemy.exc import DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
         try:
             yield
+        except (DataError, IntegrityError) as error:
+            raise IpmclabError(
+                f"the catalogue refuses a value: {' '.join(str(error.orig).split())}",
+                code=REFUSED_VALUE,
+                where=self.where,
+                repair="this is a fault in ipmclab: please report it; the run is safe in its file",
+            ) from error
         except DBAPIError as error:
             raise (self._sqlite_error(error) if self.is_sqlite else self._server_error(error)) from error
         except SQLAlchemyError as error:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.store.catalogue_database import REFUSED_VALUE
 from ipmclab.store.catalogue_facts import FileFacts, problem_text, read_facts
 from ipmclab.store.catalogue_write import choose_shown, clear_file, put_run_file
 
@@ -79,6 +80,11 @@ def sweep_files(database: Database, root: Path, laboratory: str, on_progress: Pr
         columns = (file.c.path, file.c.size, file.c.mtime_ns, file.c.problem_code)
         rows = connection.execute(select(*columns).where(file.c.laboratory == laboratory)).all()
     known = {path: (size, mtime) for path, size, mtime, _ in rows}
+    # First what is gone: a file that now has its uuid for itself may take its place.
+    gone = sorted(path for path in known if path not in there and not (root / path).exists())
+    if gone:
+        with database.write() as connection:
+            choose_shown(connection, *[clear_file(connection, laboratory, path) for path in gone])
     # A right that was given or an update of ipmclab mends a file without a trace in its size and time.
     doubtful = {path for path, _, _, code in rows if code not in (None, "not-a-run")}
     fresh = {path for path, stamp in there.items() if known.get(path) != stamp}
@@ -93,10 +99,6 @@ def sweep_files(database: Database, root: Path, laboratory: str, on_progress: Pr
             if on_progress is not None:
                 on_progress(done, total)
         _put(database, laboratory, read, there, problems)
-    gone = sorted(path for path in known if path not in there and not (root / path).exists())
-    if gone:
-        with database.write() as connection:
-            choose_shown(connection, *[clear_file(connection, laboratory, path) for path in gone])
     with database.read() as connection:
         bad = select(file.c.path, file.c.problem_code, file.c.problem)
         bad = bad.where(file.c.laboratory == laboratory, file.c.problem_code.is_not(None))
@@ -169,11 +171,10 @@ def _put(
             ids = [put_run_file(connection, laboratory, path, facts, stamps[path]) for path, facts in read]
             choose_shown(connection, *(run_id for pair in ids for run_id in pair))
     except IpmclabError as error:
-        if len(read) == 1 and error.code == "catalogue-broken":
-            path = read[0][0]
-            problems.append(Problem(path, *problem_text(error)))
-            return
-        if len(read) == 1 or error.code != "catalogue-broken":
+        if error.code != REFUSED_VALUE:
             raise
+        if len(read) == 1:
+            problems.append(Problem(read[0][0], *problem_text(error)))
+            return
         for one in read:
             _put(database, laboratory, [one], stamps, problems)
