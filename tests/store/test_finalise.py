@@ -265,6 +265,17 @@ def test_a_run_file_that_was_damaged_after_it_was_renamed_is_made_again(tmp_path
     assert told.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def test_a_finished_file_is_not_written_again(tmp_path: Path) -> None:
+    """A kill between the rename and the archive leaves both: the file stays the very one that it is."""
+    journal = recorded(tmp_path)
+    content = journal.read_bytes()
+    laboratory = Laboratory.open(tmp_path)
+    before = Path(finish_here(journal, laboratory).path).stat()
+    journal.write_bytes(content)
+    after = Path(finish_here(journal, laboratory).path).stat()
+    assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
+
+
 def test_what_is_no_run_is_put_away_and_told(tmp_path: Path) -> None:
     laboratory = Laboratory.open(tmp_path)
     broken = laboratory.recording / "broken.runj"

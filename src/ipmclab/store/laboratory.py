@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -116,8 +117,11 @@ class Laboratory:
 
     def journals(self) -> tuple[Path, ...]:
         """The journals that are being written or wait to be finished, the oldest first."""
-        found = [(path.stat().st_mtime_ns, path) for path in self.recording.glob("*.runj")]
-        return tuple(path for _, path in sorted(found))
+        return tuple(path for _, path in sorted(_with_age(self.recording)))
+
+    def archived(self, before: float) -> tuple[Path, ...]:
+        """The archived journals that were last written before a time [s since 1970]."""
+        return tuple(path for age, path in _with_age(self.archive) if age < before)
 
     def run_file(self, uuid: str, metadata: RunMetadata, created_at: str) -> Path:
         """Where a finished run stands: ``runs/2026/11/20261121_143205_rig1_S2_step_3f2a77c1.nc``.
@@ -172,6 +176,14 @@ def free_space_needed(*, rate: float, duration: float, columns: Sequence[str], b
     748800000
     """
     return ballast + int(_ROOM_FACTOR * rate * duration * 8 * len(columns))
+
+
+def _with_age(folder: Path) -> list[tuple[float, Path]]:
+    found = []
+    for path in folder.glob("*.runj"):
+        with suppress(FileNotFoundError):  # somebody has finished it meanwhile
+            found.append((path.stat().st_mtime, path))
+    return found
 
 
 def _word(text: str | None, otherwise: str) -> str:

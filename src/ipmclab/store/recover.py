@@ -90,8 +90,7 @@ def _belongs(half: Path, journals: tuple[Path, ...]) -> bool:
 
 def _old_journals(laboratory: Laboratory) -> list[Path]:
     """Remove archived journals whose time is over and whose run file is there."""
-    before = time.time() - ARCHIVE_TIME
-    old = [path for path in laboratory.archive.glob("*.runj") if path.stat().st_mtime < before]
+    old = laboratory.archived(time.time() - ARCHIVE_TIME)
     if not old:
         return []
     there = {path.stem.rpartition("_")[2] for path in laboratory.runs.glob("*/*/*.nc")}
