@@ -1,0 +1,194 @@
+"""The guard against closed forms, and against itself with the rows cut otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ipmclab import IpmclabError
+from ipmclab.rig import THESIS_RIG, Limit, Limits
+from ipmclab.rig.guard import Alarm, Guard
+
+NOTHING = Limits(**{field.name: None for field in fields(Limits) if field.name not in ("voltage", "slew")})  # type: ignore[arg-type]
+ELECTRODES = replace(THESIS_RIG, voltage_sensed="electrodes")
+
+
+def look(
+    limits: Limits, rate: float, cuts: list[int] | None = None, rig: Any = ELECTRODES, **readings: np.ndarray
+) -> list[Alarm]:
+    """All alarms of a record that is cut into blocks at some rows."""
+    guard = Guard(limits, rate, rig)
+    readings.setdefault("voltage", np.zeros(len(next(iter(readings.values())))))
+    count = len(readings["voltage"])
+    edges = [0, *sorted(set(cuts or [])), count]
+    alarms: list[Alarm] = []
+    for first, stop in pairwise(edges):
+        if first < stop:
+            alarms += guard.look(first, {name: values[first:stop] for name, values in readings.items()})
+    return alarms
+
+
+@pytest.mark.parametrize("rate", [50.0, 333.0, 10_000.0])
+@pytest.mark.parametrize("duration", [0.0, 0.02, 0.05, 0.5])
+def test_a_limit_acts_when_it_has_been_passed_for_its_duration(rate: float, duration: float) -> None:
+    rows = int(2.0 * rate)
+    current = np.where(np.arange(rows) >= rate // 2, -0.2, 0.1)
+    (alarm,) = look(replace(NOTHING, current=Limit(0.15, duration)), rate, current=current)
+    first = int(rate // 2)
+    # The first row at which the current has been beyond the limit for at least the duration.
+    assert alarm.row == next(row for row in range(first, rows) if (row - first) / rate >= duration - 1e-12)
+    assert alarm.time == alarm.row / rate
+    assert (alarm.limit, alarm.value, alarm.most, alarm.action) == ("current", -0.2, 0.15, "zero")
+
+
+def test_a_break_begins_the_duration_anew() -> None:
+    current = np.array([0.2, 0.2, 0.2, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
+    limits = replace(NOTHING, current=Limit(0.15, 0.06))
+    assert [alarm.row for alarm in look(limits, 50.0, current=current)] == [7]
+    # A warning comes once each time.
+    limits = replace(NOTHING, current=Limit(0.15, 0.02, "warn"))
+    assert [alarm.row for alarm in look(limits, 50.0, current=current)] == [1, 5]
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_the_mean_current_is_a_convolution(rate: float) -> None:
+    generator = np.random.default_rng(20261121)
+    current = generator.normal(0.0, 0.1, int(5 * rate)) * np.linspace(0.0, 1.5, int(5 * rate))
+    mean = np.convolve(np.abs(current), np.full(int(rate), 1.0 / rate))[: len(current)]
+    most = 0.8 * mean.max()
+    (alarm, *_) = look(replace(NOTHING, mean_current=Limit(most)), rate, current=current)
+    assert alarm.row == np.flatnonzero(mean > most)[0]
+    assert alarm.value == pytest.approx(mean[alarm.row], rel=1e-8)
+
+
+def test_the_power_is_that_into_the_strip_without_the_shunt() -> None:
+    rate, count = 100.0, 400
+    voltage, current = np.full(count, 2.0), np.full(count, 0.1)
+    # After 1 s the mean is 2 V 0.1 A at the electrodes, or (2 V - 0.1 A 1 ohm) 0.1 A upstream of the shunt.
+    for rig, power in ((ELECTRODES, 0.2), (THESIS_RIG, 0.19)):
+        limits = replace(NOTHING, power=Limit(0.95 * power))
+        (alarm,) = look(limits, rate, rig=rig, voltage=voltage, current=current)
+        assert alarm.row == pytest.approx(95, abs=1)
+        assert alarm.value == pytest.approx(0.95 * power, rel=0.02)
+        assert not look(replace(NOTHING, power=Limit(1.01 * power)), rate, rig=rig, voltage=voltage, current=current)
+
+
+def test_the_charge_is_an_integral_of_what_flows_above_1_23_v() -> None:
+    rate, tau, peak = 1000.0, 2.0, 0.1
+    time = np.arange(int(10 * rate)) / rate
+    current = peak * np.exp(-time / tau)
+    voltage = np.where(time < 1.0, 1.2, -1.5)
+    # From 1 s on: peak tau (exp(-1/tau) - exp(-t/tau)) = most.
+    most = 0.05
+    when = -tau * np.log(np.exp(-1.0 / tau) - most / (peak * tau))
+    (alarm,) = look(replace(NOTHING, charge=Limit(most)), rate, voltage=voltage, current=current)
+    assert alarm.time == pytest.approx(when, abs=2.0 / rate)
+    assert alarm.value == pytest.approx(most, rel=2e-3)
+
+
+def test_the_energy_is_an_integral_that_a_discharge_takes_from() -> None:
+    rate = 100.0
+    into = np.concatenate([np.full(300, 0.1), np.full(300, -0.05), np.full(600, 0.1)])
+    voltage = np.full(1200, 1.0)
+    # 0.3 J after 3 s, 0.15 J after 6 s, 0.35 J after 8 s.
+    (alarm,) = look(replace(NOTHING, energy=Limit(0.35)), rate, voltage=voltage, current=into)
+    assert alarm.time == pytest.approx(8.0, abs=0.02)
+
+
+def test_the_reading_of_the_voltage_has_a_tolerance_and_no_other() -> None:
+    noise = np.random.default_rng(20261121).normal(0.0, 1e-3, 500)
+    assert not look(NOTHING, 50.0, voltage=3.5 + noise)
+    (alarm, *_) = look(NOTHING, 50.0, voltage=3.6 + noise)
+    assert alarm.row == 1
+    assert str(alarm) == f"the voltage is {alarm.value:.4g} V, beyond its limit of 3.5 V for 0.02 s"
+
+
+@st.composite
+def _records(draw: st.DrawFn) -> tuple[dict[str, np.ndarray], list[int]]:
+    count = draw(st.integers(2, 120))
+    near = st.sampled_from([0.0, 0.1, 0.15, 0.1500000001, 0.2, -0.2, float("nan")])
+    values = st.lists(near | st.floats(-0.3, 0.3), min_size=count, max_size=count)
+    readings = {"current": np.array(draw(values)), "displacement": np.array(draw(values))}
+    readings["voltage"] = np.array(draw(st.lists(st.floats(-4.0, 4.0), min_size=count, max_size=count)))
+    return readings, draw(st.lists(st.integers(1, count - 1), max_size=12))
+
+
+@settings(deadline=None, max_examples=150)
+@given(_records(), st.sampled_from([0.0, 0.02, 0.1]), st.sampled_from(["zero", "warn"]))
+def test_the_cut_of_the_rows_changes_nothing(
+    record: tuple[dict[str, np.ndarray], list[int]], duration: float, action: Any
+) -> None:
+    readings, cuts = record
+    limit = Limit(0.15, duration, action)
+    limits = replace(NOTHING, voltage=Limit(3.0, duration), current=limit, displacement=limit)
+    limits = replace(limits, mean_current=Limit(0.02, duration, action), power=Limit(0.01), charge=Limit(0.01))
+    limits = replace(limits, energy=Limit(0.01, duration, action))
+    whole, cut = look(limits, 50.0, **readings), look(limits, 50.0, cuts, **readings)
+    assert sorted(map(repr, whole)) == sorted(map(repr, cut))
+    assert [alarm.row for alarm in whole] == sorted(alarm.row for alarm in whole)
+
+
+def test_a_lost_reading_keeps_what_was_and_is_told() -> None:
+    rate, nan = 50.0, np.nan
+    limits = replace(NOTHING, displacement=Limit(10e-3, 0.1, "zero"))
+    # Beyond the limit when it was lost: the time goes on.
+    lost = np.array([0.0, 0.012, nan, nan, nan, nan, 0.012, 0.0])
+    assert [(alarm.row, alarm.kind) for alarm in look(limits, rate, displacement=lost)] == [(6, "limit")]
+    # Within it: the time begins with the first reading that is beyond.
+    lost = np.array([0.0, 0.0, nan, nan, nan, nan, 0.012, 0.012])
+    assert look(limits, rate, displacement=lost) == []
+    # A laser that stays lost watches nothing, which is told once.
+    (alarm,) = look(limits, rate, displacement=np.concatenate([np.zeros(10), np.full(200, nan)]))
+    assert (alarm.kind, alarm.action, alarm.row) == ("blind", "warn", 60)
+    assert str(alarm) == "the displacement has had no reading for 1 s: its limit is not watched"
+
+
+def test_lost_rows_count_as_the_larger_of_their_neighbours() -> None:
+    rate = 50.0
+    limits = replace(NOTHING, charge=Limit(0.99), mean_current=Limit(0.0999))
+    guard = Guard(limits, rate, ELECTRODES)
+    block = {"voltage": np.full(2, 2.0), "current": np.full(2, 0.05)}
+    assert guard.look(0, block) == ()
+    # 10 s are lost before a current of 0.1 A: 1 C, and a mean that is full.
+    alarms = guard.look(502, {**block, "current": np.full(2, 0.1)})
+    assert sorted((alarm.limit, alarm.row) for alarm in alarms) == [("charge", 502), ("mean_current", 502)]
+    with pytest.raises(IpmclabError, match="a block begins at row 503, row 504 was expected"):
+        guard.look(503, block)
+
+
+def test_after_zeroing_the_discharge_does_not_act_but_an_output_that_stays_does() -> None:
+    rate = 50.0
+    limits = replace(NOTHING, current=Limit(0.1), charge=Limit(0.01))
+    guard = Guard(limits, rate, ELECTRODES)
+    (alarm, *_) = guard.look(0, {"voltage": np.full(2, 2.0), "current": np.full(2, 0.2)})
+    assert alarm.action == "zero"
+    guard.zeroed(2)
+    assert guard.is_zeroed
+    time = np.arange(100) / rate
+    discharge = -0.3 * np.exp(-time)
+    # At the electrodes a discharge through the 1 ohm shunt shows as a voltage although the output is at 0 V.
+    assert guard.look(2, {"voltage": -discharge, "current": discharge}) == ()
+    (stuck,) = guard.look(102, {"voltage": np.full(50, 2.0), "current": np.full(50, 0.2)})
+    assert (stuck.kind, stuck.action, stuck.row) == ("stuck", "zero", 112)
+    assert str(stuck) == "the output should be at 0 V and 2.2 V are read: take the strip off its leads"
+
+
+def test_the_air_has_a_limit() -> None:
+    guard = Guard(replace(NOTHING, temperature=Limit(40.0, 2.0)), 50.0, ELECTRODES)
+    block = {"voltage": np.zeros(50)}
+    temperatures = [25.0, 41.0, np.nan, 41.0, 41.0]
+    found = [guard.look(50 * k, block, np.array([value])) for k, value in enumerate(temperatures)]
+    assert [len(alarms) for alarms in found] == [0, 0, 0, 1, 0]
+    assert str(found[3][0]) == "the temperature is 41 degC, beyond its limit of 40 degC for 2 s"
+    assert guard.look(250, block, np.empty(0)) == ()
+
+
+def test_readings_beyond_all_measure_do_not_turn_its_sums_round() -> None:
+    (alarm, *_) = look(replace(NOTHING, charge=Limit(1.0)), 50.0, voltage=np.full(99, 5.0), current=np.full(99, np.inf))
+    assert (alarm.limit, alarm.row) == ("charge", 0)

@@ -1,0 +1,204 @@
+"""The guardian, with recorders that are really killed, stopped and ended: what it writes and when."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ipmclab.errors import IpmclabError
+from ipmclab.rig.guardian import Guardian, Target
+
+RECORDER = """
+import os, sys, time
+from ipmclab.rig.guardian import Guardian, Target
+
+guardian = Guardian(Target("file", sys.argv[1]), log=sys.argv[2])
+guardian.arm()
+print(guardian.pid, flush=True)
+while True:
+    guardian.beat()
+    time.sleep(0.04)
+"""
+"""A recorder that does nothing but beat."""
+
+LIMIT = 1.0
+"""The output must be at 0 V so long [s] after a recorder was killed or stopped."""
+
+
+class Recorder:
+    """A recorder in a process of its own, which can be killed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.output, self.log = folder / "output.txt", folder / "guardian.log"
+        command = [sys.executable, "-c", RECORDER, str(self.output), str(self.log)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        assert self.process.stdout is not None
+        self.guardian = int(self.process.stdout.readline())
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+def waited(condition: Callable[[], object], longest: float = 10.0) -> bool:
+    until = time.monotonic() + longest
+    while time.monotonic() < until:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return False
+
+
+def zeroed_at(output: Path) -> list[float]:
+    """When the output was brought to 0 V, by the clock of the wall."""
+    return [float(line.split()[-1]) for line in output.read_text().splitlines()] if output.exists() else []
+
+
+def is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    # A child of init that nobody has waited for yet is gone as well.
+    status = Path(f"/proc/{pid}/stat")
+    return not (status.exists() and status.read_text().rsplit(")", 1)[1].split()[0] == "Z")
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP", "SIGSEGV", "SIGTERM", "SIGHUP", "group"])
+def test_the_output_is_at_0_within_a_second_however_the_recorder_ends(tmp_path: Path, name: str) -> None:
+    recorder = Recorder(tmp_path)
+    try:
+        time.sleep(0.6)  # longer than the silence that it would act on
+        assert zeroed_at(recorder.output) == []
+        ended = time.time()
+        if name == "group":  # as a closed terminal does
+            os.killpg(recorder.process.pid, getattr(signal, "SIGKILL"))  # noqa: B009  # Unix only
+        else:
+            recorder.process.send_signal(getattr(signal, name))
+        assert waited(lambda: zeroed_at(recorder.output))
+        (at,) = zeroed_at(recorder.output)
+        assert 0.0 < at - ended < LIMIT
+        log = recorder.log.read_text()
+        why = "the recorder was silent for 0.5 s" if name == "SIGSTOP" else "the recorder is gone"
+        assert f"{why}: bringing the output {recorder.output} to 0 V" in log
+        assert all(line[:4].isdigit() and "T" in line[:11] for line in log.splitlines())
+    finally:
+        recorder.end()
+    assert waited(lambda: not is_running(recorder.guardian))
+    assert len(zeroed_at(recorder.output)) == 1
+
+
+def test_a_recorder_that_was_stopped_learns_that_the_output_is_at_0(tmp_path: Path) -> None:
+    output = tmp_path / "output.txt"
+    with Guardian(Target("file", str(output)), silence=0.2) as guardian:
+        guardian.arm()
+        time.sleep(0.6)
+        assert len(zeroed_at(output)) == 1
+        assert guardian.acted == "the recorder was silent for 0.2 s"
+        with pytest.raises(
+            IpmclabError, match="the guardian brought the output to 0 V: the recorder was silent"
+        ) as told:
+            guardian.beat()
+        assert told.value.code == "guardian-acted"
+        guardian.disarm()
+        # The next run is watched as this one was.
+        guardian.arm()
+        guardian.beat()
+        time.sleep(0.6)
+        assert len(zeroed_at(output)) == 2
+
+
+def test_what_is_not_armed_is_left_alone(tmp_path: Path) -> None:
+    output = tmp_path / "output.txt"
+    with Guardian(Target("file", str(output)), silence=0.1) as guardian:
+        guardian.wait()
+        time.sleep(0.3)
+        guardian.arm()
+        guardian.beat()
+        guardian.disarm()
+        time.sleep(0.3)
+    guardian.close()
+    assert not output.exists()
+    # One that is armed when it is let go of acts.
+    left = Guardian(Target("file", str(output)))
+    left.arm()
+    left.close()
+    assert len(zeroed_at(output)) == 1
+
+
+def test_blocks_that_are_far_apart_need_no_beats_between_them_but_do_end(tmp_path: Path) -> None:
+    output = tmp_path / "output.txt"
+    with Guardian(Target("file", str(output)), silence=0.3) as guardian:
+        guardian.arm(block_time=0.4)
+        for _ in range(3):
+            time.sleep(0.4)
+            guardian.beat()
+        assert not output.exists()
+        # No block for three of their times: the recorder hangs, though its process lives.
+        assert waited(lambda: zeroed_at(output), 4.0)
+
+
+def test_it_tries_until_it_succeeds_and_says_so_aloud(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    output, log = tmp_path / "not yet" / "output.txt", tmp_path / "guardian.log"
+    with Guardian(Target("file", str(output)), log=log, silence=0.2) as guardian:
+        guardian.arm()
+        time.sleep(1.0)
+        assert "it failed: IpmclabError: " in log.read_text()
+        assert waited(lambda: "SWITCH THE AMPLIFIER OFF" in capfd.readouterr().err, 6.0)
+        output.parent.mkdir()
+        assert waited(lambda: zeroed_at(output), 3.0)
+        assert "could NOT be brought to 0 V so far" in log.read_text()
+
+
+def test_a_reset_that_hangs_is_left_behind(tmp_path: Path) -> None:
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("this system has no named pipes")
+    output, log = tmp_path / "output", tmp_path / "guardian.log"
+    os.mkfifo(output)  # opening it hangs, for nobody reads
+    with Guardian(Target("file", str(output)), log=log, silence=0.1) as guardian:
+        guardian.arm()
+        assert waited(lambda: log.exists() and "it failed: no answer within 1.5 s" in log.read_text())
+        output.unlink()
+        assert waited(lambda: "is at 0 V" in log.read_text())
+
+
+def test_without_a_guardian_nothing_is_given_out(tmp_path: Path) -> None:
+    with Guardian(Target("kiosk", "x")) as guardian:  # type: ignore[arg-type]
+        with pytest.raises(IpmclabError, match=r"there is no guardian: .*unknown target 'kiosk'") as told:
+            guardian.arm()
+        assert told.value.code == "guardian-lost"
+    with Guardian(Target("file", str(tmp_path / "output.txt"))) as guardian:
+        guardian.arm()
+        os.kill(guardian.pid, signal.SIGTERM)  # asked to end while it is armed, it acts first
+        with pytest.raises(IpmclabError, match="guardian"):
+            assert waited(guardian.beat, 5.0)
+        guardian.disarm()
+    assert len(zeroed_at(tmp_path / "output.txt")) == 1
+
+
+def test_a_guardian_that_hangs_is_noticed(tmp_path: Path) -> None:
+    if not hasattr(signal, "SIGSTOP"):
+        pytest.skip("this system cannot stop a process")
+
+    def beat() -> None:
+        guardian.beat()
+        time.sleep(0.02)
+
+    with Guardian(Target("file", str(tmp_path / "output.txt"))) as guardian:
+        guardian.arm()
+        os.kill(guardian.pid, signal.SIGSTOP)
+        try:
+            with pytest.raises(IpmclabError, match="it has given no sign of life for 3"):
+                assert waited(beat)
+        finally:
+            os.kill(guardian.pid, signal.SIGCONT)
+        guardian.disarm()
