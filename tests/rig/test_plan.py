@@ -60,9 +60,9 @@ def test_pairs_repeats_and_a_baseline() -> None:
     assert ids[0] is None
     assert len(set(ids[1:])) == 4
     assert ids[1::2] == ids[2::2]
-    # Before each run with voltage there is a fingerprint, before each but the first a pause.
+    # Before each run with voltage there is a fingerprint, after it and between runs a pause.
     assert names(plan).count("fingerprint") == 8
-    assert names(plan).count("pause") == 8
+    assert names(plan).count("pause") == 8 + 8
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import typer
 
 from ipmclab.cli.options import Json
 from ipmclab.cli.output import print_json
-from ipmclab.cli.record_view import View, print_plan, print_results
+from ipmclab.cli.record_view import View, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ class _Terminal:
                 if self._plan_only:
                     self._recorder.request("stop")
                 elif self._ask_first:
-                    self._put({"step": "start", "text": "start?", "choices": ["yes", "no"], "default": "yes"})
+                    self._put({"step": "start", "text": "begin?", "choices": ["yes", "no"], "default": "yes"})
                 else:
                     self._recorder.request("start")
             case "question":
@@ -199,7 +199,7 @@ class _Terminal:
             case "answered":
                 if self._question is not None and self._question.get("number") == values["number"]:
                     self._question = self._typed = None
-                self._view.say(f"  {values['step']}: {values['value']} ({values['by']})")
+                self._view.say(f"{values['step']}: {values['value']} (answered {values['by']})")
             case _:
                 self._view.show(message)
 
@@ -208,7 +208,7 @@ class _Terminal:
         self._view.close()
         self._question = question
         self._typed = ""
-        self._view.say(f"? {question['text']}")
+        self._view.say(f"{question['step']}: {question['text']}")
         self._view.write(f"  {'/'.join(question['choices'])} [{question['default']}] ")
 
     def _key(self, key: str) -> None:
@@ -303,7 +303,7 @@ def _finish(terminal: _Terminal, last: Message, as_json: bool) -> None:
             raise typer.Exit(error.exit_status)
         raise error
     if not as_json and values["runs"]:
-        kept = [run["path"] for run in values["runs"] if run["purpose"] != "fingerprint"]
+        kept = [short(run["path"]) for run in values["runs"] if run["purpose"] != "fingerprint"]
         print(f"next: ipmclab check {' '.join(kept)}")
     if terminal.interrupted:
         raise SystemExit(INTERRUPTED)

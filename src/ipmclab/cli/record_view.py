@@ -6,6 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.cli.output import console, print_table, read
@@ -51,7 +52,8 @@ class View:
         match message.kind:
             case "step":
                 self.close()
-                self.say(f"{values['name']}: {values['text']}")
+                if not values["asks"]:  # else its question, or its answer, says what it is
+                    self.say(f"{values['name']}: {values['text']}")
             case "note":
                 if not values.get("passing") or self._terminal:
                     self.say(f"  {values['text']}")
@@ -70,7 +72,7 @@ class View:
                 self.say(f"  {values['time']:.2f} s: {values['text']}")
             case "recorded":
                 self.close()
-                self.say(f"  {values['state']}: {values['path']}")
+                self.say(f"  {values['state']}: {short(values['path'])}")
             case "ended":
                 self.close()
 
@@ -144,9 +146,15 @@ def print_results(runs: Sequence[Mapping[str, Any]]) -> None:
     for run in runs:
         codes = dict.fromkeys(one["code"] for one in run["findings"] if one["severity"] != "info")
         state = run["state"] + (f" ({run['state_reason']})" if run["state_reason"] else "")
-        rows.append([run["path"], run["purpose"], state, ", ".join(codes) or "nothing found"])
+        rows.append([short(run["path"]), run["purpose"], state, ", ".join(codes) or "nothing found"])
     if rows:
         print_table(["run", "purpose", "state", "findings"], rows)
+
+
+def short(path: str) -> str:
+    """A path as it is typed here: from the folder in which the command runs, where it is below that."""
+    whole, here = Path(path), Path.cwd()
+    return str(whole.relative_to(here)) if whole.is_relative_to(here) else path
 
 
 def duration_text(seconds: float) -> str:

@@ -36,6 +36,7 @@ STEPS: Final = ("hydrate", "clamp", "chamber-on", "equilibrium", "chamber-off", 
 
 _REST: Final = "5 s"
 _PAUSE: Final = "30 s"
+_ZERO: Final = "10 s"
 
 TEMPLATE: Final = """\
 title = "step and sine, 1 V"
@@ -87,6 +88,7 @@ class _Table(Strict):
     rest_before: str = _REST
     rest_after: str = _REST
     pause: str = _PAUSE
+    zero_time: str = _ZERO
     repeats: int = 1
     pair: bool = False
     baseline: bool = False
@@ -153,7 +155,9 @@ class Experiment:
     rest_before, rest_after : float [s]
         At 0 V, recorded with every signal.
     pause : float [s]
-        At 0 V between two signals, not recorded: the strip discharges.
+        At 0 V between two signals and after a fingerprint, not recorded: the strip discharges.
+    zero_time : float [s]
+        How long the channels are read at rest, before and after every signal.
     repeats : int
     pair : bool
         Each signal with both polarities.
@@ -187,6 +191,7 @@ class Experiment:
     rest_before: float = 5.0
     rest_after: float = 5.0
     pause: float = 30.0
+    zero_time: float = 10.0
     repeats: int = 1
     pair: bool = False
     baseline: bool = False
@@ -304,6 +309,7 @@ def experiment_from_table(
         rest_before=_quantity(read.rest_before, TIME, place("rest_before")),
         rest_after=_quantity(read.rest_after, TIME, place("rest_after")),
         pause=_quantity(read.pause, TIME, place("pause")),
+        zero_time=_quantity(read.zero_time, TIME, place("zero_time"), above_zero=True),
         repeats=read.repeats,
         pair=read.pair,
         baseline=read.baseline,

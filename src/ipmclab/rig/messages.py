@@ -19,9 +19,10 @@ to the recorder
 to the clients
 =============  =================================================================================
 ``plan``       what is going to happen, as ``Plan.as_dict`` gives it
-``step``       a step began: ``name``, ``text``, ``seconds``
+``step``       a step began: ``name``, ``text``, ``seconds``, ``asks`` (whether it asks something)
 ``question``   ``number``, ``step``, ``text``, ``choices``, ``default``; open until ``answered``
 ``answered``   ``number``, ``step``, ``value``, ``by``
+``begun``      rows go to a journal from now on: ``uuid``, ``journal``
 ``run``        a recording began: ``uuid``, ``signal``, ``purpose``, ``rate``, ``rows``, ``place``, ``of``
 ``block``      ``first_row`` and an array for each channel [SI]
 ``progress``   ``rows`` read and ``acknowledged`` (on disk)

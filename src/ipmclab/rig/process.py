@@ -146,7 +146,7 @@ class ClientDesk:
         if value is None:
             return question.default  # it has ended: nobody looks at this any more
         answer = question.check(value)
-        by = "beforehand" if known is not None else "client"
+        by = "beforehand" if known is not None else "here"
         self.tell(Message("answered", {"number": number, "step": question.step, "value": answer, "by": by}))
         return answer
 

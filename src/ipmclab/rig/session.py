@@ -23,7 +23,7 @@ from ipmclab.rig.messages import Message
 from ipmclab.rig.plan import Plan
 from ipmclab.rig.recorder import Heartbeat, capture
 from ipmclab.rig.steps import FINGERPRINT, MOST_DRIFT, PlannedRun, PlannedStep, Question, prepare, watched
-from ipmclab.rig.zeroing import ZERO_TIME, read_rest, read_tare
+from ipmclab.rig.zeroing import read_rest, read_tare
 from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
 from ipmclab.store.catalogue import Catalogue, safely
@@ -210,7 +210,8 @@ class Session:
             self._bench.close()
 
     def _do(self, step: PlannedStep) -> None:
-        self._desk.tell(Message("step", {"name": step.name, "text": step.text, "seconds": step.seconds}))
+        about = {"name": step.name, "text": step.text, "seconds": step.seconds, "asks": step.question is not None}
+        self._desk.tell(Message("step", about))
         if step.name == "fingerprint":
             self._take_fingerprint(step)
             return
@@ -439,9 +440,9 @@ class Session:
     def _read_tare(self) -> None:
         """What the load cell tells with the tip clear of it."""
         began = self._clock.now
-        tare = read_tare(self._bench, self._experiment.rate, when="before")
+        tare = read_tare(self._bench, self._experiment.rate, when="before", duration=self._experiment.zero_time)
         self._tares = (tare,)
-        self._clock.passed(ZERO_TIME, since=began)
+        self._clock.passed(self._experiment.zero_time, since=began)
         self._note(f"tare {1e3 * tare.value:.3g} mN")
 
     def _tell_preload(self, preload: ZeroReading) -> None:
@@ -456,7 +457,9 @@ class Session:
             return ()
         for words in step.hands:
             self._hands(words)
-        return (read_rest(bench, ("voltage", "force"), self._experiment.rate, when="after", force="tare")["force"],)
+        experiment = self._experiment
+        names, seconds = ("voltage", "force"), experiment.zero_time
+        return (read_rest(bench, names, experiment.rate, when="after", duration=seconds, force="tare")["force"],)
 
 
 class _Clock:

@@ -11,7 +11,6 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.rig import fingerprint
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiment import Experiment
-from ipmclab.rig.zeroing import ZERO_TIME
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
 
@@ -80,6 +79,8 @@ class PlannedRun:
     duration, rest_before, rest_after : float [s]
     rate : float [Hz]
     measured : tuple of str
+    zero_before, zero_after : float [s]
+        How long the channels are read at rest before and after it.
     pair_id : str, optional
         Shared by the two polarities of one signal.
     repeat : int
@@ -93,18 +94,10 @@ class PlannedRun:
     rest_after: float
     rate: float
     measured: tuple[str, ...]
+    zero_before: float
+    zero_after: float
     pair_id: str | None = None
     repeat: int = 1
-
-    @property
-    def zero_before(self) -> float:
-        """How long the channels are read at rest before it [s]."""
-        return fingerprint.REST if self.purpose == "fingerprint" else ZERO_TIME
-
-    @property
-    def zero_after(self) -> float:
-        """How long the channels are read at rest after it [s]."""
-        return 0.0 if self.purpose == "fingerprint" else ZERO_TIME
 
     @property
     def seconds(self) -> float:
@@ -159,7 +152,7 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
     >>> from ipmclab.rig.experiment import experiment_from_table
     >>> table = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
     >>> [step.name for step in planned_steps(experiment_from_table(table), THESIS_RIG)]
-    ['hydrate', 'clamp', 'fingerprint', 'zero', 'preload', 'apply', 'hydrate']
+    ['hydrate', 'clamp', 'fingerprint', 'pause', 'zero', 'preload', 'apply', 'hydrate']
     """
     wanted = experiment.steps or _default_steps(experiment)
     apply_at = wanted.index("apply")
@@ -168,12 +161,12 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
         if name not in ("zero", "preload"):
             steps.append(prepare(name, experiment, rig))
     runs = list(planned_runs(experiment))
+    pause = PlannedStep("pause", "at 0 V: the strip discharges", experiment.pause)
+    rests = [pause] if experiment.pause else []
     for place, run in enumerate(runs):
-        if place and experiment.pause:
-            text = f"{experiment.pause:g} s at 0 V: the strip discharges"
-            steps.append(PlannedStep("pause", text, experiment.pause))
+        steps += rests if place else []
         if experiment.fingerprint and run.purpose == "signal" and "current" in run.measured:
-            steps.append(fingerprint_step(experiment))
+            steps += [fingerprint_step(experiment), *rests]
         for name in ("zero", "preload"):
             if name in wanted:
                 steps.append(prepare(name, experiment, rig))
@@ -195,6 +188,8 @@ def planned_runs(experiment: Experiment) -> Iterator[PlannedRun]:
         rest_after=experiment.rest_after,
         rate=experiment.rate,
         measured=experiment.measured,
+        zero_before=experiment.zero_time,
+        zero_after=experiment.zero_time,
     )
     if experiment.baseline:
         yield replace(template, purpose="baseline")
@@ -218,6 +213,8 @@ def fingerprint_step(experiment: Experiment) -> PlannedStep:
         rest_after=fingerprint.REST,
         rate=max(experiment.rate, fingerprint.LEAST_RATE),
         measured=experiment.measured,
+        zero_before=fingerprint.REST,
+        zero_after=0.0,
     )
     return PlannedStep(
         "fingerprint", f"{fingerprint.VOLTAGE:g} V for {run.duration:g} s", run.zero_before + run.seconds, run=run
@@ -281,11 +278,12 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
         text = "chamber off: its fan shakes the strip"
         return PlannedStep(name, text, question=Question(name, text, ("done",), "done"))
     if name == "zero":
+        seconds = experiment.zero_time
         if force:
             text = "tip clear of the load cell: its tare is read"
             question = Question(name, text + "; 'skip' to go without it", ("done", "skip"), "done")
-            return PlannedStep(name, text, ZERO_TIME, question, hands=("tip clear",))
-        return PlannedStep(name, f"the channels are read at 0 V for {ZERO_TIME:g} s before and after the run")
+            return PlannedStep(name, text, seconds, question, hands=("tip clear",))
+        return PlannedStep(name, f"the channels are read at 0 V for {seconds:g} s before and after the run")
     text = f"tip on the load cell: the run waits until the preload drifts by less than {1e6 * MOST_DRIFT:g} uN/s"
     return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=("tip on cell",))
 
