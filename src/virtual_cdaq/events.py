@@ -11,6 +11,7 @@ from virtual_cdaq.model.task import Listener, Task
 from virtual_cdaq.protocol import message
 from virtual_cdaq.service import Service, call
 
+SAMPLE_CLOCK, SAMPLE_COMPLETE = 12487, 12530  # DAQmx_Val_SampleClock, _SampleCompleteEvent
 ACQUIRED, TRANSFERRED = 1, 2  # DAQmx_Val_Acquired_Into_Buffer, _Transferred_From_Buffer
 
 
@@ -89,9 +90,25 @@ def _done(service: Service, request: Any) -> Stream:
     return Stream(service, task, listener, lambda status: message("RegisterDoneEventResponse")(status=status))
 
 
+def _signal(service: Service, request: Any) -> Stream:
+    """Of the signals only the sample clock and the end of a sample are there: an input task's own samples."""
+    task = service.task(request)
+    signal = request.signal_id_raw or request.signal_id
+    if signal not in (SAMPLE_CLOCK, SAMPLE_COMPLETE) or task.kind == "ao":
+        raise ChassisError(-200452, f"Signal: {signal}\nTask: {task.name}")
+    listener = _register(task, "signal", 1, -200949)
+    return Stream(
+        service,
+        task,
+        listener,
+        lambda status: message("RegisterSignalEventResponse")(status=status, signal_id=signal),
+    )
+
+
 STREAMS: dict[str, Callable[[Service, Any], Stream]] = {
     "RegisterDoneEvent": _done,
     "RegisterEveryNSamplesEvent": _every_n,
+    "RegisterSignalEvent": _signal,
 }
 
 
@@ -106,3 +123,9 @@ def _unregister_every_n(service: Service, request: Any) -> Any:
 def _unregister_done(service: Service, request: Any) -> Any:
     _unregister(service.task(request), "done")
     return message("UnregisterDoneEventResponse")()
+
+
+@call("UnregisterSignalEvent")
+def _unregister_signal(service: Service, request: Any) -> Any:
+    _unregister(service.task(request), "signal")
+    return message("UnregisterSignalEventResponse")()

@@ -20,7 +20,6 @@ from virtual_cdaq.protocol import AttributeCall, Session, message, packed_double
 from virtual_cdaq.sessions import Sessions
 
 BY_CHANNEL = 0  # DAQmx_Val_GroupByChannel
-PARTIAL = -200284
 
 Call = Callable[["Service", Any], Any]
 CALLS: dict[str, Call] = {}
@@ -140,8 +139,7 @@ def _start_task(service: Service, request: Any) -> Any:
 
 @call("StopTask")
 def _stop_task(service: Service, request: Any) -> Any:
-    service.task(request).stop()
-    return message("StopTaskResponse")()
+    return message("StopTaskResponse")(status=service.task(request).stop())
 
 
 @call("TaskControl")
@@ -259,13 +257,23 @@ def _selected(task: Task, codes: Codes) -> tuple[list[int], Codes]:
     return rows, codes if rows == list(range(len(names))) else codes[rows]
 
 
-def _read_scaled(task: Task, count: int, timeout: float) -> tuple[Floats, int]:
+def read_scaled(task: Task, count: int, timeout: float) -> tuple[list[int], Floats, int]:
+    """The next samples in the units of their channels.
+
+    Returns
+    -------
+    rows : list of int
+        The channels of the task that were read.
+    values : array of float, shape (len(rows), n)
+    status : int
+        0 or -200284.
+    """
     codes, status = transfer.read(task, count, timeout)
     rows, codes = _selected(task, codes)
-    volts = np.empty(codes.shape)
+    values = np.empty(codes.shape)
     for place, row in enumerate(rows):
-        volts[place] = task.channels[row].scale(codes[place])
-    return volts, status
+        values[place] = task.channels[row].scale(codes[place])
+    return rows, values, status
 
 
 def _laid_out(values: Any, count: int, room: int, *, by_channel: bool) -> Any:
@@ -288,7 +296,7 @@ def _laid_out(values: Any, count: int, room: int, *, by_channel: bool) -> Any:
 
 @call("ReadAnalogF64")
 def _read_analog(service: Service, request: Any) -> Any:
-    values, status = _read_scaled(service.task(request), request.num_samps_per_chan, request.timeout)
+    _, values, status = read_scaled(service.task(request), request.num_samps_per_chan, request.timeout)
     by_channel = (request.fill_mode_raw or request.fill_mode) == BY_CHANNEL
     flat = _laid_out(values, request.num_samps_per_chan, request.array_size_in_samps, by_channel=by_channel)
     head = message("ReadAnalogF64Response")(status=status, samps_per_chan_read=values.shape[1])
@@ -298,7 +306,7 @@ def _read_analog(service: Service, request: Any) -> Any:
 @call("ReadAnalogScalarF64")
 def _read_scalar(service: Service, request: Any) -> Any:
     task = service.task(request)
-    values, status = _read_scaled(task, 1, request.timeout)
+    _, values, status = read_scaled(task, 1, request.timeout)
     if status:
         raise ChassisError(status, f"Task: {task.name}", done=0)
     return message("ReadAnalogScalarF64Response")(value=float(values[0, 0]))
@@ -414,7 +422,7 @@ def _reset_device(service: Service, request: Any) -> Any:
     chassis = service.chassis
     if chassis.faults.unplugged:
         raise ChassisError(-201003, f"Device: {request.device_name}")
-    chassis.reset([device.name] if device.slot is not None else list(chassis.slots))
+    chassis.reset(device.devices)
     return message("ResetDeviceResponse")()
 
 

@@ -11,7 +11,7 @@ from virtual_cdaq.model.chassis import Chassis, Slot
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.task import CONTINUOUS, FINITE
 
-C_SERIES, COMPACT_DAQ, USB, C_SERIES_BUS = 14659, 14658, 12586, 14637  # categories and bus types of DAQmx
+C_SERIES, USB, C_SERIES_BUS = 14659, 12586, 14637  # categories and bus types of DAQmx
 TERMINAL_BITS = {10083: 1, 10078: 2, 10106: 4}  # RSE, NRSE, differential in a set of configurations
 DIGITAL_EDGE_BIT = 0x2
 DRIVER = (26, 0, 0)  # the driver that the stand-in says it is: the properties are those of its client
@@ -22,12 +22,25 @@ class Device:
     """The chassis, or one of its modules."""
 
     chassis: Chassis
-    slot: Slot | None
+    name: str
 
     @property
-    def name(self) -> str:
-        """As NI-DAQmx calls it."""
-        return self.chassis.name if self.slot is None else self.slot.device
+    def is_chassis(self) -> bool:
+        """Whether it is the chassis."""
+        return self.name == self.chassis.name
+
+    @property
+    def slots(self) -> list[Slot]:
+        """The modules of that name: one for a module, none for the chassis.
+
+        A device without slots is a chassis whose modules bear its own name, so there may be several.
+        """
+        return [slot for slot in self.chassis.slots if slot.device == self.name]
+
+    @property
+    def devices(self) -> list[str]:
+        """What a reset of it reaches."""
+        return self.chassis.devices if self.is_chassis else [self.name]
 
 
 @dataclass(frozen=True)
@@ -51,13 +64,11 @@ def find_device(chassis: Chassis, name: str) -> Device:
     ChassisError
         -200220, no such device.
     """
-    wanted = name.strip().strip("/").split("/")[0].lower()
-    if wanted == chassis.name.lower():
-        return Device(chassis, None)
-    for slot in chassis.slots.values():
-        if slot.device.lower() == wanted:
-            return Device(chassis, slot)
-    raise ChassisError(-200220, f"Device: {name.strip().split('/')[0]}")
+    wanted = name.strip().strip("/").split("/")[0]
+    for device in chassis.devices:
+        if device.lower() == wanted.lower():
+            return Device(chassis, device)
+    raise ChassisError(-200220, f"Device: {wanted}")
 
 
 def find_physical(chassis: Chassis, name: str) -> PhysicalChannel:
@@ -70,10 +81,9 @@ def find_physical(chassis: Chassis, name: str) -> PhysicalChannel:
     """
     device = find_device(chassis, name)
     port = name.strip().strip("/").rpartition("/")[2].lower()
-    slot = device.slot
-    if slot is not None and "/" in name.strip().strip("/") and port.startswith(slot.module.kind):
-        digits = port[len(slot.module.kind) :]
-        if digits.isdecimal() and int(digits) < slot.module.channels:
+    for slot in device.slots if "/" in name.strip().strip("/") else []:
+        digits = port.removeprefix(slot.module.kind)
+        if digits != port and digits.isdecimal() and int(digits) < slot.module.channels:
             return PhysicalChannel(slot, int(digits))
     raise ChassisError(-200170, f"Physical channel: {name.strip()}\nDevice: {device.name}")
 
@@ -82,16 +92,17 @@ def _module(kind: str | None, get: Any) -> Property:
     """A property that modules of a kind have."""
 
     def of(device: Device) -> Any:
-        if device.slot is None or (kind is not None and device.slot.module.kind != kind):
-            raise ChassisError(-200197, f"Device: {device.name}")
-        return get(device.slot)
+        for slot in device.slots:
+            if kind in (None, slot.module.kind):
+                return get(slot)
+        raise ChassisError(-200197, f"Device: {device.name}")
 
     return Property(of)
 
 
 def _chassis(get: Any) -> Property:
     def of(device: Device) -> Any:
-        if device.slot is not None:
+        if not device.is_chassis:
             raise ChassisError(-200197, f"Device: {device.name}")
         return get(device.chassis)
 
@@ -102,10 +113,12 @@ def _channels(kind: str) -> Property:
     """The physical channels of a kind; none on the chassis and on other modules."""
 
     def of(device: Device) -> str:
-        slot = device.slot
-        if slot is None or slot.module.kind != kind:
-            return ""
-        return ", ".join(f"{slot.device}/{kind}{index}" for index in range(slot.module.channels))
+        return ", ".join(
+            f"{slot.device}/{kind}{index}"
+            for slot in device.slots
+            if slot.module.kind == kind
+            for index in range(slot.module.channels)
+        )
 
     return Property(of)
 
@@ -127,7 +140,7 @@ def _usages(slot: Slot) -> list[int]:
 
 
 def _serial(device: Device) -> int:
-    return 0x1D0C0000 + (0 if device.slot is None else device.slot.number)
+    return 0x1D0C0000 + (0 if device.is_chassis else device.slots[0].number)
 
 
 def _terminals(device: Device) -> str:
@@ -138,15 +151,15 @@ def _terminals(device: Device) -> str:
 
 DEVICE: Table = {
     "IS_SIMULATED": Property(lambda d: True),
-    "PRODUCT_CATEGORY": Property(lambda d: COMPACT_DAQ if d.slot is None else C_SERIES),
-    "PRODUCT_TYPE": Property(lambda d: d.chassis.product if d.slot is None else d.slot.module.product),
-    "PRODUCT_NUM": Property(lambda d: d.chassis.number if d.slot is None else d.slot.module.number),
+    "PRODUCT_CATEGORY": Property(lambda d: d.chassis.category if d.is_chassis else C_SERIES),
+    "PRODUCT_TYPE": Property(lambda d: d.chassis.product if d.is_chassis else d.slots[0].module.product),
+    "PRODUCT_NUM": Property(lambda d: d.chassis.number if d.is_chassis else d.slots[0].module.number),
     "SERIAL_NUM": Property(_serial),
-    "BUS_TYPE": Property(lambda d: USB if d.slot is None else C_SERIES_BUS),
+    "BUS_TYPE": Property(lambda d: USB if d.is_chassis else C_SERIES_BUS),
     "TERMINALS": Property(_terminals),
     "COMPACT_DAQ_CHASSIS_DEV_NAME": _module(None, lambda s: s.device.rpartition("Mod")[0]),
     "COMPACT_DAQ_SLOT_NUM": _module(None, lambda s: s.number),
-    "CHASSIS_MODULE_DEV_NAMES": _chassis(lambda c: ", ".join(c.slots)),
+    "CHASSIS_MODULE_DEV_NAMES": _chassis(lambda c: ", ".join(c.devices[1:])),
     "ANLG_TRIG_SUPPORTED": Property(lambda d: False),
     "DIG_TRIG_SUPPORTED": Property(lambda d: True),
     "TIME_TRIG_SUPPORTED": Property(lambda d: False),
@@ -219,7 +232,7 @@ PHYSICAL: Table = {
 }
 
 SYSTEM: Table = {
-    "DEV_NAMES": Property(lambda c: ", ".join([c.name, *c.slots])),
+    "DEV_NAMES": Property(lambda c: ", ".join(c.devices)),
     "GLOBAL_CHANS": Property(lambda c: ""),
     "SCALES": Property(lambda c: ""),
     "TASKS": Property(lambda c: ""),

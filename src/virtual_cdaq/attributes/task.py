@@ -67,10 +67,12 @@ def _source(task: Task) -> str:
 
 
 def _terminal(task: Task, signal: str) -> str:
-    # Which engine a task gets is decided when it is reserved: before that there is no right answer.
-    if task.engine is None:
-        raise ChassisError(-200983, f"Terminal of: {signal}\nTask: {task.name}")
-    return f"/{task.chassis.name}/{task.engine.name}/{signal}"
+    # Which engine a task gets is decided when it is reserved. Before that this is the one that it would get now, and
+    # not the one that it will get if another task comes first.
+    engine = task.engine or task.chassis.free_engine(task)
+    if engine is None:
+        raise ChassisError(-50103, f"No timing engine is free.\nTask: {task.name}")
+    return f"/{task.chassis.name}/{engine.name}/{signal}"
 
 
 def _in_need_of_clock(task: Task) -> Task:
@@ -118,6 +120,12 @@ def set_trigger_type(task: Task, kind: int) -> None:
         raise unsupported_value("StartTrig.Type", kind, "none or digital edge")
 
 
+def _set_retriggerable(task: Task, value: bool) -> None:
+    task.refuse_while_running()
+    task.retriggerable = value
+    task.changed()
+
+
 TRIGGER: Table = {
     "START_TRIG_TYPE": Property(
         lambda t: DIGITAL_EDGE if t.trigger else NO_TRIGGER, set_trigger_type, lambda t: set_trigger_type(t, NO_TRIGGER)
@@ -127,7 +135,9 @@ TRIGGER: Table = {
     "START_TRIG_TERM": Property(lambda t: _terminal(t, "StartTrigger")),
     "START_TRIG_DELAY": kept("START_TRIG_DELAY", 0.0),
     "START_TRIG_DELAY_UNITS": kept("START_TRIG_DELAY_UNITS", 10364),
-    "START_TRIG_RETRIGGERABLE": kept("START_TRIG_RETRIGGERABLE", False),
+    "START_TRIG_RETRIGGERABLE": Property(
+        lambda t: t.retriggerable, _set_retriggerable, lambda t: _set_retriggerable(t, False)
+    ),
     "REF_TRIG_TYPE": Property(lambda t: NO_TRIGGER),
     "PAUSE_TRIG_TYPE": Property(lambda t: NO_TRIGGER),
     "ARM_START_TRIG_TYPE": Property(lambda t: NO_TRIGGER),

@@ -22,7 +22,7 @@ from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.faults import Fault, Faults
 from virtual_cdaq.model.modules import MODULES, Module
 from virtual_cdaq.model.plant import Plant
-from virtual_cdaq.model.task import CONTINUOUS, FINITE, State, Task
+from virtual_cdaq.model.task import FINITE, State, Task
 
 SEED = 20261121
 AT_ONCE = 32_768  # edges of one clock that are worked through in one go
@@ -32,7 +32,16 @@ ON_DEMAND = 1e-3  # s that an on-demand call takes when time stands still betwee
 
 @dataclass(frozen=True)
 class Slot:
-    """A module in its slot."""
+    """A module in its slot.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    device : str
+        The name of the module, such as ``cDAQ1Mod1``.
+    module : Module
+    """
 
     number: int
     device: str
@@ -63,12 +72,15 @@ class Chassis:
     --------
     >>> from virtual_cdaq.model.plant import RcPlant
     >>> chassis = Chassis(RcPlant(), LockStepClock())
-    >>> [slot.device for slot in chassis.slots.values()]
+    >>> [slot.device for slot in chassis.slots]
     ['cDAQ1Mod1', 'cDAQ1Mod2', 'cDAQ1Mod3']
     """
 
     product = "cDAQ-9174"
     number = 29885
+    trigger_inputs: tuple[str, ...] = ()  # a cDAQ-9174 has none without a digital module
+    category = 14658  # DAQmx_Val_CompactDAQChassis
+    input_engines = INPUT_ENGINES
     fastest_slow_clock = 400.0  # S/s, of a task with nothing but slow modules
 
     def __init__(
@@ -88,17 +100,16 @@ class Chassis:
         self.clock = clock
         self.name = name
         self.seed = seed
-        self.slots: dict[str, Slot] = {}
-        for number, product in enumerate(modules, start=1):
-            device = f"{name}Mod{number}"
-            self.slots[device] = Slot(number, device, MODULES[product])
+        self.slots = [
+            Slot(number, self.device_name(number), MODULES[product]) for number, product in enumerate(modules, start=1)
+        ]
         self.levels = {
             f"{slot.device}/ao{index}": 0.0
-            for slot in self.slots.values()
+            for slot in self.slots
             if slot.module.kind == "ao"
             for index in range(slot.module.channels)
         }
-        self.engines = {engine: Engine(engine) for engine in (*INPUT_ENGINES, OUTPUT_ENGINE)}
+        self.engines = {engine: Engine(engine) for engine in (*self.input_engines, OUTPUT_ENGINE)}
         self.tasks: list[Task] = []
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
@@ -110,6 +121,15 @@ class Chassis:
         self._on_demand = ticks(on_demand)
         self._time = 0
         self._acquisitions: dict[str, int] = {}
+
+    def device_name(self, number: int) -> str:
+        """The name of the module in a slot."""
+        return f"{self.name}Mod{number}"
+
+    @property
+    def devices(self) -> list[str]:
+        """The names of the chassis and its modules."""
+        return list(dict.fromkeys([self.name, *(slot.device for slot in self.slots)]))
 
     @property
     def time(self) -> float:
@@ -146,13 +166,17 @@ class Chassis:
                     raise ChassisError(-50103, f"{reason}\nTask: {task.name}\nHeld by: {other.name}")
         if not task.hardware_timed:
             return
-        names = INPUT_ENGINES if task.kind == "ai" else (OUTPUT_ENGINE,)
-        free = next((self.engines[name] for name in names if self.engines[name].owner is None), None)
+        free = self.free_engine(task)
         if free is None:
-            raise ChassisError(-50103, f"No timing engine is free ({', '.join(names)}).\nTask: {task.name}")
+            raise ChassisError(-50103, f"No timing engine is free.\nTask: {task.name}")
         free.owner = task
         task.engine = free
         task.clock = self.engine_of_terminal(task.timing.source) or free
+
+    def free_engine(self, task: Task) -> Engine | None:
+        """The engine that a task would get now."""
+        names = self.input_engines if task.kind == "ai" else (OUTPUT_ENGINE,)
+        return next((self.engines[name] for name in names if self.engines[name].owner is None), None)
 
     def release(self, task: Task) -> None:
         """Give back what `task` holds."""
@@ -180,6 +204,8 @@ class Chassis:
             for name, engine in self.engines.items():
                 if name.lower() == parts[0].lower():
                     return engine
+        if parts[-1] in self.trigger_inputs:
+            return None
         raise ChassisError(-89120, f"Terminal: {terminal}")
 
     def check_present(self, task: Task) -> None:
@@ -212,7 +238,7 @@ class Chassis:
         """Let the engine of a task run, at once or when its trigger comes."""
         if task.clock is not task.engine:
             return
-        if self.engine_of_terminal(task.trigger, "StartTrigger") is not None:
+        if task.trigger:
             task.armed = True
             return
         self.advance()
@@ -229,6 +255,18 @@ class Chassis:
             if other.armed and self.engine_of_terminal(other.trigger, "StartTrigger") is engine:
                 self._begin_clock(other, tick)
         self.changed.notify_all()
+
+    def pulse(self, terminal: str) -> None:
+        """An edge on a trigger input: every task that waits for it starts."""
+        self.advance()
+        tick = max(self.clock.now(), self._time) + START_DELAY
+        for task in self.tasks:
+            engine = task.engine
+            if engine is None or task.trigger.rpartition("/")[2] != terminal:
+                continue
+            spent = engine.running and engine.limit is not None and engine.next >= engine.limit
+            if task.armed or (task.retriggerable and task.running and spent):
+                self._begin_clock(task, tick)
 
     def stop_clock(self, task: Task) -> None:
         """Let the engine of a task stand."""
@@ -306,7 +344,7 @@ class Chassis:
     def _generate(self, task: Task, points: Ticks, edges: Ticks, outputs: dict[str, Floats]) -> list[tuple[str, float]]:
         buffer = task.output_buffer
         assert buffer is not None
-        finite = task.timing.mode == FINITE
+        finite = task.finite
         wanted = edges.size
         if finite:
             wanted = min(wanted, task.timing.samples - buffer.generated)
@@ -332,7 +370,7 @@ class Chassis:
     def _acquire(self, task: Task, points: Ticks, edges: Ticks, terminals: object) -> None:
         buffer = task.input_buffer
         assert buffer is not None and task.clock is not None
-        if task.timing.mode == FINITE:
+        if task.finite:
             edges = edges[: task.timing.samples - buffer.acquired]
         if not edges.size:
             return
@@ -364,7 +402,7 @@ class Chassis:
             task.conversion = int(conversion[-1])
         buffer.put(codes)
         task.edges += edges.size
-        if task.timing.mode == FINITE and buffer.acquired >= task.timing.samples:
+        if task.finite and buffer.acquired >= task.timing.samples:
             task.ended = True
 
     def _terminal(self, terminals: object, channel: Channel) -> Floats:
@@ -480,10 +518,10 @@ class Chassis:
                         listener.told = 1
                         listener.call(task.failure.code if task.failure else 0)
                     continue
-                buffer = task.input_buffer if listener.kind == "acquired" else task.output_buffer
-                if buffer is None:
-                    continue
-                count = buffer.acquired if hasattr(buffer, "acquired") else buffer.generated
+                if listener.kind == "transferred":
+                    count = task.output_buffer.generated if task.output_buffer is not None else 0
+                else:
+                    count = task.input_buffer.acquired if task.input_buffer is not None else 0
                 while (listener.told + 1) * listener.every <= count:
                     listener.told += 1
                     listener.call(0)
@@ -503,7 +541,7 @@ class Chassis:
                     buffer = task.input_buffer
                     room = (
                         listener.kind == "transferred"
-                        or task.timing.mode != CONTINUOUS
+                        or task.finite
                         or buffer is None
                         or last - buffer.position <= buffer.size
                     )
@@ -511,6 +549,14 @@ class Chassis:
                 if tick is not None:
                     found = tick if found is None else min(found, tick)
         return found
+
+    def wall_time(self, task: Task, back: int) -> float:
+        """Wall time of the sample `back` samples before a task's next to be read; the present if it has no clock [s]."""
+        now = time.time()
+        if task.clock is None or task.input_buffer is None or not task.clock.running:
+            return now
+        tick = task.clock.start + (task.input_buffer.position - back) * task.clock.period
+        return now - self.clock.wall(max(0, self.clock.now() - tick))
 
     def busy(self) -> bool:
         """Whether something happens without being asked for."""

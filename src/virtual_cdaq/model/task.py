@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from virtual_cdaq.model.chassis import Chassis
 
 FINITE, CONTINUOUS, SINGLE_POINT = 10178, 10123, 12522  # DAQmx_Val_FiniteSamps, _ContSamps, _HWTimedSinglePoint
+STOPPED_BEFORE_DONE = 200010  # a warning
 ON_DEMAND, SAMPLE_CLOCK = 10390, 10388  # DAQmx_Val_OnDemand, _SampClk
 
 
@@ -50,7 +51,7 @@ class Listener:
 
     Parameters
     ----------
-    kind : {"acquired", "transferred", "done"}
+    kind : {"acquired", "transferred", "signal", "done"}
     every : int
         Samples per channel between two calls.
     call : callable
@@ -61,7 +62,7 @@ class Listener:
         Ends whatever waits for the calls.
     """
 
-    kind: Literal["acquired", "transferred", "done"]
+    kind: Literal["acquired", "transferred", "signal", "done"]
     every: int
     call: Callable[[int], None]
     told: int = 0
@@ -102,6 +103,7 @@ class Task:
     kind: Literal["", "ai", "ao"] = ""
     timing: Timing = field(default_factory=Timing)
     trigger: str = ""
+    retriggerable: bool = False
     state: State = State.UNVERIFIED
     explicit: State = State.UNVERIFIED
     engine: Engine | None = None
@@ -133,6 +135,11 @@ class Task:
         return self.timing.kind == SAMPLE_CLOCK
 
     @property
+    def finite(self) -> bool:
+        """Whether it ends by itself."""
+        return self.timing.mode == FINITE and not self.retriggerable
+
+    @property
     def running(self) -> bool:
         """Whether it was started and not stopped."""
         return self.state == State.RUNNING
@@ -152,11 +159,10 @@ class Task:
         """The highest rate of the task's modules together [S/s]; a slow module repeats itself instead."""
         rates = []
         for device in self.devices:
-            module = self.chassis.slots[device].module
-            if module.slow:
-                continue
-            count = sum(channel.device == device for channel in self.channels)
-            rates.append(min(module.rate, module.aggregate_rate / count))
+            mine = [channel for channel in self.channels if channel.device == device]
+            module = mine[0].module
+            if not module.slow:
+                rates.append(min(module.rate, module.aggregate_rate / len(mine)))
         return min(rates, default=self.chassis.fastest_slow_clock)
 
     @property
@@ -248,7 +254,7 @@ class Task:
         """Samples per channel of the buffer: as set, or as NI-DAQmx chooses."""
         if self.input_size is not None:
             return self.input_size
-        if self.timing.mode == FINITE:
+        if self.finite:
             return self.timing.samples
         return max(self.timing.samples, default_input_size(self.timing.rate))
 
@@ -302,12 +308,21 @@ class Task:
         self.held = np.zeros((len(self.channels), 1), dtype=np.int32)
         self.converters = [self.chassis.converter(channel, high_resolution=fine) for channel in self.channels]
 
-    def stop(self) -> None:
-        """Stop, and go back to where the program had brought the task."""
+    def stop(self) -> int:
+        """Stop, and go back to where the program had brought the task.
+
+        Returns
+        -------
+        int
+            0, or the warning 200010 when a finite generation or acquisition was not done.
+        """
         failure = None
+        warning = 0
         if self.running:
             self.chassis.advance()
             failure = self.failure
+            if self.hardware_timed and self.finite and not self.ended and failure is None:
+                warning = STOPPED_BEFORE_DONE
             self.chassis.stop_clock(self)
             self.state = State.COMMITTED
             self.armed = False
@@ -318,6 +333,7 @@ class Task:
         if failure is not None and not self.told_failure:
             self.told_failure = True
             raise failure
+        return warning
 
     def unreserve(self) -> None:
         """Give the engine and the modules back."""
@@ -356,7 +372,7 @@ class Task:
 
     def done_tick(self) -> int | None:
         """When the task is done [ticks]; None if that is not known."""
-        if self.timing.mode != FINITE or self.clock is None or self.armed or self.done:
+        if not self.finite or self.clock is None or self.armed or self.done:
             return None
         last = self.timing.samples
         if self.kind == "ai":

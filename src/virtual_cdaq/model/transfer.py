@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from virtual_cdaq.model.buffers import OutputBuffer
 from virtual_cdaq.model.converters import Codes, Floats, encode
 from virtual_cdaq.model.errors import ChassisError
-from virtual_cdaq.model.task import FINITE, State, Task
+from virtual_cdaq.model.task import State, Task
 
 ALL_AVAILABLE = -1
 
@@ -43,7 +43,7 @@ def read(task: Task, count: int, timeout: float) -> tuple[Codes, int]:
     chassis.advance()
     buffer = task.input_buffer
     assert buffer is not None
-    finite = task.timing.mode == FINITE
+    finite = task.finite
     left = task.timing.samples - buffer.position
     if count == ALL_AVAILABLE:
         count = left if finite else buffer.available
