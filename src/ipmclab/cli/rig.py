@@ -16,6 +16,7 @@ from ipmclab.cli.output import (
     read,
     with_unit,
 )
+from ipmclab.cli.rig_prove import prove
 from ipmclab.cli.rig_serve import serve
 from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS, CURRENT, VOLTAGE
@@ -157,4 +158,5 @@ def _channel_document(one: ChannelCheck) -> dict[str, Any]:
 
 
 rig_app.command("check")(check)
+rig_app.command("prove")(prove)
 rig_app.command("serve")(serve)
