@@ -8,16 +8,13 @@ from typing import Any
 
 import grpc
 
-from virtual_cdaq import waveforms
-from virtual_cdaq.events import STREAMS
+from virtual_cdaq.calls import CALLS, STREAMS
 from virtual_cdaq.model.chassis import Chassis, Gone
 from virtual_cdaq.model.clock import LockStepClock
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.protocol import SERVICE, Method, attribute_call, methods
-from virtual_cdaq.service import CALLS, Service
+from virtual_cdaq.service import Service
 from virtual_cdaq.sessions import Refused
-
-assert waveforms  # its calls are among CALLS once it is imported
 
 THREADS = 64  # each open event stream and each waiting call holds one
 LARGEST_MESSAGE = 256 * 2**20  # bytes; gRPC's own limit of 4 MiB is half a million samples

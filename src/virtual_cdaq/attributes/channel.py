@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from virtual_cdaq.attributes.table import Property, Table, kept
+from virtual_cdaq.attributes.table import Property, Table, constant, kept
 from virtual_cdaq.model.channels import Channel
 from virtual_cdaq.model.converters import choose_range, step
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
@@ -95,7 +95,7 @@ def _scale_coefficients(channel: Channel) -> list[float]:
 CHANNEL: Table = {
     "CHAN_TYPE": Property(lambda c: AI_CHANNEL if c.module.kind == "ai" else AO_CHANNEL),
     "CHAN_DESCR": kept("CHAN_DESCR", ""),
-    "CHAN_IS_GLOBAL": Property(lambda c: False),
+    "CHAN_IS_GLOBAL": constant(False),
     "PHYSICAL_CHAN_NAME": Property(lambda c: c.physical),
     "AI_MEAS_TYPE": _for("ai", Property(_usage)),
     "AI_MAX": _for("ai", Property(lambda c: c.high, _set_limit("high"))),
@@ -103,11 +103,11 @@ CHANNEL: Table = {
     "AI_RNG_HIGH": _for("ai", Property(_range_end(+1))),
     "AI_RNG_LOW": _for("ai", Property(_range_end(-1))),
     "AI_TERM_CFG": _for("ai", Property(lambda c: c.terminal, _set_terminal)),
-    "AI_COUPLING": _for("ai", Property(lambda c: 10050)),
+    "AI_COUPLING": _for("ai", constant(10050)),
     "AI_RESOLUTION": _for("ai", Property(lambda c: float(c.module.bits))),
-    "AI_RESOLUTION_UNITS": _for("ai", Property(lambda c: 10109)),
+    "AI_RESOLUTION_UNITS": _for("ai", constant(10109)),
     "AI_RAW_SAMP_SIZE": _for("ai", Property(lambda c: 16 if c.module.bits <= 16 else 32)),
-    "AI_RAW_SAMP_JUSTIFICATION": _for("ai", Property(lambda c: 10279)),
+    "AI_RAW_SAMP_JUSTIFICATION": _for("ai", constant(10279)),
     "AI_VOLTAGE_UNITS": _for("ai", Property(lambda c: c.units)),
     "AI_TEMP_UNITS": _for("ai", Property(lambda c: c.units)),
     "AI_RESISTANCE_UNITS": _for("ai", Property(lambda c: c.units)),
@@ -122,20 +122,20 @@ CHANNEL: Table = {
     "AI_RTD_B": _resistive(Property(lambda c: c.curve()[1], kept("AI_RTD_B", 0.0).put)),
     "AI_RTD_C": _resistive(Property(lambda c: c.curve()[2], kept("AI_RTD_C", 0.0).put)),
     "AI_RESISTANCE_CFG": _resistive(Property(lambda c: c.wires)),
-    "AI_EXCIT_SRC": _resistive(Property(lambda c: INTERNAL)),
-    "AI_EXCIT_VAL": _resistive(Property(lambda c: EXCITATION)),
+    "AI_EXCIT_SRC": _resistive(constant(INTERNAL)),
+    "AI_EXCIT_VAL": _resistive(constant(EXCITATION)),
     "AI_EXCIT_ACTUAL_VAL": _resistive(kept("AI_EXCIT_ACTUAL_VAL", EXCITATION)),
-    "AI_EXCIT_VOLTAGE_OR_CURRENT": _resistive(Property(lambda c: 10134)),
+    "AI_EXCIT_VOLTAGE_OR_CURRENT": _resistive(constant(10134)),
     "AI_ADC_TIMING_MODE": _resistive(Property(lambda c: c.timing_mode, _set_timing_mode)),
     "AI_OPEN_CHAN_DETECT_ENABLE": _resistive(kept("AI_OPEN_CHAN_DETECT_ENABLE", False)),
-    "AO_OUTPUT_TYPE": _for("ao", Property(lambda c: USAGE_VOLTAGE)),
+    "AO_OUTPUT_TYPE": _for("ao", constant(USAGE_VOLTAGE)),
     "AO_MAX": _for("ao", Property(lambda c: c.high, _set_limit("high"))),
     "AO_MIN": _for("ao", Property(lambda c: c.low, _set_limit("low"))),
     "AO_DAC_RNG_HIGH": _for("ao", Property(_range_end(+1))),
     "AO_DAC_RNG_LOW": _for("ao", Property(_range_end(-1))),
-    "AO_TERM_CFG": _for("ao", Property(lambda c: REFERENCED_OUTPUT)),
+    "AO_TERM_CFG": _for("ao", constant(REFERENCED_OUTPUT)),
     "AO_RESOLUTION": _for("ao", Property(lambda c: float(c.module.bits))),
-    "AO_RESOLUTION_UNITS": _for("ao", Property(lambda c: 10109)),
+    "AO_RESOLUTION_UNITS": _for("ao", constant(10109)),
     "AO_VOLTAGE_UNITS": _for("ao", Property(lambda c: c.units)),
     "AO_CUSTOM_SCALE_NAME": _for("ao", kept("AO_CUSTOM_SCALE_NAME", "")),
     "AO_DEV_SCALING_COEFF": _for("ao", Property(lambda c: [0.0, 1.0 / step(c.module, c.chosen)])),

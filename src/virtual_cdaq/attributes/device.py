@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from virtual_cdaq.attributes.channel import USAGE_RESISTANCE, USAGE_RTD, USAGE_VOLTAGE
-from virtual_cdaq.attributes.table import Property, Table
+from virtual_cdaq.attributes.table import Property, Table, constant
 from virtual_cdaq.model.chassis import Chassis, Slot
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.task import CONTINUOUS, FINITE
@@ -100,6 +100,10 @@ def _module(kind: str | None, get: Any) -> Property:
     return Property(of)
 
 
+def _always(value: Any) -> Any:
+    return lambda _: value
+
+
 def _chassis(get: Any) -> Property:
     def of(device: Device) -> Any:
         if not device.is_chassis:
@@ -121,10 +125,6 @@ def _channels(kind: str) -> Property:
         )
 
     return Property(of)
-
-
-def _nothing(device: Device) -> str:
-    return ""
 
 
 def _ranges(slot: Slot) -> list[float]:
@@ -150,7 +150,7 @@ def _terminals(device: Device) -> str:
 
 
 DEVICE: Table = {
-    "IS_SIMULATED": Property(lambda d: True),
+    "IS_SIMULATED": constant(True),
     "PRODUCT_CATEGORY": Property(lambda d: d.chassis.category if d.is_chassis else C_SERIES),
     "PRODUCT_TYPE": Property(lambda d: d.chassis.product if d.is_chassis else d.slots[0].module.product),
     "PRODUCT_NUM": Property(lambda d: d.chassis.number if d.is_chassis else d.slots[0].module.number),
@@ -160,41 +160,41 @@ DEVICE: Table = {
     "COMPACT_DAQ_CHASSIS_DEV_NAME": _module(None, lambda s: s.device.rpartition("Mod")[0]),
     "COMPACT_DAQ_SLOT_NUM": _module(None, lambda s: s.number),
     "CHASSIS_MODULE_DEV_NAMES": _chassis(lambda c: ", ".join(c.devices[1:])),
-    "ANLG_TRIG_SUPPORTED": Property(lambda d: False),
-    "DIG_TRIG_SUPPORTED": Property(lambda d: True),
-    "TIME_TRIG_SUPPORTED": Property(lambda d: False),
+    "ANLG_TRIG_SUPPORTED": constant(False),
+    "DIG_TRIG_SUPPORTED": constant(True),
+    "TIME_TRIG_SUPPORTED": constant(False),
     "AI_PHYSICAL_CHANS": _channels("ai"),
     "AI_SUPPORTED_MEAS_TYPES": _module("ai", _usages),
     "AI_MAX_SINGLE_CHAN_RATE": _module("ai", lambda s: s.module.rate),
     "AI_MAX_MULTI_CHAN_RATE": _module("ai", lambda s: s.module.aggregate_rate),
-    "AI_MIN_RATE": _module("ai", lambda s: 80e6 / 2**32),
-    "AI_SIMULTANEOUS_SAMPLING_SUPPORTED": _module("ai", lambda s: False),
-    "AI_NUM_SAMP_TIMING_ENGINES": _module("ai", lambda s: 3),
-    "AI_SAMP_MODES": _module("ai", lambda s: [FINITE, CONTINUOUS]),
+    "AI_MIN_RATE": _module("ai", _always(80e6 / 2**32)),
+    "AI_SIMULTANEOUS_SAMPLING_SUPPORTED": _module("ai", _always(False)),
+    "AI_NUM_SAMP_TIMING_ENGINES": _module("ai", _always(3)),
+    "AI_SAMP_MODES": _module("ai", _always([FINITE, CONTINUOUS])),
     "AI_VOLTAGE_RNGS": _module("ai", _input_ranges),
     "AI_RESISTANCE_RNGS": _module("ai", lambda s: _ranges(s) if s.module.resistive else []),
-    "AI_TRIG_USAGE": _module("ai", lambda s: DIGITAL_EDGE_BIT),
-    "AI_COUPLINGS": _module("ai", lambda s: 2),
-    "AI_CURRENT_RNGS": _module("ai", lambda s: []),
-    "AI_FREQ_RNGS": _module("ai", lambda s: []),
-    "AI_GAINS": _module("ai", lambda s: []),
+    "AI_TRIG_USAGE": _module("ai", _always(DIGITAL_EDGE_BIT)),
+    "AI_COUPLINGS": _module("ai", _always(2)),
+    "AI_CURRENT_RNGS": _module("ai", _always([])),
+    "AI_FREQ_RNGS": _module("ai", _always([])),
+    "AI_GAINS": _module("ai", _always([])),
     "AO_PHYSICAL_CHANS": _channels("ao"),
-    "AO_SUPPORTED_OUTPUT_TYPES": _module("ao", lambda s: [USAGE_VOLTAGE]),
+    "AO_SUPPORTED_OUTPUT_TYPES": _module("ao", _always([USAGE_VOLTAGE])),
     "AO_MAX_RATE": _module("ao", lambda s: s.module.rate),
-    "AO_MIN_RATE": _module("ao", lambda s: 80e6 / 2**32),
-    "AO_SAMP_CLK_SUPPORTED": _module("ao", lambda s: True),
-    "AO_NUM_SAMP_TIMING_ENGINES": _module("ao", lambda s: 1),
-    "AO_SAMP_MODES": _module("ao", lambda s: [FINITE, CONTINUOUS]),
+    "AO_MIN_RATE": _module("ao", _always(80e6 / 2**32)),
+    "AO_SAMP_CLK_SUPPORTED": _module("ao", _always(True)),
+    "AO_NUM_SAMP_TIMING_ENGINES": _module("ao", _always(1)),
+    "AO_SAMP_MODES": _module("ao", _always([FINITE, CONTINUOUS])),
     "AO_VOLTAGE_RNGS": _module("ao", _ranges),
-    "AO_CURRENT_RNGS": _module("ao", lambda s: []),
-    "AO_GAINS": _module("ao", lambda s: []),
-    "AO_TRIG_USAGE": _module("ao", lambda s: DIGITAL_EDGE_BIT),
-    "CI_PHYSICAL_CHANS": Property(_nothing),
-    "CO_PHYSICAL_CHANS": Property(_nothing),
-    "DI_LINES": Property(_nothing),
-    "DI_PORTS": Property(_nothing),
-    "DO_LINES": Property(_nothing),
-    "DO_PORTS": Property(_nothing),
+    "AO_CURRENT_RNGS": _module("ao", _always([])),
+    "AO_GAINS": _module("ao", _always([])),
+    "AO_TRIG_USAGE": _module("ao", _always(DIGITAL_EDGE_BIT)),
+    "CI_PHYSICAL_CHANS": constant(""),
+    "CO_PHYSICAL_CHANS": constant(""),
+    "DI_LINES": constant(""),
+    "DI_PORTS": constant(""),
+    "DO_LINES": constant(""),
+    "DO_PORTS": constant(""),
 }
 
 
@@ -228,15 +228,15 @@ PHYSICAL: Table = {
     "PHYSICAL_CHAN_AI_TERM_CFGS": Property(_terminal_set),
     "PHYSICAL_CHAN_AO_SUPPORTED_OUTPUT_TYPES": Property(_usages_of("ao")),
     "PHYSICAL_CHAN_AO_TERM_CFGS": Property(_output_terminal_set),
-    "PHYSICAL_CHAN_AO_MANUAL_CONTROL_AMPLITUDE": Property(lambda c: 0.0),
+    "PHYSICAL_CHAN_AO_MANUAL_CONTROL_AMPLITUDE": constant(0.0),
 }
 
 SYSTEM: Table = {
     "DEV_NAMES": Property(lambda c: ", ".join(c.devices)),
-    "GLOBAL_CHANS": Property(lambda c: ""),
-    "SCALES": Property(lambda c: ""),
-    "TASKS": Property(lambda c: ""),
-    "NIDAQ_MAJOR_VERSION": Property(lambda c: DRIVER[0]),
-    "NIDAQ_MINOR_VERSION": Property(lambda c: DRIVER[1]),
-    "NIDAQ_UPDATE_VERSION": Property(lambda c: DRIVER[2]),
+    "GLOBAL_CHANS": constant(""),
+    "SCALES": constant(""),
+    "TASKS": constant(""),
+    "NIDAQ_MAJOR_VERSION": constant(DRIVER[0]),
+    "NIDAQ_MINOR_VERSION": constant(DRIVER[1]),
+    "NIDAQ_UPDATE_VERSION": constant(DRIVER[2]),
 }

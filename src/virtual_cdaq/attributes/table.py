@@ -59,6 +59,11 @@ def _property(table: Table, name: str) -> Property:
     return found
 
 
+def constant(value: Any) -> Property:
+    """A property that is the same for everything that has it."""
+    return Property(lambda _: value)
+
+
 def kept(name: str, default: Any) -> Property:
     """A property that is kept and read back, and that nothing depends on.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from virtual_cdaq.attributes.table import Property, Table, kept
+from virtual_cdaq.attributes.table import Property, Table, constant, kept
 from virtual_cdaq.model.clock import TICKS_PER_SECOND
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.names import expand
@@ -92,7 +92,7 @@ TIMING: Table = {
     "SAMP_CLK_SRC": Property(_source, _set_timing("source"), _timing("source").reset),
     "SAMP_CLK_TERM": Property(lambda t: _terminal(_in_need_of_clock(t), "SampleClock")),
     "SAMP_CLK_ACTIVE_EDGE": kept("SAMP_CLK_ACTIVE_EDGE", RISING),
-    "SAMP_CLK_TIMEBASE_RATE": Property(lambda t: float(TICKS_PER_SECOND)),
+    "SAMP_CLK_TIMEBASE_RATE": constant(float(TICKS_PER_SECOND)),
     "SAMP_CLK_TIMEBASE_SRC": Property(lambda t: f"/{t.chassis.name}/80MHzTimebase"),
     "SAMP_CLK_TIMEBASE_TERM": Property(lambda t: f"/{t.chassis.name}/80MHzTimebase"),
     "SAMP_QUANT_SAMP_MODE": _timing("mode"),
@@ -138,9 +138,9 @@ TRIGGER: Table = {
     "START_TRIG_RETRIGGERABLE": Property(
         lambda t: t.retriggerable, _set_retriggerable, lambda t: _set_retriggerable(t, False)
     ),
-    "REF_TRIG_TYPE": Property(lambda t: NO_TRIGGER),
-    "PAUSE_TRIG_TYPE": Property(lambda t: NO_TRIGGER),
-    "ARM_START_TRIG_TYPE": Property(lambda t: NO_TRIGGER),
+    "REF_TRIG_TYPE": constant(NO_TRIGGER),
+    "PAUSE_TRIG_TYPE": constant(NO_TRIGGER),
+    "ARM_START_TRIG_TYPE": constant(NO_TRIGGER),
 }
 
 # Buffers
@@ -174,7 +174,7 @@ BUFFER: Table = {
         lambda t: set_input_size(t, None),  # type: ignore[arg-type]
     ),
     "OUTPUT_BUF_SIZE": Property(_output_size, set_output_size, lambda t: set_output_size(t, None)),  # type: ignore[arg-type]
-    "INPUT_ONBRD_BUF_SIZE": Property(lambda t: 127),
+    "INPUT_ONBRD_BUF_SIZE": constant(127),
     "OUTPUT_ONBRD_BUF_SIZE": kept("OUTPUT_ONBRD_BUF_SIZE", 127),
 }
 
@@ -230,8 +230,8 @@ READ: Table = {
         _set_overwrite,
         lambda t: _set_overwrite(t, DO_NOT_OVERWRITE),
     ),
-    "OVERLOADED_CHANS_EXIST": Property(lambda t: False),
-    "OPEN_CURRENT_LOOP_CHANS_EXIST": Property(lambda t: False),
+    "OVERLOADED_CHANS_EXIST": constant(False),
+    "OPEN_CURRENT_LOOP_CHANS_EXIST": constant(False),
     "RAW_DATA_WIDTH": Property(lambda t: _width(t) * len(t.channels)),
     "READ_ALL_AVAIL_SAMP": kept("READ_ALL_AVAIL_SAMP", False),
     "RELATIVE_TO": kept("READ_RELATIVE_TO", CURRENT_READ_POSITION),

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from virtual_cdaq.calls.reading import read_scaled
 from virtual_cdaq.model import transfer
 from virtual_cdaq.model.channels import DEGREES_C, DEGREES_F, DEGREES_R, KELVINS, OHMS, VOLTS
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.protocol import message
-from virtual_cdaq.service import Service, call, read_scaled
+from virtual_cdaq.service import Service, call
 
 WITH_TIMING, WITH_PROPERTIES = 1, 2
 EPOCH = 2_082_844_800  # s from 1904-01-01, where NI's time stamps begin, to 1970-01-01
