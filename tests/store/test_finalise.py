@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -21,8 +22,9 @@ from ipmclab.sample import Sample
 from ipmclab.store import finalise as finalise_module
 from ipmclab.store import read_run
 from ipmclab.store.finalise import Finished, finalise, finish, finish_here
-from ipmclab.store.frames import read_frames
+from ipmclab.store.frames import EVENT, Frame, read_frames
 from ipmclab.store.journal import Journal, JournalHeader, read_journal
+from ipmclab.store.journal_run import layout_of
 from ipmclab.store.laboratory import Laboratory
 from ipmclab.store.run_file import CHUNK_ROWS
 
@@ -188,8 +190,8 @@ def test_a_damaged_frame_is_a_gap_and_not_the_end(tmp_path: Path) -> None:
     path = journal.end("complete")
     content = bytearray(path.read_bytes())
     with path.open("rb") as stream:
-        second = [frame for frame in read_frames(stream) if frame.rows][1]  # type: ignore[union-attr]
-    content[second.offset + 60] ^= 4  # type: ignore[union-attr]
+        second = [frame for frame in read_frames(stream) if isinstance(frame, Frame) and frame.rows][1]
+    content[second.offset + 60] ^= 4
     path.write_bytes(content)
     run = finished(path)
     rows = [*range(49), *range(101, 199)]
@@ -198,6 +200,34 @@ def test_a_damaged_frame_is_a_gap_and_not_the_end(tmp_path: Path) -> None:
     assert run.metadata.state == "recovered"
     assert "the content of a frame is damaged" in (run.metadata.state_reason or "")
     assert run.metadata.marks[0].text == "rows 49 to 100 are missing (1.04 s)"
+
+
+def test_a_journal_torn_at_any_byte_gives_all_that_was_whole(tmp_path: Path) -> None:
+    """The last write stopped anywhere: the rows of every whole frame, no other, and the note of what was dropped."""
+    table = values(15)
+    header = JournalHeader(str(uuid4()), 50.0, COLUMNS)
+    journal = Journal.create(tmp_path, header, ballast=0)
+    for first in (0, 5, 10):
+        journal.append(first, table[first : first + 4])
+        journal.event("note", first / 50.0, "looked")
+    content = journal.end("complete").read_bytes()
+    with journal.path.open("rb") as stream:
+        frames = [frame for frame in read_frames(stream) if isinstance(frame, Frame)]
+    ends = [frame.offset + len(frame) for frame in frames]
+    assert ends[-1] == len(content)
+    torn = tmp_path / "torn.runj"
+    for length in range(ends[0], len(content) + 1):
+        torn.write_bytes(content[:length])
+        record = read_journal(torn)
+        whole = [frame for frame, end in zip(frames, ends, strict=True) if end <= length]
+        expected = [row for frame in whole for row in range(frame.first_row, frame.first_row + frame.rows)]
+        got = [block for _, block in record.rows()]
+        np.testing.assert_array_equal(np.concatenate(got) if got else np.empty((0, 7)), table[expected])
+        assert record.bytes_dropped == length - ends[len(whole) - 1]
+        assert len(record.events) == sum(frame.kind == EVENT for frame in whole)
+        metadata = layout_of(record).metadata
+        assert metadata.state == ("complete" if length == len(content) else "recovered")
+        assert metadata.state_reason is None or f"{record.bytes_dropped} bytes dropped" in metadata.state_reason
 
 
 def test_it_can_be_stopped_anywhere_and_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -354,5 +384,5 @@ def test_what_was_written_is_read_back(tmp_path: Path, monkeypatch: pytest.Monke
 def test_the_child_tells_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     journal = recorded(tmp_path)
     assert finalise_module.main([str(journal), str(tmp_path)]) == 0
-    told = Finished(**__import__("json").loads(capsys.readouterr().out))
+    told = Finished(**json.loads(capsys.readouterr().out))
     assert (told.outcome, told.rows, told.state) == ("run", 200, "complete")
