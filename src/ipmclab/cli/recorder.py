@@ -187,14 +187,14 @@ def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbe
 
 
 @contextmanager
-def guardian_of(rig: Rig) -> Iterator[Heartbeat | None]:
+def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
     """Who brings the output to 0 V when this process no longer can; a simulated strip needs nobody."""
     if rig.bench == "virtual":
         yield None
         return
     from ipmclab.rig.guardian import Guardian
 
-    guardian = Guardian(rig)
+    guardian = Guardian(rig, log=log)
     try:
         yield guardian
     finally:
@@ -219,7 +219,7 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
         if not desk.wait_for_start():
             how = "declined"
         else:
-            with guardian_of(rig) as guardian:
+            with guardian_of(rig, laboratory.root / "guardian.log") as guardian:
                 session = session_of(plan, laboratory, desk, guardian)
                 desk.steer(session)
                 session.run()
