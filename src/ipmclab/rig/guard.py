@@ -160,12 +160,7 @@ class Guard:
         """
         count = len(readings["voltage"])
         if first_row < self._next:
-            raise IpmclabError(
-                f"a block begins at row {first_row}, row {self._next} was expected",
-                code="rows-out-of-order",
-                where="bench",
-                repair="the clock of the bench went back: reset it, and record again",
-            )
+            raise rows_out_of_order(first_row, self._next)
         if not count:
             return ()
         lost, self._next = first_row - self._next, first_row + count
@@ -337,6 +332,16 @@ class _Sum:
         sums: IntArray = np.cumsum(values) + max(-_LARGEST_SUM, min(start, _LARGEST_SUM))
         self._total, self._last = int(sums[-1]), int(values[-1])
         return sums
+
+
+def rows_out_of_order(first_row: int, expected: int) -> IpmclabError:
+    """The error of a block that begins before the end of the one before it."""
+    return IpmclabError(
+        f"a block begins at row {first_row}, row {expected} was expected",
+        code="rows-out-of-order",
+        where="bench",
+        repair="the clock of the bench went back: reset it, and record again",
+    )
 
 
 def _whole(values: FloatArray) -> IntArray:

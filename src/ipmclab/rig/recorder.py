@@ -19,7 +19,7 @@ from ipmclab.platform import told_to_end
 from ipmclab.rig.bench import Bench, BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.control import Control
-from ipmclab.rig.guard import Alarm, Guard
+from ipmclab.rig.guard import Alarm, Guard, rows_out_of_order
 from ipmclab.rig.guarded_bench import GuardedBench
 from ipmclab.rig.keeping import InJournal, InMemory, JournalLike, Keeper, Rows, State
 from ipmclab.rig.limits import Limits
@@ -478,6 +478,8 @@ class _Recording:
         """A block: first the guard, then the rows are kept, then those who listen."""
         missing = block.first_row - self._next_row
         count = min(len(block), self._stop - block.first_row)
+        if missing < 0:
+            raise rows_out_of_order(block.first_row, self._next_row)
         if missing > 0:
             self._mark(Mark(self._time, f"{missing} rows were lost before row {block.first_row}", "gap"))
         self._next_row = block.first_row + len(block)

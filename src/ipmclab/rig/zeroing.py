@@ -244,7 +244,7 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
 
     It joins that of the calibration, that of the reading at rest, and what the reading at rest changed by during the
     run: when it changed is not known, so the error is taken as evenly spread between none of the change and all of it,
-    which is change/sqrt(3).
+    which is change/sqrt(3). What is not subtracted has no part in it: a current after a run is that of the discharge.
 
     Examples
     --------
@@ -262,10 +262,12 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
         for kind in {zero.kind for zero in of_channel}:
             before = [zero for zero in of_channel if zero.kind == kind and zero.when == "before"]
             after = [zero for zero in of_channel if zero.kind == kind and zero.when == "after"]
-            if before and channel.zeroed and kind != "tare":
-                parts.append(before[-1].standard_uncertainty)
             # The tare tells where there is no contact: its change is that of the sensor, and so in the preload too.
-            if before and after and kind != "tare":
+            if kind == "tare" or not channel.zeroed:
+                continue
+            if before:
+                parts.append(before[-1].standard_uncertainty)
+            if before and after:
                 parts.append((after[-1].value - before[-1].value) / math.sqrt(3.0))
         combined = math.hypot(*parts)
         if combined > 0.0:
