@@ -13,7 +13,21 @@ from typing import Annotated, Final
 
 import typer
 
-from ipmclab.cli import check, demo, export, identify, import_, plot, record, recover, report, rig, simulate, validate
+from ipmclab.cli import (
+    check,
+    demo,
+    export,
+    identify,
+    import_,
+    plot,
+    record,
+    recover,
+    report,
+    rig,
+    runs,
+    simulate,
+    validate,
+)
 from ipmclab.cli.options import SpreadCommand
 from ipmclab.cli.output import print_json
 from ipmclab.errors import InputError, IpmclabError
@@ -42,6 +56,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "report": report.report,
     "record": record.record,
     "recover": recover.recover,
+    "runs": runs.runs,
 }
 
 for name, verb in VERBS.items():

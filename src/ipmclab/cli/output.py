@@ -6,7 +6,7 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,6 +105,24 @@ def print_table(headers: Sequence[str], rows: Sequence[Sequence[str]], *, title:
     out.print(table)
 
 
+def print_lines(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print many rows quickly: plain columns, without those that have no cell."""
+    from rich.cells import cell_len
+
+    def shown(cell: str) -> str:
+        return cell if cell.isprintable() else "".join(letter if letter.isprintable() else " " for letter in cell)
+
+    texts = [[shown(cell) for cell in row] for row in rows]
+    used = [column for column in range(len(headers)) if any(row[column] for row in texts)]
+    table = [[headers[column] for column in used], *([row[column] for column in used] for row in texts)]
+    widths = [max(map(cell_len, column)) for column in zip(*table, strict=True)]
+    lines = (
+        "  ".join(cell + " " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=True))
+        for row in table
+    )
+    print("\n".join(line.rstrip() for line in lines))
+
+
 def print_paragraph(text: str) -> None:
     """Print a text in lines of readable length."""
     print(textwrap.fill(text, min(console().width, TEXT_WIDTH)))
@@ -155,6 +173,21 @@ def finding_document(finding: Finding) -> dict[str, Any]:
         "effect": finding.effect,
         "values": finding.values,
     }
+
+
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Say on a terminal how many of many things are done: the function that is given is called with both."""
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    with console(stderr=True).status(what) as status:
+
+        def tell(done: int, total: int) -> None:
+            if done % 25 == 0 or done == total:
+                status.update(f"{what}: {done} of {total}")
+
+        yield tell
 
 
 @contextmanager

@@ -27,7 +27,9 @@ _WAVEFORMS: Final[dict[str, type[Signal]]] = {
     "prbs": Prbs,
     "random": Random,
 }
-_WORDS: Final = (*_WAVEFORMS, "file", "samples")
+WORDS: Final = (*_WAVEFORMS, "file", "samples")
+"""The words with which a signal begins."""
+
 _JOINTS: Final = ("for", "then")
 _EXAMPLES: Final = {VOLTAGE: "1 V", FREQUENCY: "0.1 Hz", TIME: "0.5 s", ANGLE: "90 deg", NUMBER: "1"}
 _UNITS: Final = {unit for quantity in QUANTITIES.values() for unit in quantity.units if unit}
@@ -126,8 +128,8 @@ def _read_waveform(reader: _Reader) -> Signal:
     word = reader.next()
     if word is None:
         reader.fail("a waveform is missing", "missing-word", "write for example 'step 1 V'")
-    if word not in _WORDS:
-        reader.fail(f"unknown waveform {word!r}", "unknown-waveform", suggest(word, _WORDS))
+    if word not in WORDS:
+        reader.fail(f"unknown waveform {word!r}", "unknown-waveform", suggest(word, WORDS))
     if word == "file":
         return _read_file(reader)
     if word == "samples":
