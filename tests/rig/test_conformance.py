@@ -10,11 +10,8 @@ from ipmclab import load_actuator
 from ipmclab.rig import VirtualBench
 from ipmclab.rig.bench import Bench
 from ipmclab.rig.ni import NiBench
+from tests.rig.conformance import Conformance
 from tests.rig.stand_in import StandIn, serve
-
-pytest.register_assert_rewrite("tests.rig.conformance")
-
-from tests.rig.conformance import Conformance  # noqa: E402  # after its asserts are known to pytest
 
 
 class TestVirtualBench(Conformance):

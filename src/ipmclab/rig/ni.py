@@ -32,6 +32,9 @@ FloatArray = npt.NDArray[np.float64]
 AHEAD: Final = 0.5
 """How far [s] the output is fed ahead: a program that hangs leaves no more than this of its signal."""
 
+AHEAD_OF_SIMULATED: Final = 5.0
+"""The same for a simulated chassis, where nothing can be harmed and the clock may run ten times as fast."""
+
 _ANSWER: Final = 5.0
 """Time [s] for a server to answer when a bench is opened."""
 
@@ -61,7 +64,7 @@ def reset(rig: Rig) -> None:
     BenchError
         No driver, no server, no such module.
     """
-    driver = Driver(_client(), rig, wait=_ANSWER_AFTER_FAILURE)
+    driver = Driver(client(), rig, wait=_ANSWER_AFTER_FAILURE, patience=_ANSWER_AFTER_FAILURE)
     try:
         driver.be_patient(_RESET_TIME)
         driver.reset(driver.modules)
@@ -88,12 +91,8 @@ class Resetter:
     def __init__(self, rig: Rig, *, within: float = 0.4) -> None:
         self._rig = rig
         self._within = within
-        self._driver = self._connect(_ANSWER)
-
-    def _connect(self, wait: float) -> Driver:
-        driver = Driver(_client(), self._rig, wait=wait)
-        driver.be_patient(self._within)
-        return driver
+        self._driver = Driver(client(), rig, wait=_ANSWER)
+        self._driver.be_patient(within)
 
     def reset(self) -> None:
         """Reset the module of the output. May be called again, also after it failed: it connects anew then.
@@ -104,7 +103,7 @@ class Resetter:
         """
         if self._driver.lost is not None:
             self._driver.close()
-            self._driver = self._connect(self._within)
+            self._driver = Driver(client(), self._rig, wait=self._within, patience=self._within)
         self._driver.reset(self._driver.modules[:1])
 
     def close(self) -> None:
@@ -112,7 +111,14 @@ class Resetter:
         self._driver.close()
 
 
-def _client() -> Any:
+def client() -> Any:
+    """NI's own client, the package ``nidaqmx``.
+
+    Raises
+    ------
+    BenchError
+        It is not installed.
+    """
     try:
         import nidaqmx
         import nidaqmx.constants
@@ -138,8 +144,9 @@ class NiBench:
     ----------
     rig : Rig
         With the physical names of its channels; ``address`` names a gRPC server.
-    ahead : float [s]
-        How far the output is fed ahead of its clock.
+    ahead : float [s], optional
+        How far the output is fed ahead of its clock; ``AHEAD`` where it is left out, on a simulated chassis
+        ``AHEAD_OF_SIMULATED``.
 
     Examples
     --------
@@ -150,9 +157,10 @@ class NiBench:
 
     origin: Literal["measured", "virtual bench"] = "measured"
 
-    def __init__(self, rig: Rig, *, ahead: float = AHEAD) -> None:
+    def __init__(self, rig: Rig, *, ahead: float | None = None) -> None:
         self.rig = rig
-        self._ahead = ahead
+        self._ahead_wanted = ahead
+        self._ahead = AHEAD
         self._about = "NI-DAQmx"
         self._driver: Driver | None = None
         self._hold: Hold | None = None
@@ -165,6 +173,7 @@ class NiBench:
         self._zero_from: int | None = None
         self._failure: IpmclabError | None = None
         self._safe = True
+        self._told_danger = False
 
     @property
     def description(self) -> str:
@@ -183,7 +192,7 @@ class NiBench:
         rate = above_zero("rate", rate, "Hz")
         check_measured(self.rig, measured)
         self.close()
-        driver = Driver(_client(), self.rig, wait=_ANSWER)
+        driver = Driver(client(), self.rig, wait=_ANSWER)
         hold: Hold | None = None
         try:
             names = tuple(dict.fromkeys(measured))
@@ -191,8 +200,11 @@ class NiBench:
             hold = Hold(self.rig.address, driver.modules)
             driver.reset(driver.modules)
             self._about, simulated = driver.describe()
+            self._ahead = self._ahead_wanted or (AHEAD_OF_SIMULATED if simulated else AHEAD)
             # Made once to see that the modules can do what will be asked of them, before anything is given out.
             TimedTasks(driver, names, rate, self._ahead).close()
+            demand = OnDemand(driver, names)
+            demand.prepare()
             driver.be_patient()
         except BaseException:
             driver.close()
@@ -202,12 +214,13 @@ class NiBench:
         self._hold = hold
         self.origin = "virtual bench" if simulated else "measured"
         self._driver = driver
-        self._demand = OnDemand(driver, names)
+        self._demand = demand
         self._measured = names
         self._rate = rate
         self._output = 0.0
         self._failure = None
         self._safe = True
+        self._told_danger = False
 
     def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
         """Give a signal out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
@@ -220,11 +233,19 @@ class NiBench:
             return
         given, reported = Feed(signal, rows, self._rate), Feed(signal, rows, self._rate)
         told, stuck = 0, 0
+        timed: TimedTasks | None = None
         try:
             timed = self._start(given)
+            before = self._output
             while told < rows:
                 count = min(block_rows(self._rate), rows - told)
-                block = self._next(timed, given, reported, told, count)
+                with self._lock:
+                    timed.feed(given, told + count)
+                # No block for this long means that the chassis stands still.
+                readings = timed.read(count, max(1.0, 5.0 * block_rows(self._rate) / self._rate))
+                output = np.concatenate([[before], reported.take(count)])
+                before = float(output[-1])
+                block = self._block(timed, told, readings, output)
                 told += count
                 if told == rows:
                     self._stop(timed)
@@ -235,7 +256,8 @@ class NiBench:
         except IpmclabError as error:
             raise self._failed(error) from error.__cause__
         finally:
-            self._abandon(reported, told)
+            if timed is not None and self._timed is timed:
+                self._abandon(reported, told)
 
     def _start(self, given: Feed) -> TimedTasks:
         driver = self._opened()
@@ -245,26 +267,26 @@ class NiBench:
                     "a signal is being given out", code="bench-busy", where="bench", repair="let it end first"
                 )
             if self._demand is not None:
-                self._demand.close()  # a module gives out on a clock or on demand, not both
+                self._demand.release()  # a module gives out on a clock or on demand, not both
             timed = TimedTasks(driver, self._measured, self._rate, self._ahead)
             self._timed, self._zero_from, self._safe = timed, None, False
-            timed.start(given)
+            try:
+                timed.start(given)
+            except BaseException:
+                self._abandon()
+                raise
         return timed
 
-    def _next(self, timed: TimedTasks, given: Feed, reported: Feed, first: int, count: int) -> Block:
+    def _block(self, timed: TimedTasks, first: int, readings: FloatArray, output: FloatArray) -> Block:
+        """What was read as a block; ``output`` has one value more, that of the row after it."""
         with self._lock:
-            timed.feed(given, first + count)
-        # No block for this long means that the chassis stands still.
-        readings = timed.read(count, max(1.0, 5.0 * block_rows(self._rate) / self._rate))
-        told = np.concatenate([[self._output], reported.take(count)])
-        output = told[:-1]
-        with self._lock:
-            self._output = float(told[-1])
-            if self._zero_from is not None:
-                output = np.where(np.arange(first, first + count) >= self._zero_from, 0.0, output)
-                self._output = 0.0
+            if self._zero_from is None:
+                self._output = float(output[-1])
+            else:
+                rows = np.arange(first, first + len(output))
+                output = np.where(rows >= self._zero_from, 0.0, output)
         by_name = dict(zip(self._measured, readings, strict=True))
-        return Block(first, by_name, output, timed.temperatures(first + count))
+        return Block(first, by_name, output[:-1], timed.temperatures(first + len(output) - 1))
 
     def _is_stuck(self, block: Block) -> bool:
         """Whether a block shows a voltage that should long be gone."""
@@ -330,48 +352,59 @@ class NiBench:
             try:
                 self._zero_on_demand(demand)
             except IpmclabError as error:
-                self._zero_by_reset(driver, error)
+                self._zero_by_reset(driver, demand, error)
             self._output = 0.0
             self._safe = True
+            self._told_danger = False
 
     def _zero_on_demand(self, demand: OnDemand) -> None:
         timed = self._timed
-        if timed is None:
+        if timed is not None:
+            timed.stop_output()
             demand.write(0.0)
-            self._output = 0.0
-            if "voltage" in self._measured:
-                left = left_at_output(self.rig, demand.read())
-                demand.release_inputs()
-                if left is not None:
-                    raise _stuck_error(left)
+            self._zero_from = timed.sampled()
             return
-        timed.stop_output()
         demand.write(0.0)
-        self._zero_from = timed.sampled()
+        if "voltage" in self._measured:
+            left = left_at_output(self.rig, demand.read())
+            demand.release_inputs()
+            if left is not None:
+                raise _stuck_error(left)
 
-    def _zero_by_reset(self, driver: Driver, error: IpmclabError) -> None:
-        """The last means: reset the output's module through a connection that nothing has happened to."""
+    def _zero_by_reset(self, driver: Driver, demand: OnDemand, error: IpmclabError) -> None:
+        """The last means: reset the output's module, through another connection where this one is lost."""
         try:
             if driver.lost is not None:
                 reset(self.rig)
-            else:
-                driver.reset(driver.modules[:1])
-                if error.code == "output-stuck":
-                    raise error
-            if self._timed is not None and self._zero_from is None:
-                self._zero_from = 0 if driver.lost is not None else self._timed.sampled()
+                return
+            demand.close()  # the reset takes its reservation away
+            driver.reset(driver.modules[:1])
+            if error.code == "output-stuck":
+                raise error
+            if self._timed is not None:
+                self._zero_from = self._timed.sampled()
         except IpmclabError as also:
+            self._told_danger = True
             raise self._failed(_not_zeroed(self._failure, also)) from also
 
     def close(self) -> None:
-        """Bring the output to 0 V and let go of the chassis. May be called twice."""
+        """Bring the output to 0 V and let go of the chassis. May be called twice.
+
+        Raises
+        ------
+        BenchError
+            The output could not be brought to 0 V, unless ``zero`` has told so before.
+        """
         with self._lock:
             driver, demand = self._driver, self._demand
             if driver is None or demand is None:
                 return
+            told = self._told_danger
             try:
-                if not (self._failure is not None and self._failure.code == "output-not-zero"):
-                    self.zero()
+                self.zero()
+            except BenchError:
+                if not told:
+                    raise
             finally:
                 self._abandon()
                 demand.close()
@@ -411,6 +444,6 @@ def _not_zeroed(first: IpmclabError | None, also: IpmclabError) -> IpmclabError:
             where=also.where,
             repair="switch the amplifier off",
         )
-    if danger not in first.message:
+    if danger not in first.message and first is not also:
         first.message = f"{first.message}; {danger} ({also.message}): switch the amplifier off"
     return first

@@ -16,9 +16,12 @@ from ipmclab.errors import InputError, IpmclabError, suggest
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.ni_errors import STATUSES_OF_LOSS, translate
-from ipmclab.rig.ni_link import PATIENCE, Link
+from ipmclab.rig.ni_link import OPENING_PATIENCE, PATIENCE, Link
 
 _TERMINALS: Final = {"differential": "DIFF", "single-ended": "RSE", "non-referenced": "NRSE"}
+_NOT_APPLICABLE: Final = -200197
+"""What the driver says when a module is asked for a property that it does not have."""
+
 _COLDEST, _HOTTEST = -200.0, 850.0
 """What an NI 9217 tells of a platinum thermometer [degC]."""
 
@@ -44,6 +47,8 @@ class Driver:
     rig : Rig
     wait : float [s]
         For a server to answer at all.
+    patience : float [s]
+        How long a call may take at first.
 
     Raises
     ------
@@ -51,16 +56,18 @@ class Driver:
         No driver, no server.
     """
 
-    def __init__(self, client: Any, rig: Rig, *, wait: float) -> None:
+    def __init__(self, client: Any, rig: Rig, *, wait: float, patience: float = OPENING_PATIENCE) -> None:
         self.client = client
         self.rig = rig
         self.lost: IpmclabError | None = None
         """Why the connection is of no use any more."""
         self._names = _names(rig)
-        self._link = Link(rig.address, wait=wait) if rig.address else None
+        self._link = Link(rig.address, wait=wait, patience=patience) if rig.address else None
         try:
             with self.translated():
                 self._system = client.system.System(self._options(""))
+                # The client swallows what goes wrong at its own first call: ask again.
+                self._there = list(self._system.devices.device_names)
         except IpmclabError:
             self.close()
             raise
@@ -187,18 +194,26 @@ class Driver:
         output = self.rig.output
         channels = [self.rig[name] for name in measured]
         with self.translated():
-            there = list(self._system.devices.device_names)
             wired = [("output", output.physical), *((f"channels.{one.name}", one.physical) for one in channels)]
             if self.rig.thermometer is not None:
                 wired.append(("thermometer", self.rig.thermometer.physical))
             for key, physical in wired:
-                _check_present(key, physical, there)
+                _check_present(key, physical, self._there)
             for channel in channels:
-                device = self._system.devices[module_of(channel.physical)]
-                _check_input(channel, device.product_type, _pairs(device.ai_voltage_rngs))
-            device = self._system.devices[module_of(output.physical)]
-            _check_output(self.rig, device.product_type, _pairs(device.ao_voltage_rngs))
+                _check_input(channel, *self._ranges(channel.physical, "ai_voltage_rngs"))
+            _check_output(self.rig, *self._ranges(output.physical, "ao_voltage_rngs"))
         self._check_thermometer(channels)
+
+    def _ranges(self, physical: str, attribute: str) -> tuple[str, list[tuple[float, float]]]:
+        """What a module is, and its ranges; none where it has no inputs or outputs of that kind."""
+        device = self._system.devices[module_of(physical)]
+        try:
+            flat = list(getattr(device, attribute))
+        except self.client.errors.DaqError as error:
+            if error.error_code != _NOT_APPLICABLE:
+                raise
+            flat = []
+        return device.product_type, list(zip(flat[::2], flat[1::2], strict=True))
 
     def _check_thermometer(self, channels: Collection[Channel]) -> None:
         if self.rig.thermometer is None:
@@ -242,11 +257,6 @@ def _names(rig: Rig) -> Mapping[str, str]:
     if rig.thermometer is not None:
         names[rig.thermometer.physical] = "thermometer"
     return names
-
-
-def _pairs(flat: Collection[float]) -> list[tuple[float, float]]:
-    values = list(flat)
-    return list(zip(values[::2], values[1::2], strict=True))
 
 
 def _check_present(key: str, physical: str, there: list[str]) -> None:

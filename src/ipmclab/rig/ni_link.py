@@ -48,6 +48,8 @@ class Link:
         ``host:port``.
     wait : float [s]
         For the server to answer at all.
+    patience : float [s]
+        How long a call without a timeout of its own may take; may be changed.
 
     Raises
     ------
@@ -55,7 +57,7 @@ class Link:
         ``"no-grpc"`` without the package, ``"bench-unreachable"`` when no server answers.
     """
 
-    def __init__(self, address: str, *, wait: float) -> None:
+    def __init__(self, address: str, *, wait: float, patience: float) -> None:
         try:
             import grpc
         except ImportError as error:
@@ -65,7 +67,7 @@ class Link:
                 where=address,
                 repair='install it with: pip install "ipmclab[ni]"',
             ) from error
-        self.patience = OPENING_PATIENCE
+        self.patience = patience
         self._channel = grpc.insecure_channel(address, options=_OPTIONS)
         self.channel: grpc.Channel = grpc.intercept_channel(self._channel, _deadline_interceptor(self))
         try:

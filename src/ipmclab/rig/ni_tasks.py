@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, IpmclabError
+from ipmclab.errors import InputError
 from ipmclab.rig.bench import block_rows
 from ipmclab.rig.ni_driver import Driver
 from ipmclab.rig.request import Feed
@@ -24,6 +24,9 @@ THERMOMETER_RATE: Final = 1.0
 
 RATE_TOLERANCE: Final = 50e-6
 """The clock of a cDAQ chassis is no better than 50 ppm; a rate within that is the rate."""
+
+_SLOW: Final = 100.0
+"""A rate [Hz] that every module can do."""
 
 _QUICK: Final = 1.0
 """Timeout [s] of calls that wait for nothing."""
@@ -125,7 +128,8 @@ class TimedTasks:
     def feed(self, feed: Feed, row: int) -> None:
         """Give the output what it needs until ``ahead`` after a row; nothing once it was stopped."""
         missing = row + self._ahead - self._fed
-        if self._output is None or missing <= 0:
+        # Not at every block: a quarter of what it holds may be used up first.
+        if self._output is None or missing < max(1, self._ahead // 4):
             return
         with self._driver.translated():
             self._writer.write_many_sample(feed.take(missing), timeout=_QUICK)
@@ -207,20 +211,33 @@ class OnDemand:
             self._reader.read_one_sample(readings, timeout=_QUICK)
         return dict(zip(self._names, readings.tolist(), strict=True))
 
-    def write(self, voltage: float) -> None:
-        """Give a voltage [V] out."""
-        with self._driver.translated():
-            if self._output is None:
-                self._output = self._driver.task("ao")
+    def prepare(self) -> None:
+        """Make what is needed to give a voltage out, so that 0 V comes at once when it is called for."""
+        if self._output is None:
+            with self._driver.translated():
+                self._output = self._driver.task("now")
                 self._driver.add_output(self._output)
                 self._writer = self._driver.client.stream_writers.AnalogSingleChannelWriter(self._output.out_stream)
                 self._writer.verify_array_shape = False
+
+    def write(self, voltage: float) -> None:
+        """Give a voltage [V] out."""
+        self.prepare()
+        with self._driver.translated():
             self._writer.write_one_sample(voltage, timeout=_QUICK)
 
     def release_inputs(self) -> None:
         """Let the inputs go."""
         task, self._inputs = self._inputs, None
         self._driver.clear(task)
+
+    def release(self) -> None:
+        """Let the modules go for a sample clock: the output keeps its voltage, and its task stays prepared."""
+        self.release_inputs()
+        if self._output is not None:
+            with self._driver.translated():
+                self._output.stop()
+                self._output.control(self._driver.client.constants.TaskMode.TASK_UNRESERVE)
 
     def close(self) -> None:
         """Clear the tasks; the output keeps its voltage. May be called twice, and after any failure."""
@@ -232,18 +249,14 @@ class OnDemand:
 def _set_clock(driver: Driver, task: Any, rate: float, source: str, buffered: int, what: str) -> None:
     """Continuous sampling on a clock, unless the modules are too slow for it."""
     continuous = driver.client.constants.AcquisitionType.CONTINUOUS
-    try:
-        with driver.translated():
-            task.timing.cfg_samp_clk_timing(rate, source=source, sample_mode=continuous, samps_per_chan=buffered)
-            most = task.timing.samp_clk_max_rate
-    except IpmclabError as error:
-        if isinstance(error, InputError) and not error.where:
-            error.where = "rate"
-        raise
-    if rate > most:
-        raise InputError(
-            f"{rate:g} Hz is asked for, {what} at {most:g} Hz at most",
-            code="bad-rate",
-            where="rate",
-            repair="give a lower rate, or record fewer channels",
-        )
+    # The modules tell their highest rate only once there is a rate, and refuse one that is too high.
+    for wanted in dict.fromkeys((min(rate, _SLOW), rate)):
+        task.timing.cfg_samp_clk_timing(wanted, source=source, sample_mode=continuous, samps_per_chan=buffered)
+        most = task.timing.samp_clk_max_rate
+        if rate > most:
+            raise InputError(
+                f"{rate:.12g} Hz is asked for, {what} at {most:.12g} Hz at most",
+                code="bad-rate",
+                where="rate",
+                repair="give a lower rate, or record fewer channels",
+            )
