@@ -7,7 +7,7 @@ import re
 import shlex
 from pathlib import Path
 
-from ipmclab.cli.app import VERBS, run
+from ipmclab.cli.app import GROUPS, VERBS, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "commands.md"
 
@@ -33,4 +33,4 @@ def test_the_commands_page_runs(tmp_path: Path, monkeypatch, capsys) -> None:
             assert document["out"] == words[words.index("--out") + 1]
             assert (tmp_path / document["out"]).stat().st_size > 0
         assert captured.err == ""
-    assert shown == set(VERBS)
+    assert shown == {*VERBS, *GROUPS}
