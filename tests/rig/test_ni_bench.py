@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 import threading
 import time
@@ -310,6 +311,29 @@ def test_zero_may_come_from_another_thread(chassis: StandIn, opened: NiBench) ->
     assert 20 < off[1] < 35  # the first is row 0
     assert np.all(np.abs(voltage[off[1] :]) < 0.01)
     assert np.abs(output - voltage)[np.arange(75) != off[1]].max() < 2e-3
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no timers that send a signal")
+def test_zero_may_come_from_a_signal_handler(chassis: StandIn, opened: NiBench) -> None:
+    zeroed: list[float] = []
+
+    def handle(*_: object) -> None:
+        if len(zeroed) == 3:
+            opened.zero()
+        zeroed.append(time.monotonic())
+
+    before = signal.signal(signal.SIGALRM, handle)
+    try:
+        # Again and again, so that it also comes while the output is being fed.
+        signal.setitimer(signal.ITIMER_REAL, 0.1, 0.05)
+        blocks = list(opened.apply(signals.Step(1.0), 75))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert len(zeroed) > 3
+    assert chassis.level == 0.0
+    assert joined(blocks, "output")[-20:].tolist() == [0.0] * 20
+    assert joined(blocks, "voltage")[-20:] == pytest.approx(0.0, abs=2e-3)
 
 
 def test_calls_that_make_no_sense_now(opened: NiBench) -> None:

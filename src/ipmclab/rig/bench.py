@@ -29,7 +29,9 @@ class BenchError(IpmclabError):
     """The hardware failed, or cannot be reached (exit status 1).
 
     ``code`` is ``"bench-frozen"`` when no block came in time, ``"bench-lost"`` when the connection is gone,
-    ``"daq<code>"`` (such as ``"daq-200279"``) for what the driver reports.
+    ``"bench-unreachable"`` when there was none, ``"bench-in-use"`` when somebody else holds the hardware,
+    ``"output-stuck"`` when a voltage is read although 0 V was given out, ``"output-not-zero"`` when 0 V could not be
+    given out, ``"daq<code>"`` (such as ``"daq-200279"``) for what else the driver reports.
     """
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import block_rows
 from ipmclab.rig.ni_driver import Driver
 from ipmclab.rig.request import Feed
@@ -131,8 +131,14 @@ class TimedTasks:
         # Not at every block: a quarter of what it holds may be used up first.
         if self._output is None or missing < max(1, self._ahead // 4):
             return
-        with self._driver.translated():
-            self._writer.write_many_sample(feed.take(missing), timeout=_QUICK)
+        task = self._output
+        try:
+            with self._driver.translated():
+                self._writer.write_many_sample(feed.take(missing), timeout=_QUICK)
+        except IpmclabError:
+            if self._output is task:
+                raise
+            return  # a signal handler of this thread brought the output to 0 V meanwhile
         self._fed += missing
 
     def read(self, rows: int, timeout: float) -> FloatArray:
