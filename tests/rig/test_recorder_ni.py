@@ -1,0 +1,217 @@
+"""The recorder on the stand-in chassis, through NI's client: reaction in real time, real failures, real kills."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import check
+from ipmclab.rig import Control, Limit, Limits
+from ipmclab.rig.guardian import Guardian
+from ipmclab.rig.keeping import Rows
+from ipmclab.rig.ni import NiBench
+from ipmclab.rig.recorder import Outcome, capture
+from tests.rig.stand_in import Process, StandIn, serve
+from virtual_cdaq.model.faults import Fault
+
+REACTION = 0.1
+"""From a reading beyond its limit to an output at 0 V [s]."""
+
+WITHIN = 1.0
+"""From the end of a recorder to an output at 0 V [s]."""
+
+
+@pytest.fixture
+def chassis() -> Iterator[StandIn]:
+    """A stand-in in real time."""
+    with serve("real") as stand_in:
+        yield stand_in
+
+
+def happen(chassis: StandIn, kind: str, **values: object) -> None:
+    with chassis.chassis.lock:
+        chassis.chassis.faults.happen(chassis.chassis, Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
+
+
+def at_time(seconds: float, act: Callable[[], object], rate: float) -> Callable[[Rows], None]:
+    done = []
+
+    def on_block(rows: Rows) -> None:
+        if rows.first_row >= seconds * rate and not done:
+            done.append(True)
+            act()
+
+    return on_block
+
+
+def reaction(outcome: Outcome, rate: float) -> float:
+    """From the row at which the alarm acted to the first row whose voltage is read as 0 V [s]."""
+    assert outcome.run is not None
+    assert outcome.alarm is not None
+    after = outcome.run.voltage[outcome.alarm.row :]
+    return float(np.flatnonzero(np.abs(after) < 0.05)[0]) / rate
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0, 10_000.0])
+def test_a_limit_brings_the_output_to_0_within_100_ms(chassis: StandIn, rate: float) -> None:
+    # 2 V draw 114 mA at first: beyond 60 mA from the edge on, for 20 ms.
+    limits = Limits(current=Limit(0.06, 0.02))
+    outcome = capture(
+        NiBench(chassis.rig), "step 2 V delay=0.5 s", duration=30.0, rate=rate, measured=("current",),
+        limits=limits, zero_time=0.5, zero_after=0.0, discharge=0.6,
+    )  # fmt: skip
+    assert (outcome.state, outcome.error) == ("aborted", None)
+    assert outcome.alarm is not None
+    # The reading of the row after the edge is the first beyond it; the limit acts 20 ms later, in rows.
+    assert outcome.alarm.time == pytest.approx(0.52 + 1.0 / rate, abs=1.01 / rate)
+    assert reaction(outcome, rate) < REACTION
+    assert chassis.level == 0.0
+    run = outcome.run
+    assert run is not None
+    # What the output was told is what was read, but for the row of the zero, which no bench can tell exactly; the
+    # discharge was recorded, and did not act again.
+    differ = np.flatnonzero(np.abs(run.voltage - run.raw["output"]) > 5e-3)
+    assert np.all((differ > outcome.alarm.row) & (differ <= outcome.alarm.row + REACTION * rate))
+    assert run.current is not None
+    assert run.current[-1] < -1e-3
+    assert [mark.kind for mark in run.metadata.marks] == ["limit"]
+
+
+@pytest.mark.parametrize("how", ["stop", "abort", "zero"])
+def test_requests_end_a_run_on_the_chassis(chassis: StandIn, how: str) -> None:
+    control = Control()
+    outcome = capture(
+        NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), control=control,
+        on_block=at_time(0.5, getattr(control, how), 1000.0), zero_time=0.2, zero_after=0.0,
+        rest_after=0.2, discharge=0.4,
+    )  # fmt: skip
+    assert outcome.error is None
+    assert outcome.state == ("complete" if how == "stop" else "aborted")
+    assert chassis.level == 0.0
+    run = outcome.run
+    assert run is not None
+    longest = {"stop": 0.2, "abort": 0.0, "zero": 0.4}[how]
+    assert len(run) / 1000.0 == pytest.approx(0.58 + longest, abs=0.06)
+    assert np.all(run.raw["output"][:500][1:] == 1.0)
+    if how != "abort":
+        assert np.abs(run.voltage[-100:]).max() < 5e-3
+
+
+def test_a_chassis_that_freezes_leaves_the_run_aborted(chassis: StandIn) -> None:
+    on_block = at_time(0.4, lambda: happen(chassis, "freeze", duration=4.0), 1000.0)
+    outcome = capture(
+        NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), zero_time=0.2,
+        on_block=on_block,
+    )  # fmt: skip
+    assert outcome.state == "aborted"
+    assert outcome.error is not None
+    assert outcome.error.code in ("bench-frozen", "bench-lost")
+    assert outcome.error.repair
+    assert outcome.reason.startswith(outcome.error.where)
+    run = outcome.run
+    assert run is not None
+    assert 0.4 < len(run) / 1000.0 < 0.6
+    assert (run.metadata.state, run.metadata.marks[-1].kind) == ("aborted", "bench")
+
+
+def test_an_output_that_is_stuck_is_told_and_the_guardian_stays_armed(chassis: StandIn) -> None:
+    control = Control()
+    on_block = at_time(0.4, lambda: (happen(chassis, "stuck"), control.abort("enough")), 1000.0)
+    with Guardian(chassis.rig) as guardian:
+        outcome = capture(
+            NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), zero_time=0.2,
+            on_block=on_block, control=control, heartbeat=guardian,
+        )  # fmt: skip
+        assert outcome.error is not None
+        assert outcome.error.code in ("output-stuck", "output-not-zero")
+        assert "switch" in outcome.error.repair or "take the strip off" in str(outcome.error)
+        until = time.monotonic() + 5.0
+        while not guardian.acted and time.monotonic() < until:
+            time.sleep(0.02)
+        assert guardian.acted == "the recorder was silent for 0.5 s"
+
+
+def test_what_flows_beyond_the_range_ends_by_its_mean(chassis: StandIn) -> None:
+    # Its channel ends at 200 mA: a limit of 250 mA is never seen to be passed, the mean over 1 s is.
+    limits = Limits(current=Limit(0.25), mean_current=Limit(0.1))
+    outcome = capture(
+        NiBench(chassis.rig), "step 3 V", duration=30.0, rate=1000.0, measured=("current",), limits=limits,
+        zero_time=0.2, zero_after=0.0, discharge=0.2,
+    )  # fmt: skip
+    assert outcome.alarm is not None
+    assert outcome.alarm.limit == "mean_current"
+    assert 0.5 < outcome.alarm.time < 1.0
+    assert "not seen to be passed" in outcome.metadata.limits["current"]
+
+
+RECORDER = """
+import sys
+from dataclasses import replace
+from ipmclab.rig import THESIS_RIG
+from ipmclab.rig.guardian import Guardian
+from ipmclab.rig.ni import NiBench
+from ipmclab.rig.recorder import capture
+
+rig = replace(THESIS_RIG, bench="ni", address=sys.argv[1])
+told = []
+def on_block(rows):
+    if rows.first_row > 200 and not told:
+        told.append(print("recording", flush=True))
+guardian = Guardian(rig, log=sys.argv[2])
+capture(NiBench(rig), "step 1 V", duration=600.0, rate=1000.0, zero_time=0.2, heartbeat=guardian, on_block=on_block)
+"""
+
+
+@pytest.fixture(scope="module")
+def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Process]:
+    """A stand-in in real time and in a process of its own: the kill of a recorder must be seen from outside."""
+    process = Process(tmp_path_factory.mktemp("chassis"))
+    yield process
+    process.end()
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP", "SIGTERM"])
+def test_a_recorder_that_ends_leaves_0_v_on_the_chassis(process: Process, tmp_path: Path, name: str) -> None:
+    log = tmp_path / "guardian.log"
+    command = [sys.executable, "-c", RECORDER, process.address, str(log)]
+    recorder = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert recorder.stdout is not None
+    try:
+        assert recorder.stdout.readline() == "recording\n"
+        assert process.level == pytest.approx(1.0, abs=1e-3)
+        recorder.send_signal(getattr(signal, name))
+        ended = time.monotonic()
+        while process.level != 0.0 and time.monotonic() - ended < 10.0:
+            time.sleep(0.005)
+        assert time.monotonic() - ended < WITHIN
+        time.sleep(0.3)
+        assert process.level == 0.0
+        # It is the guardian where the recorder can do nothing, and the recorder itself where it can.
+        acted = "is at 0 V" in log.read_text()
+        assert acted == (name in ("SIGKILL", "SIGSTOP"))
+    finally:
+        recorder.kill()
+        recorder.wait()
+        recorder.stdout.close()
+
+
+def test_rows_that_the_chassis_lost_are_a_finding(chassis: StandIn) -> None:
+    """Whatever a drop does, an error or a gap, it is not silent."""
+    on_block = at_time(0.4, lambda: happen(chassis, "overrun"), 1000.0)
+    outcome = capture(
+        NiBench(chassis.rig), "step 1 V", duration=1.0, rate=1000.0, measured=("current",), zero_time=0.2,
+        zero_after=0.0, on_block=on_block,
+    )  # fmt: skip
+    assert outcome.run is not None
+    if outcome.error is None:
+        assert "rows-missing" in {finding.code for finding in check(outcome.run)}
+    else:
+        assert (outcome.state, outcome.error.repair != "") == ("aborted", True)
+    assert chassis.level == 0.0
