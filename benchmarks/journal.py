@@ -73,17 +73,19 @@ def recorded(folder: Path, seconds: float) -> tuple[Path, float]:
     return path, time.perf_counter() - start
 
 
-def finished(folder: Path, journal: Path) -> tuple[Path, float, float]:
-    """The run file, the time [s] and the peak memory [MB] of the process that made it."""
+def finished(folder: Path, journal: Path) -> tuple[Path, float, float, float]:
+    """The run file; the time and processor time [s] and the peak memory [MB] of the process that made it."""
     code = (
         "import sys, resource; from ipmclab.store.finalise import main; status = main(sys.argv[1:]);"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, file=sys.stderr); sys.exit(status)"
+        "used = resource.getrusage(resource.RUSAGE_SELF);"
+        "print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3, file=sys.stderr); sys.exit(status)"
     )
     start = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code, journal, folder], capture_output=True, text=True, check=True)
     seconds = time.perf_counter() - start
     (path,) = folder.rglob(f"*_{journal.stem[:8]}.nc")
-    return path, seconds, float(done.stderr.split()[-1])
+    processor, memory = map(float, done.stderr.split()[-2:])
+    return path, seconds, processor, memory
 
 
 def main() -> None:
@@ -105,8 +107,8 @@ def main() -> None:
             "",
             f"Long runs at {RATE / 1e3:g} kS/s: 4 channels with raw volts.",
             "",
-            "| hours | journal MB | scan s | run file MB | made in s | peak memory MB |",
-            "|---|---|---|---|---|---|",
+            "| hours | journal MB | scan s | run file MB | made in s | processor s | peak memory MB |",
+            "|---|---|---|---|---|---|---|",
         ]
         for hours in (options.hours / 10, options.hours):
             path, _ = recorded(folder, 3600.0 * hours)
@@ -115,9 +117,11 @@ def main() -> None:
             start = time.perf_counter()
             assert read_journal(path).n_rows == int(3600.0 * hours * RATE)
             scan = time.perf_counter() - start
-            run, seconds, memory = finished(folder, path)
+            run, seconds, processor, memory = finished(folder, path)
             made = run.stat().st_size / 1e6
-            lines.append(f"| {hours:g} | {size:.0f} | {scan:.1f} | {made:.0f} | {seconds:.1f} | {memory:.0f} |")
+            lines.append(
+                f"| {hours:g} | {size:.0f} | {scan:.1f} | {made:.0f} | {seconds:.1f} | {processor:.1f} | {memory:.0f} |"
+            )
         small = Journal.create(folder, JournalHeader(str(uuid4()), 50.0, COLUMNS))
         small.append(0, signals(0, 2500, np.random.default_rng(1)))
         ended = small.end("complete")

@@ -27,7 +27,7 @@ def test_what_a_crash_left_is_told_line_by_line(command: Any, tmp_path: Path) ->
     recovered = [line for line in outcome.out.splitlines() if line.startswith("recovered: runs/")]
     assert len(recovered) == 1
     assert f"_{left.stem[:8]}.nc: 50 rows; the recording was cut off before its end; 0 bytes dropped" in recovered[0]
-    assert f"left alone: recording/{live.path.name}: it is being recorded" in outcome.out
+    assert f"left alone: recording/{live.path.name}: it is being recorded, or finished" in outcome.out
     assert "cannot be made into a run: lost+found/odd.runj: its first frame is no header of a journal" in outcome.out
     live.close()
     again = command("recover", "lab", "--json")

@@ -137,7 +137,7 @@ def finish_here(journal: Path, laboratory: Laboratory) -> Finished:
         # All reading goes through the file that has the lock: Windows lets nobody else read what is locked.
         with open(journal, "r+b") as stream:
             if not lock_file(stream.fileno()):
-                return Finished(str(journal), "in-use", note="it is being recorded")
+                return Finished(str(journal), "in-use", note="it is being recorded, or finished")
             if not is_still_at(stream.fileno(), journal):
                 return Finished(str(journal), "gone")
             finished, put_at = _deal_with(journal, stream, laboratory)
