@@ -42,8 +42,8 @@ def _place(row: CatalogueRow, catalogue: Catalogue) -> str:
 
 def what_cell(row: CatalogueRow) -> str:
     """What was applied, and why where that is not the signal itself."""
-    signal = row.signal or ""
-    return f"{row.purpose}: {signal}" if row.purpose not in (None, "signal") else signal
+    drive = row.drive or ""
+    return f"{row.purpose}: {drive}" if row.purpose not in (None, "signal") else drive
 
 
 def state_cell(row: CatalogueRow) -> str:
@@ -74,6 +74,7 @@ def run_document(row: CatalogueRow, catalogue: Catalogue) -> dict[str, Any]:
         "run_number": row.run_number,
         "purpose": row.purpose,
         "signal": row.signal,
+        "drive": row.drive,
         "amplitude": with_unit(row.amplitude, "V"),
         "frequency": with_unit(row.frequency, "Hz"),
         "measured": row.measured,

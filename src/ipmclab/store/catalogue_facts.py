@@ -159,7 +159,7 @@ def facts_of(
     metadata: Mapping[str, Any] = document.get("metadata") or {}
     sample = metadata.get("sample") or {}
     uuid = _text(metadata.get("uuid"))
-    words, amplitude, frequency = signal_facts(metadata.get("signal"))
+    signal = signal_facts(metadata.get("signal"))
     means = means or {}
     duration = last - first if rows and rows > 1 else None
     return {
@@ -179,9 +179,10 @@ def facts_of(
         "run_number": _count(metadata.get("run_number")),
         "purpose": _text(metadata.get("purpose")),
         "signal": _text(metadata.get("signal")),
-        "signal_words": _joined(words),
-        "amplitude": _number(amplitude),
-        "frequency": _number(frequency),
+        "drive": _text(signal.drive),
+        "signal_words": _joined(signal.words),
+        "amplitude": _number(signal.amplitude),
+        "frequency": _number(signal.frequency),
         "channels": _joined(channels),
         "temperature": _number(means.get("temperature", metadata.get("temperature"))),
         "relative_humidity": _number(means.get("relative_humidity", metadata.get("relative_humidity"))),
@@ -193,37 +194,62 @@ def facts_of(
     }
 
 
-def signal_facts(text: str | None) -> tuple[tuple[str, ...], float | None, float | None]:
-    """The waveforms of a signal, its amplitude [V] and its frequency [Hz].
+@dataclass(frozen=True)
+class SignalFacts:
+    """What a signal is in short: its rests before and after, at 0 V, left out.
 
-    The amplitude of several signals in sequence is the largest of theirs, with its sign. A signal from a
-    file is not looked up: the file may be gone, the run is not.
+    Parameters
+    ----------
+    drive : str
+        The signal without its rests, as text; the whole text of one that cannot be read.
+    words : tuple of str
+        Its waveforms.
+    amplitude : float [V], optional
+        Of several signals in sequence the largest, with its sign.
+    frequency : float [Hz], optional
+        Where it has one.
+    """
+
+    drive: str | None = None
+    words: tuple[str, ...] = ()
+    amplitude: float | None = None
+    frequency: float | None = None
+
+
+def signal_facts(text: str | None) -> SignalFacts:
+    """What a signal is in short.
+
+    A signal from a file is not looked up: the file may be gone, the run is not.
 
     Examples
     --------
-    >>> signal_facts("sine 1 V 0.1 Hz")
-    (('sine',), 1.0, 0.1)
-    >>> signal_facts("step 0.5 V for 10 s then step -1 V")
-    (('step',), -1.0, None)
-    >>> signal_facts("whatever the generator did")
-    ((), None, None)
+    >>> signal_facts("step 0 V for 5 s then sine 1 V 0.1 Hz for 40 s")
+    SignalFacts(drive='sine 1 V 0.1 Hz', words=('sine',), amplitude=1.0, frequency=0.1)
+    >>> signal_facts("step 0.5 V for 10 s then step -1 V").amplitude
+    -1.0
+    >>> signal_facts("whatever the generator did").drive
+    'whatever the generator did'
     """
     from ipmclab.signals import parse
 
     if not text:
-        return (), None, None
+        return SignalFacts()
     if _FILE_SIGNAL.search(text):
-        return ("file",), None, None
+        return SignalFacts(text, ("file",))
     try:
         signal: Any = parse(text)
     except InputError:  # a foreign record may say anything
-        return (), None, None
-    parts = getattr(signal, "signals", (signal,))
-    words = tuple(dict.fromkeys(part.word for part in parts))
+        return SignalFacts(text)
+    every = getattr(signal, "signals", (signal,))
+    parts = [part for part in every if _size(part) != 0.0] or list(every[-1:])
     sizes = [float(size) for part in parts if (size := _size(part)) is not None]
     frequencies = {float(part.frequency) for part in parts if hasattr(part, "frequency")}
-    frequency = frequencies.pop() if len(frequencies) == 1 else None
-    return words, max(sizes, key=abs, default=None), frequency
+    return SignalFacts(
+        drive=str(parts[0]) if len(parts) == 1 else text,
+        words=tuple(dict.fromkeys(part.word for part in parts)),
+        amplitude=max(sizes, key=abs, default=None),
+        frequency=frequencies.pop() if len(frequencies) == 1 else None,
+    )
 
 
 def _size(signal: Any) -> float | None:

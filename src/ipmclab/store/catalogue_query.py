@@ -57,8 +57,8 @@ class RunQuery:
 class CatalogueRow(NamedTuple):
     """One run of the catalogue; numbers in SI units, None where something is not known.
 
-    ``state`` is one of STATES or None; ``recorded`` is in s since 1970; ``path`` is below ``laboratory``;
-    ``codes`` is None until the run was inspected.
+    ``state`` is one of STATES or None; ``recorded`` is in s since 1970; ``drive`` is the signal
+    without its rests; ``path`` is below ``laboratory``; ``codes`` is None until the run was inspected.
     """
 
     id: int
@@ -77,7 +77,7 @@ class CatalogueRow(NamedTuple):
     run_number: int | None
     purpose: str | None
     signal: str | None
-    signal_words: str | None
+    drive: str | None
     amplitude: float | None
     frequency: float | None
     channels: str | None

@@ -56,6 +56,7 @@ run = Table(
     Column("run_number", BigInteger),
     Column("purpose", Text),
     Column("signal", Text),
+    Column("drive", Text),  # the signal without its rests
     Column("signal_words", Text),  # " sine step "
     Column("amplitude", _DOUBLE),  # V
     Column("frequency", _DOUBLE),  # Hz

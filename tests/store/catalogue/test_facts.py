@@ -64,6 +64,7 @@ def test_every_fact_of_a_run(write) -> None:
         "run_number": 3,
         "purpose": "signal",
         "signal": "sine -1 V 0.1 Hz",
+        "drive": "sine -1 V 0.1 Hz",
         "signal_words": " sine ",
         "amplitude": -1.0,
         "frequency": 0.1,
@@ -107,21 +108,25 @@ def test_changed_metadata_are_told(write) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("text", "drive", "words", "amplitude", "frequency"),
     [
-        (None, ((), None, None)),
-        ("step 1 V", (("step",), 1.0, None)),
-        ("square 0.5 V 0.1 Hz delay=1 s", (("square",), 0.5, 0.1)),
-        ("sine 1 V 1 Hz for 5 s then sine 2 V 1 Hz for 5 s", (("sine",), 2.0, 1.0)),
-        ("sine 1 V 1 Hz for 5 s then square -2 V 2 Hz for 5 s", (("sine", "square"), -2.0, None)),
-        ("samples 0 s 0 V 1 s -3 V 2 s 1 V", (("samples",), -3.0, None)),
-        ("file gone.csv", (("file",), None, None)),
-        ("step 1 V for 2 s then file gone.csv", (("file",), None, None)),
-        ("0.1 Hz by the generator", ((), None, None)),
+        (None, None, (), None, None),
+        ("step 1 V", "step 1 V", ("step",), 1.0, None),
+        ("square 0.5 V 0.1 Hz delay=1 s", "square 0.5 V 0.1 Hz delay=1 s", ("square",), 0.5, 0.1),
+        ("step 0 V for 5 s then sine -1 V 2 Hz for 9 s", "sine -1 V 2 Hz", ("sine",), -1.0, 2.0),
+        ("step 0 V for 5 s then step 0 V for 9 s", "step 0 V", ("step",), 0.0, None),
+        ("sine 1 V 1 Hz for 5 s then sine 2 V 1 Hz for 5 s", "sine 1 V 1 Hz for ...", ("sine",), 2.0, 1.0),
+        ("sine 1 V 1 Hz for 5 s then square -2 V 2 Hz", "sine 1 V 1 Hz for ...", ("sine", "square"), -2.0, None),
+        ("samples 0 s 0 V 1 s -3 V 2 s 1 V", "samples 0 s 0 V ...", ("samples",), -3.0, None),
+        ("file gone.csv", "file gone.csv", ("file",), None, None),
+        ("step 1 V for 2 s then file gone.csv", "step 1 V ...", ("file",), None, None),
+        ("0.1 Hz by the generator", "0.1 Hz by the generator", (), None, None),
     ],
 )
-def test_the_facts_of_a_signal(text: str | None, expected) -> None:
-    assert signal_facts(text) == expected
+def test_the_facts_of_a_signal(text: str | None, drive: str | None, words, amplitude, frequency) -> None:
+    found = signal_facts(text)
+    assert (found.words, found.amplitude, found.frequency) == (words, amplitude, frequency)
+    assert found.drive == (text if drive and drive.endswith("...") else drive)
 
 
 json_values = st.recursive(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,7 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ipmclab.errors import InputError
-from ipmclab.report.figures.panels import legend_above, name_panel, stacked
+from ipmclab.report.figures.layout import panel_grid
+from ipmclab.report.figures.panels import legend_above, name_panel
 from ipmclab.report.style import COLOURS, label_text, style
 from ipmclab.store.catalogue_life import Event, Life
 from ipmclab.store.catalogue_query import CatalogueRow
@@ -22,8 +24,12 @@ from ipmclab.units import CAPACITANCE, RELATIVE_HUMIDITY, RESISTANCE, VOLTAGE, Q
 
 FloatArray = npt.NDArray[np.float64]
 
-_PAUSE: Final = 2.0 * 3600.0
-"""Without a run for so long [s], the time line is cut: nights and weeks would leave no room for the work."""
+_PAUSES: Final = tuple(hours * 3600.0 for hours in (2, 12, 48, 14 * 24, 90 * 24, math.inf))
+"""Without a run for so long [s], the time line is cut: nights and weeks would leave no room for the work. The longer
+the life, the longer the pauses that are kept."""
+
+_MOST_STRETCHES: Final = 12
+"""Between cuts; more would be too narrow to read."""
 
 _CUT: Final = 0.035
 """Width of a cut, as a part of the time line."""
@@ -33,6 +39,9 @@ _LEAST: Final = 0.05
 
 _NARROW: Final = 0.09
 """Two times nearer than this, as a part of the time line, are not both written."""
+
+_NUMBER: Final = 0.025
+"""Room that the number of a mounting needs, as a part of the time line."""
 
 _PURPOSES: Final = {"signal": "blue", "baseline": "orange", "fingerprint": "green"}
 
@@ -64,7 +73,8 @@ def life_figure(life: Life) -> Figure:
     -----
     From top to bottom: every run at its time, as high as its amplitude, over the mountings; series resistance and
     capacitance of the fingerprints, joined within a mounting; the time out of the water; the humidity. Panels without
-    anything to show are left out. The time line is cut where nothing was recorded for two hours.
+    anything to show are left out. The time line is cut where nothing was recorded for two hours, or for longer where
+    there are many such pauses.
     """
     if not life.runs:
         raise InputError(
@@ -83,36 +93,45 @@ def life_figure(life: Life) -> Figure:
     ]
     shown = [(name, quantity, of) for name, quantity, of in numbers if any(of(row) is not None for row in life.runs)]
     with style():
-        figure, panels = stacked([1.1, *(0.9 for _ in shown)])
+        figure, grid = panel_grid([1.1, *(0.9 for _ in shown)], sharex="all", bottom=0.6)
+        panels: list[Axes] = list(grid[:, 0])
+        for panel in panels[:-1]:
+            panel.tick_params(axis="x", bottom=False)
         _draw_runs(panels[0], life, place)
         for panel, (name, quantity, of) in zip(panels[1:], shown, strict=True):
             _draw_number(panel, life, place, quantity, of)
             name_panel(panel, name, quantity)
         for panel in panels:
             for one, other in itertools.pairwise(stretches):
-                panel.axvspan(one.right, other.left, color=COLOURS["rule"], alpha=0.45, linewidth=0)
+                cut = (one.right + 0.004, other.left - 0.004)
+                panel.axvspan(*cut, facecolor="none", edgecolor=COLOURS["rule"], hatch="/////", linewidth=0)
             panel.set_xlim(-0.01, 1.01)
         _draw_times(panels[-1], stretches)
-        panels[-1].set_xlabel("")
+        panels[-1].set_xlabel(f"life of {label_text(life.sample)}")
     return figure
 
 
 _MINUTES: Final = Quantity("time out of the water", "", "min")
 
 
-def _stretches(life: Life) -> list[_Stretch]:
+def _spans(life: Life, pause: float) -> list[list[float]]:
+    """Start and end [s] of each time without so long a pause."""
     spans: list[list[float]] = []
     for event in life.events:
         end = event.time + (event.row.duration or 0.0 if event.kind == "run" else 0.0)
-        if spans and event.time - spans[-1][1] <= _PAUSE:
+        if spans and event.time - spans[-1][1] <= pause:
             spans[-1][1] = max(end, spans[-1][1])
         else:
             spans.append([event.time, end])
+    return spans
+
+
+def _stretches(life: Life) -> list[_Stretch]:
+    spans = next(found for pause in _PAUSES if len(found := _spans(life, pause)) <= _MOST_STRETCHES)
     lengths = np.array([max(stop - start, 1.0) for start, stop in spans])
     shares = np.maximum(lengths / lengths.sum(), _LEAST)
-    cut = min(_CUT, 0.3 / len(spans))
-    shares *= (1.0 - cut * (len(spans) - 1)) / shares.sum()
-    lefts = np.concatenate([[0.0], np.cumsum(shares + cut)[:-1]])
+    shares *= (1.0 - _CUT * (len(spans) - 1)) / shares.sum()
+    lefts = np.concatenate([[0.0], np.cumsum(shares + _CUT)[:-1]])
     return [
         _Stretch(start, max(stop, start + 1.0), float(left), float(left + share))
         for (start, stop), left, share in zip(spans, lefts, shares, strict=True)
@@ -163,24 +182,27 @@ def _draw_runs(panel: Axes, life: Life, place: Callable[[float], float]) -> None
     )
     panel.axhline(0.0, color=COLOURS["muted"], linewidth=0.6)
     panel.margins(y=0.18)
-    name_panel(panel, f"{label_text(life.sample)}, driven with", VOLTAGE)
+    name_panel(panel, "voltage", VOLTAGE)
     legend_above(panel, columns=5)
 
 
 def _draw_mountings(panel: Axes, life: Life, place: Callable[[float], float]) -> None:
     numbers = {name: number for number, name in enumerate(life.mountings, start=1)}
     clamped: list[Event] = [event for event in life.events if event.kind == "clamped"]
-    ends = [*(event.time for event in clamped[1:]), float("inf")]
+    ends = [*(event.time for event in clamped[1:]), math.inf]
+    wrote = -1.0
     for event, until in zip(clamped, ends, strict=True):
         inside = [row for row in life.runs if row.recorded is not None and event.time <= row.recorded < until]
         last = max((row.recorded or 0.0) + (row.duration or 0.0) for row in inside)
         left, right = place(event.time) - 0.004, place(last) + 0.004
         panel.axvspan(left, right, color=COLOURS["measured"], alpha=0.22, linewidth=0)
         number = numbers[str(event.row.mounting)]
+        if left - wrote < _NUMBER:
+            continue
         text = f"mounting {number}" if right - left > _NARROW else str(number)
-        panel.text(
-            left + 0.004, 0.98, text, transform=panel.get_xaxis_transform(), fontsize=6.5, va="top", clip_on=True
-        )
+        above = panel.get_xaxis_transform()
+        panel.text(left + 0.004, 0.98, text, transform=above, fontsize=6.5, va="top", clip_on=True)
+        wrote = left
 
 
 def _draw_number(
@@ -201,18 +223,20 @@ def _draw_number(
 
 
 def _draw_times(panel: Axes, stretches: Sequence[_Stretch]) -> None:
-    """The time of day at both ends of a stretch, and the day below it, where there is room."""
-    ticks: list[float] = []
+    """The time of day at which each stretch starts and, where there is room, at which it ends; the day below."""
+    chosen: dict[float, float] = {}
+    ends = [(one.left, one.start) for one in stretches] + [(one.right, one.stop) for one in stretches]
+    for place, time in ends:
+        if all(abs(place - other) >= _NARROW for other in chosen):
+            chosen[place] = time
     labels: list[str] = []
-    day, wrote = "", -1.0
-    for one in stretches:
-        for time, place in ((one.start, one.left), (one.stop, one.right)):
-            moment = datetime.fromtimestamp(time)
-            if place - wrote < _NARROW:
-                continue
-            today = f"{moment.day} {moment:%b %Y}"
-            labels.append(f"{moment:%H:%M}" + ("" if today == day else f"\n{today}"))
-            ticks.append(place)
-            day, wrote = today, place
-    panel.set_xticks(ticks, labels)
+    day = ""
+    for _, time in sorted(chosen.items()):
+        moment = datetime.fromtimestamp(time)
+        today = f"{moment.day} {moment:%b %Y}"
+        labels.append(f"{moment:%H:%M}" + ("" if today == day else f"\n{today}"))
+        day = today
+    panel.set_xticks(sorted(chosen), labels)
     panel.tick_params(axis="x", labelsize=7.0)
+    for place, label in zip(sorted(chosen), panel.get_xticklabels(), strict=True):
+        label.set_horizontalalignment("right" if place > 1.0 - _NARROW / 2 else "center")
