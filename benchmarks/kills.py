@@ -118,6 +118,7 @@ def stand_in(folder: Path, clock: str = "real") -> Iterator[Path]:
         address = server.stdout.readline().strip()
         (folder / "rig.toml").write_text(RIG.format(address=address), encoding="utf-8")
         (folder / "experiment.toml").write_text(EXPERIMENT, encoding="utf-8")
+        (folder / "process").write_text(str(server.pid), encoding="utf-8")
         try:
             yield levels
         finally:

@@ -248,7 +248,7 @@ def test_a_server_that_freezes_or_dies(tmp_path: Path, how: str) -> None:
         bench = Bench(tmp_path, levels)
         recorder, uuid = start(tmp_path)
         bench.wait_for_voltage()
-        server = server_of(tmp_path)
+        server = int((tmp_path / "process").read_text())
         happened = time.time()
         os.kill(server, signal.SIGSTOP if how == "freeze" else signal.SIGKILL)  # noqa: TID251
         last = follow(recorder)
@@ -329,13 +329,15 @@ def follow(recorder: Recorder) -> dict[str, Any]:
             told = time.time()
         if message.kind == "ended":
             with contextlib.suppress(IpmclabError):
-                recorder.next(10.0)  # until its process has ended
+                recorder.next(10.0)
             recorder.close()
+            wait_until(lambda: not is_there(recorder.process), 10.0, "the end of its process")
             return {**message.values, "acknowledged": acknowledged, "told": told or time.time()}
 
 
-def server_of(folder: Path) -> int:
-    """The process that serves the rig of a folder."""
-    listed = subprocess.run(["ps", "-eo", "pid,args"], capture_output=True, text=True, check=True).stdout
-    (line,) = [line for line in listed.splitlines() if "rig serve" in line and str(folder / "levels.json") in line]
-    return int(line.split()[0])
+def is_there(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import threading
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client as connect_to
 from pathlib import Path
@@ -151,8 +152,8 @@ def launch(module: str, job: dict[str, Any]) -> Recorder:
     if "error" in told:
         process.wait()
         raise error_from(told["error"])
-    # The recorder outlives this process: nobody waits for it, and Python shall not warn that nobody does.
-    process.returncode = 0
+    # It may outlive this process; where this one lives longer, somebody has to take note of its end.
+    threading.Thread(target=process.wait, name="recorder process", daemon=True).start()
     return Recorder(Path(told["file"]))
 
 

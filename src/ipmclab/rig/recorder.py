@@ -428,6 +428,8 @@ class _Recording:
                 self._apply(signal, rows, heartbeat)
             except IpmclabError as failure:
                 error = failure
+                if self._on_mark is not None:  # at once: a chassis that is frozen takes long to be brought to 0 V
+                    self._on_mark(Mark(self._time, str(error), "bench"))
             finally:
                 error = self._zero(error)
                 safe = error is None or error.code not in ("output-not-zero", "output-stuck")
@@ -437,7 +439,7 @@ class _Recording:
             if error is not None:
                 self._fail(str(error))
                 with suppress(IpmclabError):  # it may be the journal that failed
-                    self._mark(Mark(self._time, str(error), "bench"))
+                    self._keeper.mark(Mark(self._time, str(error), "bench"))
             elif not self._hurried:
                 about = self._after(about, zero_after, finish)
         except BaseException as fault:
