@@ -13,16 +13,18 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 TickArray = npt.NDArray[np.int64]
 
-TICK: Final = 2.0**-32
-"""The unit of time [s], 0.23 ns: as short as the interval between two doubles at a million seconds."""
+_TICKS_PER_SECOND: Final = 64 * 80_000_000
 
-_RUNGS: Final = 56  # of the ladder: intervals up to 2^56 ticks, half a year
+TICK: Final = 1.0 / _TICKS_PER_SECOND
+"""The unit of time [s], 0.2 ns: a 64th of that of a chassis (80 MHz), whose intervals are therefore whole numbers."""
+
+_RUNGS: Final = 56  # of the ladder: intervals up to 2^56 ticks, five months
 _KEPT: Final = 256  # transitions that are kept: a few of each rate
 
 
 def to_ticks(times: npt.ArrayLike) -> TickArray:
     """Times [s] in ticks; what is rounded off one interval is part of the next, so that nothing adds up."""
-    return np.rint(np.asarray(times, dtype=np.float64) / TICK).astype(np.int64)
+    return np.rint(np.asarray(times, dtype=np.float64) * _TICKS_PER_SECOND).astype(np.int64)
 
 
 class ExactSystem:
@@ -43,7 +45,7 @@ class ExactSystem:
 
         n = len(system.states)
         self.state = np.zeros(n) if state is None else np.array(state, dtype=np.float64)
-        steps = transitions([system], TICK * 2.0 ** np.arange(_RUNGS))
+        steps = transitions([system], 2.0 ** np.arange(_RUNGS) / _TICKS_PER_SECOND)
         # The state with the input as one more component, which stays as it is.
         self._ladder = np.zeros((_RUNGS, n + 1, n + 1))
         self._ladder[:, :n, :n] = steps.state[0]
@@ -72,28 +74,34 @@ class ExactSystem:
         outputs = np.empty((self._reading[0].shape[0], rows))
         if not rows:
             return outputs
-        shortest, longest = int(intervals.min()), int(intervals.max())
-        if longest - shortest <= 4:  # a steady clock, in which rounding moves an edge by a tick
-            lengths: list[int] = list(range(shortest, longest + 1))
-            kind = intervals - shortest
-        else:
-            distinct, kind = np.unique(intervals, return_inverse=True)
-            lengths = distinct.tolist()
-        n = len(self.state)
-        moves = np.stack([self._transition(length) for length in lengths])
-        state, constant = np.ascontiguousarray(moves[:, :n, :n]), np.ascontiguousarray(moves[:, :n, n])
+        state, constant, level, kind = self._kinds(intervals)
         row = np.arange(-1, rows)
-        level = np.zeros_like(constant)  # within an interval the input has no slope
         c, d = self._reading
         kernels.dense(state, constant, level, kind, inputs, inputs, row, inputs, c, d, self.state, outputs)
         return outputs
+
+    def _kinds(self, intervals: TickArray) -> tuple[FloatArray, FloatArray, FloatArray, TickArray]:
+        """The transitions over the lengths that occur, and which of them each interval has."""
+        if len(intervals) == 1:
+            lengths, kind = [int(intervals[0])], np.zeros(1, dtype=np.int64)
+        else:
+            shortest, longest = int(intervals.min()), int(intervals.max())
+            if longest - shortest <= 4:  # a steady clock, in which rounding moves an edge by a tick
+                lengths, kind = list(range(shortest, longest + 1)), intervals - shortest
+            else:
+                distinct, kind = np.unique(intervals, return_inverse=True)
+                lengths = distinct.tolist()
+        n = len(self.state)
+        moves = np.array([self._transition(length) for length in lengths])
+        state, constant = np.ascontiguousarray(moves[:, :n, :n]), np.ascontiguousarray(moves[:, :n, n])
+        return state, constant, np.zeros_like(constant), kind  # within an interval the input has no slope
 
     def _transition(self, ticks: int) -> FloatArray:
         """What an interval does to state and input together."""
         if ticks not in self._kept:
             if len(self._kept) >= _KEPT:
                 self._kept.clear()
-            length = min(ticks, 2**_RUNGS - 1)  # after half a year at one voltage nothing moves any more
+            length = min(ticks, 2**_RUNGS - 1)  # after months at one voltage nothing moves any more
             move = np.eye(self._ladder.shape[1])
             for rung in range(length.bit_length()):
                 if length >> rung & 1:

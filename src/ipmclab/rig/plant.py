@@ -5,7 +5,7 @@ The in-process virtual bench and the stand-in chassis read the same plant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -56,8 +56,6 @@ class StripPlant:
         With the wiring, the sensors, and in ``rig.virtual`` what the plant is like.
     actuator : Actuator, optional
         That of ``rig.virtual`` where it is left out.
-    seed : int, optional
-        Of the sensors' noise; that of ``rig.virtual`` where it is left out.
 
     Examples
     --------
@@ -68,7 +66,7 @@ class StripPlant:
     [0.0, 0.0561, 0.0553]
     """
 
-    def __init__(self, rig: Rig, actuator: Actuator | None = None, *, seed: int | None = None) -> None:
+    def __init__(self, rig: Rig, actuator: Actuator | None = None) -> None:
         about = rig.virtual
         self.rig = rig
         self._actuator = None if about.load == "dummy" else actuator or _load(about.actuator)
@@ -80,10 +78,17 @@ class StripPlant:
         self._mounted = 0.0
         self.temperature = Lag(about.temperature, CHAMBER_TIME)
         self.relative_humidity = Lag(about.relative_humidity, CHAMBER_TIME)
-        noise = about.seed if seed is None else seed
-        self._noise = {
-            channel.name: np.random.default_rng([noise, 0, place])
-            for place, channel in enumerate(rig.channels)
+        self._named = {channel.physical or channel.name: channel for channel in rig.channels}
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Standard deviation [V] of the noise that each sensor adds at its terminal.
+
+        Whoever converts adds it to that of the converter, sample by sample: the plant is asked at other times too.
+        """
+        return {
+            terminal: channel.sensor_noise / abs(channel.gain)
+            for terminal, channel in self._named.items()
             if channel.sensor_noise
         }
 
@@ -98,11 +103,14 @@ class StripPlant:
         return self._actuator
 
     @property
-    def outputs(self) -> tuple[str, ...]:
-        """The terminals that drive the plant."""
-        return (self.rig.output.physical,)
+    def terminals(self) -> tuple[str, ...]:
+        """What can be read; the name of a channel where it has no physical one."""
+        meter, probe = self.rig.thermometer, self.rig.four_probe
+        others = [] if meter is None else [meter.physical or "thermometer"]
+        others += [] if probe is None else [probe.physical or "four_probe"]
+        return (*self._named, *others)
 
-    def advance(self, times: npt.ArrayLike, outputs: Mapping[str, npt.ArrayLike]) -> dict[str, FloatArray]:
+    def advance(self, times: npt.ArrayLike, outputs: Mapping[str, npt.ArrayLike]) -> Mapping[str, FloatArray]:
         """Let time pass, and read every terminal at some times.
 
         Parameters
@@ -115,67 +123,72 @@ class StripPlant:
         Returns
         -------
         terminals : mapping of terminal to float array, shape (n_time,) [V]
-            Just before the output changes: with the noise of the sensors, without that of the converters. For the
-            thermometer and the four-probe contacts it is the resistance [ohm].
+            Just before the output changes, without noise. For the thermometer and the four-probe contacts it is the
+            resistance [ohm]. What nobody looks at is not computed.
         """
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
         source = outputs.get(self.rig.output.physical)
         volts = np.zeros(len(instants)) if source is None else np.atleast_1d(np.asarray(source, dtype=np.float64))
         return self._read(instants, volts)
 
-    def _read(self, times: FloatArray, source: FloatArray) -> dict[str, FloatArray]:
+    def _read(self, times: FloatArray, source: FloatArray) -> Mapping[str, FloatArray]:
         ticks = to_ticks(times)
-        intervals = np.diff(ticks, prepend=self._now)
+        intervals = ticks.copy()
+        intervals[1:] -= ticks[:-1]
+        intervals[:1] -= self._now
         if len(intervals) and intervals.min() < 0:
             raise ValueError(f"the time goes back to {times[int(np.argmin(intervals))]:g} s, from {self.time:g} s")
-        current, _, displacement, force = self._strip.advance(intervals, np.ascontiguousarray(source))
+        current, displacement, force = self._strip.advance(intervals, np.ascontiguousarray(source))[[0, 2, 3]]
         if len(ticks):
             self._now = int(ticks[-1])
-        values = {
-            "voltage": source - self._drop() * current,
-            "current": current,
-            "displacement": np.zeros_like(current) if self._tip == "on cell" else displacement,
-            "force": force,
-            "temperature": self.temperature.at(times),
-            "relative_humidity": self.relative_humidity.at(times),
-        }
-        terminals = {}
-        for channel in self.rig.channels:
-            if channel.name in values:
-                told = values[channel.name] + self._rest(channel, times)
-                terminals[channel.physical or channel.name] = self._sensor(channel, told)
-        meter, probe = self.rig.thermometer, self.rig.four_probe
-        if meter is not None:
-            terminals[meter.physical or "thermometer"] = platinum_resistance(values["temperature"], meter.resistance)
-        if probe is not None:
-            terminals[probe.physical or "four_probe"] = np.full(len(times), self._surface_resistance(probe.spacing))
-        return terminals
+
+        def value(name: str) -> FloatArray:
+            if name == "voltage":
+                return source - self._drop() * current
+            if name == "current":
+                return current
+            if name == "displacement":
+                return np.zeros_like(current) if self._tip == "on cell" else displacement
+            if name == "force":
+                return force
+            return (self.temperature if name == "temperature" else self.relative_humidity).at(times)
+
+        def terminal(name: str) -> FloatArray:
+            channel, meter, probe = self._named.get(name), self.rig.thermometer, self.rig.four_probe
+            if channel is not None:
+                return self._sensor(channel, value(channel.name) + self._rest(channel, times))
+            if meter is not None and name == (meter.physical or "thermometer"):
+                return platinum_resistance(value("temperature"), meter.resistance)
+            assert probe is not None
+            return np.full(len(times), self._surface_resistance(probe.spacing))
+
+        return _Terminals(self.terminals, terminal)
 
     def _drop(self) -> float:
         """The resistance [ohm] between the output and where the voltage is sensed."""
         upstream = self.rig.voltage_sensed == "upstream of shunt"
         return self.rig.source_resistance + (0.0 if upstream else self.rig.shunt_resistance)
 
-    def _rest(self, channel: Channel, times: FloatArray) -> FloatArray:
+    def _rest(self, channel: Channel, times: FloatArray) -> FloatArray | float:
         """What the sensor tells while the strip rests."""
-        rest = np.full(len(times), channel.rest)
-        if channel.name == "force" and self._actuator is not None:
-            rest -= self.rig.virtual.preload_drift * -np.expm1(-(times - self._mounted) / PRELOAD_TIME)
-        return rest
+        drift = self.rig.virtual.preload_drift
+        if channel.name != "force" or self._actuator is None or not drift:
+            return channel.rest
+        return channel.rest + drift * np.expm1(-(times - self._mounted) / PRELOAD_TIME)
 
     def _sensor(self, channel: Channel, told: FloatArray) -> FloatArray:
         """What a sensor makes of what is there to be measured [V]."""
-        low, high = channel.sensor_range or (-np.inf, np.inf)
         if channel.name == "force" and (self._tip == "free" or self._actuator is None):
             told = np.zeros_like(told)
-        outside = (told < low) | (told > high)
+        if channel.sensor_range is None:
+            return channel.to_volts(told)
+        low, high = channel.sensor_range
+        volts = channel.to_volts(np.clip(told, low, high))
+        if channel.lost is None:
+            return volts
         if channel.name == "displacement" and (self.laser_blocked or self._actuator is None):
-            outside[:] = True
-        read = np.clip(told, low, high)
-        if channel.name in self._noise:
-            read += channel.sensor_noise * self._noise[channel.name].standard_normal(len(told))
-        volts = channel.to_volts(read)
-        return volts if channel.lost is None else np.where(outside, channel.lost, volts)
+            return np.full(len(told), channel.lost)
+        return np.where((told < low) | (told > high), channel.lost, volts)
 
     def _surface_resistance(self, spacing: float) -> float:
         """Between the inner contacts of the four-probe clamp [ohm]; a dummy load has no surface."""
@@ -245,6 +258,25 @@ class StripPlant:
                 )
             lag: Lag = getattr(self, name)
             lag.set(value, self.time)
+
+
+class _Terminals(Mapping[str, FloatArray]):
+    """What stands at the terminals, computed where it is looked at."""
+
+    def __init__(self, names: tuple[str, ...], read: Callable[[str], FloatArray]) -> None:
+        self._names = names
+        self._read = read
+
+    def __getitem__(self, name: str) -> FloatArray:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def _load(name: str) -> Actuator:

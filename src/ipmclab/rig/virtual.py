@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -59,8 +60,7 @@ class VirtualBench:
         self._seed = self.rig.virtual.seed if seed is None else seed
         self._plant: StripPlant | None = None
         self._noise = {
-            channel.name: np.random.default_rng([self._seed, 1, place])
-            for place, channel in enumerate(self.rig.channels)
+            channel.name: np.random.default_rng([self._seed, place]) for place, channel in enumerate(self.rig.channels)
         }
         self._measured: tuple[str, ...] = ()
         self._opened = False
@@ -74,7 +74,7 @@ class VirtualBench:
     def plant(self) -> StripPlant:
         """What stands behind the channels."""
         if self._plant is None:
-            self._plant = StripPlant(self.rig, self._actuator, seed=self._seed)
+            self._plant = StripPlant(self.rig, self._actuator)
         return self._plant
 
     @property
@@ -149,7 +149,8 @@ class VirtualBench:
         for name in self._measured:
             channel = self.rig[name]
             # Drawn row by row, so that the noise does not depend on how the rows are cut into blocks.
-            noise = channel.converter.noise * self._noise[name].standard_normal(len(rows))
+            deviation = math.hypot(channel.converter.noise, channel.sensor_noise / channel.gain)
+            noise = deviation * self._noise[name].standard_normal(len(rows))
             readings[name] = channel.converter.convert(volts[channel.physical or name] + noise)
         meter = self.rig.thermometer
         if meter is None:

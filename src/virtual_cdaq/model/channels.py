@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -101,13 +102,23 @@ class Converter:
         How many acquisitions the physical channel has seen before.
     high_resolution : bool
         Of an NI 9217.
+    sensor_noise : float [V, or ohm]
+        Standard deviation of what the sensor at the terminal adds.
     """
 
-    def __init__(self, channel: Channel, seed: int, acquisition: int, *, high_resolution: bool = False) -> None:
+    def __init__(
+        self,
+        channel: Channel,
+        seed: int,
+        acquisition: int,
+        *,
+        high_resolution: bool = False,
+        sensor_noise: float = 0.0,
+    ) -> None:
         self.channel = channel
         self._key = channel_key(seed, channel.physical, acquisition)
         chosen = channel.chosen
-        self._noise = chosen.noise * (HIGH_RESOLUTION_NOISE if high_resolution else 1.0)
+        self._noise = math.hypot(chosen.noise * (HIGH_RESOLUTION_NOISE if high_resolution else 1.0), sensor_noise)
         # The offset belongs to the channel and its range, whatever is done with them.
         offset_key = channel_key(seed, f"{channel.physical} offset {chosen.high}", 0)
         fraction = float(offset_key[0]) / 2.0**63 - 1.0

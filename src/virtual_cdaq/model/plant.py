@@ -12,7 +12,11 @@ Floats = NDArray[np.float64]
 
 
 class Plant(Protocol):
-    """Whatever is wired to the chassis."""
+    """Whatever is wired to the chassis.
+
+    It may have an attribute ``noise``, a mapping of terminal to standard deviation [V, or ohm]: what the sensors add to
+    each sample, which must not depend on how often the plant is asked.
+    """
 
     def advance(self, times: Floats, outputs: Mapping[str, Floats]) -> Mapping[str, Floats]:
         """Let time pass and tell what the terminals carry.
