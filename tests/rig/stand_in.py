@@ -17,6 +17,7 @@ from virtual_cdaq.levels import LevelFile, read_levels
 from virtual_cdaq.model.chassis import Chassis
 from virtual_cdaq.model.clock import make_clock
 from virtual_cdaq.model.faults import parse_fault
+from virtual_cdaq.model.task import State
 from virtual_cdaq.server import Server
 
 OUTPUT = THESIS_RIG.output.physical
@@ -40,6 +41,12 @@ class StandIn:
         """What its output gives [V]."""
         with self.chassis.lock:
             return self.chassis.levels[OUTPUT]
+
+    @property
+    def reserved(self) -> list[str]:
+        """The tasks that hold something of the chassis."""
+        with self.chassis.lock:
+            return [task.name for task in self.chassis.tasks if task.state >= State.RESERVED]
 
     def rest(self) -> None:
         """Let the strip discharge."""
@@ -107,7 +114,8 @@ def main() -> None:
     chassis = Chassis(StripPlant(THESIS_RIG), make_clock(chosen.clock), faults=faults)
     chassis.on_level = LevelFile(chosen.levels, chassis.levels).write
     server = Server(chassis, chosen.port)
-    print(server.start(), flush=True)
+    sys.stdout.write(server.start() + "\n")
+    sys.stdout.flush()
     server.wait()
 
 

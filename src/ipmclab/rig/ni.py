@@ -67,7 +67,7 @@ def reset(rig: Rig) -> None:
     driver = Driver(client(), rig, wait=_ANSWER_AFTER_FAILURE, patience=_ANSWER_AFTER_FAILURE)
     try:
         driver.be_patient(_RESET_TIME)
-        driver.reset(driver.modules)
+        driver.reset(driver.modules())
     finally:
         driver.close()
 
@@ -104,7 +104,7 @@ class Resetter:
         if self._driver.lost is not None:
             self._driver.close()
             self._driver = Driver(client(), self._rig, wait=self._within, patience=self._within)
-        self._driver.reset(self._driver.modules[:1])
+        self._driver.reset(self._driver.modules()[:1])
 
     def close(self) -> None:
         """Let go of the connection. May be called twice."""
@@ -197,9 +197,10 @@ class NiBench:
         try:
             names = tuple(dict.fromkeys(measured))
             driver.check(names)
-            hold = Hold(self.rig.address, driver.modules)
-            driver.reset(driver.modules)
-            self._about, simulated = driver.describe()
+            modules = driver.modules(names)
+            hold = Hold(self.rig.address, modules)
+            driver.reset(modules)
+            self._about, simulated = driver.describe(names)
             self._ahead = self._ahead_wanted or (AHEAD_OF_SIMULATED if simulated else AHEAD)
             # Made once to see that the modules can do what will be asked of them, before anything is given out.
             TimedTasks(driver, names, rate, self._ahead).close()
@@ -378,7 +379,7 @@ class NiBench:
                 reset(self.rig)
                 return
             demand.close()  # the reset takes its reservation away
-            driver.reset(driver.modules[:1])
+            driver.reset(driver.modules()[:1])
             if error.code == "output-stuck":
                 raise error
             if self._timed is not None:

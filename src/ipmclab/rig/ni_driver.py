@@ -155,12 +155,13 @@ class Driver:
             with suppress(IpmclabError), self.translated():
                 task.close()
 
-    @property
-    def modules(self) -> tuple[str, ...]:
-        """The modules of the rig, that of the output first."""
-        physical = [self.rig.output.physical, *(channel.physical for channel in self.rig.channels)]
-        if self.rig.thermometer is not None:
-            physical.append(self.rig.thermometer.physical)
+    def modules(self, measured: Collection[str] | None = None) -> tuple[str, ...]:
+        """The modules that are needed to read some channels, or all; that of the output first."""
+        rig = self.rig
+        physical = [rig.output.physical]
+        physical += [one.physical for one in rig.channels if measured is None or one.name in measured]
+        if rig.thermometer is not None:
+            physical.append(rig.thermometer.physical)
         return tuple(dict.fromkeys(module_of(one) for one in physical if one))
 
     def reset(self, modules: Collection[str]) -> None:
@@ -228,14 +229,13 @@ class Driver:
                     repair="wire it to a module of its own, such as an NI 9217",
                 )
 
-    def describe(self) -> tuple[str, bool]:
+    def describe(self, measured: Collection[str] | None = None) -> tuple[str, bool]:
         """The chassis and its modules as text, and whether it is a simulated one."""
+        names = self.modules(measured)
         with self.translated():
-            devices = [self._system.devices[name] for name in self.modules]
+            devices = [self._system.devices[name] for name in names]
             simulated = any(bool(device.is_simulated) for device in devices)
-            modules = ", ".join(
-                f"{device.product_type} {name}" for device, name in zip(devices, self.modules, strict=True)
-            )
+            modules = ", ".join(f"{device.product_type} {name}" for device, name in zip(devices, names, strict=True))
             version = self._system.driver_version
         number = ".".join(str(part) for part in (version.major_version, version.minor_version, version.update_version))
         behind = f" at {self.rig.address}" if self.rig.address else ""
