@@ -128,3 +128,12 @@ def test_any_record_can_be_checked_and_measured(
     for metric in measure(run):
         assert np.isfinite(metric.value)
         assert metric.definition
+
+
+@pytest.mark.parametrize("text", ["sine 1 V 0.1 Hz", "triangle 1 V 0.1 Hz", "square 1 V 0.1 Hz", "step 1 V"])
+@pytest.mark.parametrize("channel", ["force", "displacement"])
+def test_a_signal_between_rests_is_clean(text: str, channel: str) -> None:
+    """Where the signal gives way to the rest the current has a corner, which is no spike."""
+    bench = VirtualBench(load_actuator("friend-2"))
+    run = record(bench, text, duration=40.0, rate=50.0, measured=["current", channel], rest_before=5.0, rest_after=5.0)
+    assert check(run) == ()

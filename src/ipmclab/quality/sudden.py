@@ -68,7 +68,9 @@ def _changes(record: Record, channel: Channel) -> tuple[list[tuple[int, int]], l
         height = float(steps[place])
         back = np.cumsum(steps[place : place + 1 + _SPIKE_ROWS])
         returned = np.flatnonzero(np.abs(back[1:]) <= 0.3 * abs(height))
-        is_spike = len(returned) and rows[place + 1 + returned[0]] - rows[place] <= 2 * _SPIKE_ROWS
+        # At a corner of the response, such as where a sine gives way to a rest, it comes as it came before and turns.
+        leaves = abs(height - 0.5 * float(steps[place - 1] + steps[place - 2])) > least
+        is_spike = leaves and len(returned) and rows[place + 1 + returned[0]] - rows[place] <= 2 * _SPIKE_ROWS
         others = np.concatenate((size[max(place - 2, 0) : place], size[place + 1 : place + 3]))
         is_jump = (
             abs(height) >= max(_SMALLEST_JUMP * channel.span, 3.0 * float(others.max()))
