@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -19,6 +20,7 @@ from ipmclab.errors import InputError
 if TYPE_CHECKING:
     from ipmclab.cli.published import Comparison
     from ipmclab.model import Actuator
+    from ipmclab.rig.bench import Bench
     from ipmclab.run import Run
 
 SAMPLE: Final = 2
@@ -46,6 +48,10 @@ def demo(
             show_default=False,
         ),
     ] = None,
+    stand_in: Annotated[
+        bool,
+        typer.Option("--stand-in", help="Record through NI's own client, from the stand-in chassis (extra ni)."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Do the whole job on the virtual bench.
@@ -72,8 +78,9 @@ def demo(
     strip = replace(load_actuator(sample.id), sample=sample)
     folder = _new_folder(out)
 
-    say(f"1. Recording {strip.name} on the virtual bench, {DURATION:g} s at {RATE:g} rows a second")
-    runs = _record(strip, folder, say)
+    where = "the stand-in chassis" if stand_in else "the virtual bench"
+    say(f"1. Recording {strip.name} on {where}, {DURATION:g} s at {RATE:g} rows a second")
+    runs = _record(strip, folder, say, stand_in=stand_in)
     used = [runs[name] for name in FOR_THE_FIT]
     unseen = {name: run for name, run in runs.items() if name not in FOR_THE_FIT}
 
@@ -160,25 +167,57 @@ def _first_free(name: str) -> Path:
     return folder
 
 
-def _record(strip: Actuator, folder: Path, say: Say) -> dict[str, Run]:
+def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[str, Run]:
     """Record each signal of the thesis twice: against the load cell, and free under the laser."""
     from ipmclab import write_run
     from ipmclab.cli.published import DURATION, RATE, SIGNALS
-    from ipmclab.rig import VirtualBench, record
+    from ipmclab.rig import record
 
     runs: dict[str, Run] = {}
     for mounting, channel in enumerate(("force", "displacement")):
-        bench = VirtualBench(strip, seed=SEED + mounting)
-        for waveform, signal in SIGNALS.items():
-            with progress(f"recording {signal}"):
-                run = record(bench, signal, duration=DURATION, rate=RATE, measured=("current", channel))
-            path = folder / f"{channel}-{waveform}.nc"
-            # Each signal is recorded twice: by its file a run is told apart in every table and picture.
-            run = replace(run, metadata=replace(run.metadata, source_file=path.name))
-            write_run(run, path)
-            runs[path.name] = run
-            say(f"   {signal:<18} current and {channel:<12} -> {path}")
+        with _bench(strip, SEED + mounting, stand_in=stand_in) as (bench, rest):
+            for waveform, signal in SIGNALS.items():
+                rest()
+                with progress(f"recording {signal}"):
+                    run = record(bench, signal, duration=DURATION, rate=RATE, measured=("current", channel))
+                path = folder / f"{channel}-{waveform}.nc"
+                # Each signal is recorded twice: by its file a run is told apart in every table and picture.
+                run = replace(run, metadata=replace(run.metadata, source_file=path.name))
+                write_run(run, path)
+                runs[path.name] = run
+                say(f"   {signal:<18} current and {channel:<12} -> {path}")
     return runs
+
+
+@contextmanager
+def _bench(strip: Actuator, seed: int, *, stand_in: bool) -> Iterator[tuple[Bench, Callable[[], None]]]:
+    """A bench with the strip in its clamp, and what lets the strip discharge before each signal."""
+    from ipmclab.rig import VirtualBench
+
+    if not stand_in:
+        bench = VirtualBench(strip, seed=seed)
+        yield bench, bench.plant.rest
+        return
+    from ipmclab.cli.rig_serve import chassis_of, make_server
+    from ipmclab.rig.channels import THESIS_RIG
+    from ipmclab.rig.ni import NiBench
+    from ipmclab.rig.plant import StripPlant
+
+    rig = replace(THESIS_RIG, virtual=replace(THESIS_RIG.virtual, seed=seed))
+    plant = StripPlant(rig, strip)
+    name, modules = chassis_of(rig)
+    chassis, server = make_server(plant, name, modules, port=0, clock="lock-step", faults=(), levels=None)
+
+    def rest() -> None:
+        with chassis.lock:
+            chassis.advance()
+            plant.rest()
+
+    address = server.start()
+    try:
+        yield NiBench(replace(rig, bench="ni", address=address)), rest
+    finally:
+        server.stop()
 
 
 def _print_comparison(comparisons: Sequence[Comparison]) -> None:

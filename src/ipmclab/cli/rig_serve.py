@@ -60,7 +60,7 @@ def serve(
     name, modules = chassis_of(loaded)
     plant = StripPlant(loaded)
     plant.advance([0.0], {})  # compiles what it needs, so that the first client does not wait for it
-    chassis, server = _make(plant, name, modules, port=port, clock=clock, faults=fault or [], levels=levels)
+    chassis, server = make_server(plant, name, modules, port=port, clock=clock, faults=fault or [], levels=levels)
     try:
         address = server.start()
     except OSError as error:
@@ -132,7 +132,7 @@ def chassis_of(rig: Rig) -> tuple[str, tuple[str, ...]]:
     return next(iter(names.values())), tuple(slots.get(slot, "NI 9205") for slot in range(1, max(slots) + 1))
 
 
-def _make(
+def make_server(
     plant: StripPlant,
     name: str,
     modules: Sequence[str],
@@ -142,6 +142,15 @@ def _make(
     faults: Sequence[str],
     levels: Path | None,
 ) -> tuple[Chassis, Any]:
+    """The chassis with a plant behind it, and the server that has not started yet.
+
+    Raises
+    ------
+    InputError
+        An unknown clock or fault.
+    IpmclabError
+        NI's client is not installed.
+    """
     try:
         from virtual_cdaq.levels import LevelFile
         from virtual_cdaq.model.chassis import Chassis
