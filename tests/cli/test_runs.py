@@ -173,7 +173,7 @@ def test_the_life_of_a_sample(command, lab: Path, tmp_path: Path) -> None:
         "series resistance (Ω)",
         "capacitance (mF)",
         "out of the water (min)",
-        "mounting 2",
+        "mounting 1",
     ):
         assert shown in drawn
 

@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import socket
-import subprocess
-import tempfile
-import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,72 +13,17 @@ from ipmclab.run import Run, RunMetadata
 from ipmclab.sample import Sample
 from ipmclab.store.catalogue import Catalogue
 from ipmclab.store.run_file import write_run
-
-PASSWORD = "only-of-the-tests"
-
-
-@dataclass(frozen=True)
-class Server:
-    """A running PostgreSQL on this computer."""
-
-    port: int
-    version: str
-
-    def address(self, database: str) -> str:
-        return f"postgresql://ipmclab:{PASSWORD}@127.0.0.1:{self.port}/{database}"
-
-    def new_database(self) -> str:
-        import psycopg
-
-        name = f"t{uuid.uuid4().hex}"
-        with psycopg.connect(self.address("postgres"), autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}")
-        return self.address(name)
-
-
-def programs() -> Path | None:
-    """The folder of initdb; distributions keep it off the path."""
-    found = shutil.which("initdb")
-    if found:
-        return Path(found).parent
-    folders = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-    return folders[-1].parent if folders else None
+from tests.store.catalogue.postgres import Server, cluster, programs
 
 
 @pytest.fixture(scope="session")
 def server(require: Callable[[str, object], None]) -> Iterator[Server]:
-    """A cluster in a temporary folder, reachable on 127.0.0.1 only; it refuses to run as root."""
+    """A PostgreSQL of the tests' own."""
     binaries = programs()
     require("postgres", binaries)
     assert binaries is not None
-    is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    as_owner = ["runuser", "-u", "postgres", "--"] if is_root else []
-    folder = Path(tempfile.mkdtemp(prefix="ipmclab-postgres-"))
-    (folder / "password").write_text(PASSWORD, encoding="utf-8")
-    if is_root:
-        shutil.chown(folder, "postgres")
-        shutil.chown(folder / "password", "postgres")
-
-    def call(*words: object) -> None:
-        command = [*as_owner, *map(str, words)]
-        subprocess.run(command, check=True, capture_output=True, cwd=folder, timeout=60)
-
-    try:
-        call(
-            binaries / "initdb", "-D", folder / "data", "-U", "ipmclab", "-A", "scram-sha-256",
-            "--pwfile", folder / "password", "--encoding", "UTF8", "--locale", "C", "--no-sync",
-        )  # fmt: skip
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
-        options = f"-c listen_addresses=127.0.0.1 -c fsync=off -p {port} -k {folder}"
-        call(binaries / "pg_ctl", "-D", folder / "data", "-w", "-l", folder / "log", "-o", options, "start")
-        try:
-            yield Server(port, (folder / "data" / "PG_VERSION").read_text(encoding="utf-8").strip())
-        finally:
-            call(binaries / "pg_ctl", "-D", folder / "data", "-m", "immediate", "-w", "stop")
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with cluster(binaries) as running:
+        yield running
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
