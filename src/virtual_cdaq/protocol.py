@@ -16,7 +16,7 @@ from nidaqmx._stubs import nidaqmx_pb2 as messages
 try:
     from session_pb2 import Session
 except ImportError:  # clients before 1.1 keep it among their own stubs
-    from nidaqmx._stubs.session_pb2 import Session
+    from nidaqmx._stubs.session_pb2 import Session  # type: ignore[no-redef]
 
 __all__ = ["SERVICE", "AttributeCall", "Method", "Session", "attribute_call", "message", "methods", "packed_doubles"]
 

@@ -9,9 +9,11 @@ from typing import Any
 import grpc
 
 from virtual_cdaq.calls import CALLS, STREAMS
-from virtual_cdaq.model.chassis import Chassis, Gone
+from virtual_cdaq.model.chassis import Chassis
 from virtual_cdaq.model.clock import LockStepClock
 from virtual_cdaq.model.errors import ChassisError
+from virtual_cdaq.model.listening import next_event
+from virtual_cdaq.model.waiting import Gone, gate
 from virtual_cdaq.protocol import SERVICE, Method, attribute_call, methods
 from virtual_cdaq.service import Service
 from virtual_cdaq.sessions import Refused
@@ -145,10 +147,10 @@ class Server:
         chassis.caller.alive = context.is_active
         try:
             with chassis.lock:
-                chassis.gate()
+                gate(chassis)
                 response = function(request)
                 # A chassis that froze meanwhile does not answer either.
-                chassis.gate()
+                gate(chassis)
             return response
         except ChassisError as error:
             _abort(context, error, method.name)
@@ -162,7 +164,7 @@ class Server:
         chassis.caller.alive = context.is_active
         try:
             with chassis.lock:
-                chassis.gate()
+                gate(chassis)
                 stream = STREAMS[method.name](self._service, request)
         except ChassisError as error:
             # The stream must end before its initial metadata, or the client takes it for a registration.
@@ -191,7 +193,7 @@ class Server:
                     chassis.faults.thaw()
                     pause = PUMP
                 elif isinstance(chassis.clock, LockStepClock):
-                    tick = chassis.next_event()
+                    tick = next_event(chassis)
                     if tick is not None:
                         chassis.clock.step_to(tick)
                         chassis.advance()

@@ -50,6 +50,8 @@ class Service:
         """Get, set or reset a property: one function for all of them."""
         number = request.attribute_raw or request.attribute
         name = wanted.names.get(number, f"0x{number:X}")
+        if wanted.verb != "Get" and "device_names" in request.DESCRIPTOR.fields_by_name and request.device_names:
+            raise ChassisError(-201118, f"Property: {name}\nDevices: {request.device_names}")
         table = attributes.TABLES.get(wanted.scope, {})
         things = self._things(wanted.scope, request)
         if wanted.verb == "Reset":
@@ -58,7 +60,10 @@ class Service:
             return response()
         if wanted.verb == "Set":
             for thing in things:
-                attributes.put(table, name, thing, _value(request))
+                try:
+                    attributes.put(table, name, thing, _value(request))
+                except ChassisError as error:
+                    raise _as_property(error) from None
             return response()
         if not things:
             raise ChassisError(-200478)
@@ -83,6 +88,11 @@ class Service:
             if name not in channels:
                 raise ChassisError(-200486, f"Channel: {name}\nTask: {task.name}")
         return [channels[name] for name in names] if names else list(task.channels)
+
+
+def _as_property(error: ChassisError) -> ChassisError:
+    """A change that is refused while the task runs has a code of its own for properties."""
+    return ChassisError(-200557, error.text.partition("\n\n")[2]) if error.code == -200479 else error
 
 
 def _value(request: Any) -> Any:

@@ -65,6 +65,27 @@ def _usage(channel: Channel) -> int:
     return {"voltage": USAGE_VOLTAGE, "resistance": USAGE_RESISTANCE, "rtd": USAGE_RTD}[channel.measurement]
 
 
+def _coerced(sign: int) -> Any:
+    """What the input measures with its settings: the end of its range, not what was asked for."""
+
+    def get(channel: Channel) -> float:
+        if channel.measurement == "rtd":
+            return channel.high if sign > 0 else channel.low
+        return channel.chosen.high if sign > 0 else channel.chosen.low
+
+    return get
+
+
+def _set_range(sign: int) -> Any:
+    def put(channel: Channel, value: float) -> None:
+        fit = [each for each in channel.module.ranges if abs(value) <= abs(each.high if sign > 0 else each.low)]
+        if not fit:
+            raise unsupported_value(f"AI.Rng.{'High' if sign > 0 else 'Low'}", value, f"{channel.module.ranges[-1]}")
+        channel.chosen = fit[0]
+
+    return put
+
+
 def _range_end(sign: int) -> Any:
     def get(channel: Channel) -> float:
         return channel.chosen.high if sign > 0 else channel.chosen.low
@@ -98,10 +119,10 @@ CHANNEL: Table = {
     "CHAN_IS_GLOBAL": constant(False),
     "PHYSICAL_CHAN_NAME": Property(lambda c: c.physical),
     "AI_MEAS_TYPE": _for("ai", Property(_usage)),
-    "AI_MAX": _for("ai", Property(lambda c: c.high, _set_limit("high"))),
-    "AI_MIN": _for("ai", Property(lambda c: c.low, _set_limit("low"))),
-    "AI_RNG_HIGH": _for("ai", Property(_range_end(+1))),
-    "AI_RNG_LOW": _for("ai", Property(_range_end(-1))),
+    "AI_MAX": _for("ai", Property(_coerced(+1), _set_limit("high"))),
+    "AI_MIN": _for("ai", Property(_coerced(-1), _set_limit("low"))),
+    "AI_RNG_HIGH": _for("ai", Property(_range_end(+1), _set_range(+1))),
+    "AI_RNG_LOW": _for("ai", Property(_range_end(-1), _set_range(-1))),
     "AI_TERM_CFG": _for("ai", Property(lambda c: c.terminal, _set_terminal)),
     "AI_COUPLING": _for("ai", constant(10050)),
     "AI_RESOLUTION": _for("ai", Property(lambda c: float(c.module.bits))),
@@ -135,7 +156,7 @@ CHANNEL: Table = {
     "AO_DAC_RNG_LOW": _for("ao", Property(_range_end(-1))),
     "AO_TERM_CFG": _for("ao", constant(REFERENCED_OUTPUT)),
     "AO_RESOLUTION": _for("ao", Property(lambda c: float(c.module.bits))),
-    "AO_RESOLUTION_UNITS": _for("ao", constant(10109)),
+    "AO_RESOLUTION_UNITS": _for("ao", kept("AO_RESOLUTION_UNITS", 10109)),
     "AO_VOLTAGE_UNITS": _for("ao", Property(lambda c: c.units)),
     "AO_CUSTOM_SCALE_NAME": _for("ao", kept("AO_CUSTOM_SCALE_NAME", "")),
     "AO_DEV_SCALING_COEFF": _for("ao", Property(lambda c: [0.0, 1.0 / step(c.module, c.chosen)])),

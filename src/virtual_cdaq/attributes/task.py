@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from virtual_cdaq.attributes.table import Property, Table, constant, kept
-from virtual_cdaq.model.clock import TICKS_PER_SECOND
+from virtual_cdaq.model.clock import TICKS_PER_SECOND, sample_period
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.names import expand
-from virtual_cdaq.model.task import CONTINUOUS, FINITE, ON_DEMAND, SAMPLE_CLOCK, State, Task, Timing
+from virtual_cdaq.model.task import CONTINUOUS, FEWEST_SAMPLES, FINITE, ON_DEMAND, SAMPLE_CLOCK, State, Task, Timing
 
 ALLOW_REGENERATION, NO_REGENERATION = 10097, 10158
 OVERWRITE, DO_NOT_OVERWRITE = 10252, 10159
@@ -44,6 +44,8 @@ def _set_timing(name: str) -> Any:
                 raise unsupported_value("SampClk.Rate", value, "above 0 S/s")
             timing = replace(timing, kind=SAMPLE_CLOCK)
             task.check_rate(timing)
+        if name == "samples" and timing.mode == FINITE and value < FEWEST_SAMPLES:
+            raise unsupported_value("SampQuant.SampPerChan", value, f"at least {FEWEST_SAMPLES}")
         if name == "mode" and value not in (FINITE, CONTINUOUS):
             raise unsupported_value("SampQuant.SampMode", value, "finite or continuous samples")
         task.timing = timing
@@ -59,11 +61,17 @@ def _timing(name: str) -> Property:
         task.timing = replace(task.timing, **{name: getattr(NEW_DEFAULTS, name)})
         task.changed()
 
-    return Property(lambda task: getattr(task.timing, name), put, reset)
+    def get(task: Task) -> Any:
+        task.check_samples()
+        return getattr(task.timing, name)
+
+    return Property(get, put, reset)
 
 
 def _source(task: Task) -> str:
-    return task.timing.source or _terminal(task, "SampleClock")
+    if not task.timing.source:
+        return _terminal(task, "SampleClockTimebase")
+    return task.chassis.full_terminal(task.timing.source)
 
 
 def _terminal(task: Task, signal: str) -> str:
@@ -75,24 +83,23 @@ def _terminal(task: Task, signal: str) -> str:
     return f"/{task.chassis.name}/{engine.name}/{signal}"
 
 
-def _in_need_of_clock(task: Task) -> Task:
-    if not task.hardware_timed:
-        raise ChassisError(-200452, f"The task is timed on demand.\nTask: {task.name}")
-    return task
-
-
 def _conversion_rate(task: Task) -> float:
     return task.rate * max(1, len(task.channels)) if task.hardware_timed else task.highest_rate
 
 
 TIMING: Table = {
     "SAMP_TIMING_TYPE": _timing("kind"),
-    "SAMP_CLK_RATE": Property(lambda t: _in_need_of_clock(t).rate, _set_timing("rate"), _timing("rate").reset),
+    "SAMP_CLK_RATE": Property(lambda t: t.rate, _set_timing("rate"), _timing("rate").reset),
     "SAMP_CLK_MAX_RATE": Property(lambda t: t.highest_rate),
     "SAMP_CLK_SRC": Property(_source, _set_timing("source"), _timing("source").reset),
-    "SAMP_CLK_TERM": Property(lambda t: _terminal(_in_need_of_clock(t), "SampleClock")),
+    "SAMP_CLK_TERM": Property(lambda t: _terminal(t, "SampleClock")),
     "SAMP_CLK_ACTIVE_EDGE": kept("SAMP_CLK_ACTIVE_EDGE", RISING),
     "SAMP_CLK_TIMEBASE_RATE": constant(float(TICKS_PER_SECOND)),
+    "SAMP_CLK_TIMEBASE_DIV": Property(
+        lambda t: sample_period(t.timing.rate),
+        lambda t, value: _set_timing("rate")(t, TICKS_PER_SECOND / value),
+        _timing("rate").reset,
+    ),
     "SAMP_CLK_TIMEBASE_SRC": Property(lambda t: f"/{t.chassis.name}/80MHzTimebase"),
     "SAMP_CLK_TIMEBASE_TERM": Property(lambda t: f"/{t.chassis.name}/80MHzTimebase"),
     "SAMP_QUANT_SAMP_MODE": _timing("mode"),
@@ -130,7 +137,9 @@ TRIGGER: Table = {
     "START_TRIG_TYPE": Property(
         lambda t: DIGITAL_EDGE if t.trigger else NO_TRIGGER, set_trigger_type, lambda t: set_trigger_type(t, NO_TRIGGER)
     ),
-    "DIG_EDGE_START_TRIG_SRC": Property(lambda t: t.trigger, _set_trigger, lambda t: _set_trigger(t, "")),
+    "DIG_EDGE_START_TRIG_SRC": Property(
+        lambda t: t.trigger and t.chassis.full_terminal(t.trigger), _set_trigger, lambda t: _set_trigger(t, "")
+    ),
     "DIG_EDGE_START_TRIG_EDGE": kept("DIG_EDGE_START_TRIG_EDGE", RISING),
     "START_TRIG_TERM": Property(lambda t: _terminal(t, "StartTrigger")),
     "START_TRIG_DELAY": kept("START_TRIG_DELAY", 0.0),
@@ -156,6 +165,8 @@ def set_input_size(task: Task, size: int) -> None:
 
 def set_output_size(task: Task, size: int) -> None:
     """Samples per channel of the output buffer."""
+    if task.kind == "ai":
+        raise ChassisError(-200452, f"Property: OUTPUT_BUF_SIZE\nTask: {task.name}")
     task.refuse_while_running()
     task.output_size = size
     task.output_buffer = None
@@ -185,6 +196,11 @@ def _available(task: Task) -> int:
     _looked_at(task)
     task.raise_failure()
     return task.input_buffer.available if task.input_buffer is not None and task.running else 0
+
+
+def _acquired(task: Task) -> int:
+    _looked_at(task)
+    return task.input_buffer.acquired if task.input_buffer is not None else 0
 
 
 def _default_count(task: Task) -> int:
@@ -236,9 +252,7 @@ READ: Table = {
     "READ_ALL_AVAIL_SAMP": kept("READ_ALL_AVAIL_SAMP", False),
     "RELATIVE_TO": kept("READ_RELATIVE_TO", CURRENT_READ_POSITION),
     "SLEEP_TIME": kept("READ_SLEEP_TIME", 0.001),
-    "TOTAL_SAMP_PER_CHAN_ACQUIRED": Property(
-        lambda t: _looked_at(t).input_buffer.acquired if t.input_buffer is not None else 0
-    ),
+    "TOTAL_SAMP_PER_CHAN_ACQUIRED": Property(_acquired),
     "WAIT_MODE": kept("READ_WAIT_MODE", 12524),
 }
 

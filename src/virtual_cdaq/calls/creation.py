@@ -12,6 +12,7 @@ from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.modules import EXCITATION, Differential
 from virtual_cdaq.model.names import expand
 from virtual_cdaq.model.task import Task
+from virtual_cdaq.model.waiting import gate
 
 DEFAULT_TERMINAL = -1
 FROM_CUSTOM_SCALE = 10065
@@ -27,7 +28,7 @@ def _physical(
     task: Task, request: Any, kind: Literal["ai", "ao"], *, resistive: bool
 ) -> Iterator[tuple[PhysicalChannel, str]]:
     """The physical channels of a request with the names that they get in the task."""
-    task.chassis.gate()
+    gate(task.chassis)
     channels = [find_physical(task.chassis, name) for name in expand(request.physical_channel)]
     if not channels:
         raise ChassisError(-200170, "Physical channel: (none)")

@@ -29,5 +29,5 @@ def _reset_device(service: Service, request: Any) -> Any:
 
 
 @call("GetErrorString")
-def _error_string(service: Service, request: Any) -> Any:
+def _error_string(_: Service, request: Any) -> Any:
     return message("GetErrorStringResponse")(error_string=OWN_TEXT.get(request.error_code, ""))

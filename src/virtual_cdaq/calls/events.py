@@ -54,7 +54,7 @@ def _register(task: Task, kind: Any, every: int, taken: int) -> Listener:
         raise ChassisError(taken, f"Task: {task.name}")
     if task.running:
         raise ChassisError(-200960, f"Task: {task.name}")
-    return Listener(kind, every, lambda status: None)
+    return Listener(kind, every, lambda _: None)
 
 
 def _unregister(task: Task, kind: str) -> None:

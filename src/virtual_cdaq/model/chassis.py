@@ -1,8 +1,8 @@
 """The chassis: slots, engines, the passage of time, and who holds what.
 
-Nothing here runs by itself. Whoever looks (a read, a write, the pump of the server) first lets the chassis catch up with
-its clock: all edges since the last look are worked through in one go, in the order in which they came, with the plant
-behind the terminals. Inputs are read before outputs change on a common edge.
+Nothing here runs by itself. Whoever looks (a read, a write, the pump of the server) first lets the chassis catch up
+with its clock: all edges since the last look are worked through in one go, in the order in which they came, with the
+plant behind the terminals. Inputs are read before outputs change on a common edge.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from virtual_cdaq.model.channels import Channel, Converter, repeated
-from virtual_cdaq.model.clock import TICKS_PER_SECOND, LockStepClock, RealClock, sample_period, seconds, ticks
-from virtual_cdaq.model.converters import Floats, decode
-from virtual_cdaq.model.engines import INPUT_ENGINES, OUTPUT_ENGINE, START_DELAY, Engine, Ticks
+from virtual_cdaq.model.channels import Channel, Converter
+from virtual_cdaq.model.clock import LockStepClock, RealClock, sample_period, seconds, ticks
+from virtual_cdaq.model.engines import INPUT_ENGINES, OUTPUT_ENGINE, START_DELAY, Engine
 from virtual_cdaq.model.errors import ChassisError
+from virtual_cdaq.model.exchange import exchange, point
 from virtual_cdaq.model.faults import Fault, Faults
+from virtual_cdaq.model.listening import tell
 from virtual_cdaq.model.modules import MODULES, Module
 from virtual_cdaq.model.plant import Plant
 from virtual_cdaq.model.task import FINITE, State, Task
 
 SEED = 20261121
 AT_ONCE = 32_768  # edges of one clock that are worked through in one go
-LONGEST_SLEEP = 0.25  # s; a waiting call looks this often whether its caller is still there
 ON_DEMAND = 1e-3  # s that an on-demand call takes when time stands still between calls
 
 
@@ -46,10 +46,6 @@ class Slot:
     number: int
     device: str
     module: Module
-
-
-class Gone(Exception):
-    """The caller of a waiting call has gone away, or the server closes."""
 
 
 class Chassis:
@@ -116,10 +112,10 @@ class Chassis:
         self.caller = threading.local()
         self.closing = False
         self.faults = Faults(faults)
-        self.on_level: Callable[[dict[str, float]], None] = lambda levels: None
+        self.on_level: Callable[[dict[str, float]], None] = lambda _: None
         self._shown = dict(self.levels)
         self._on_demand = ticks(on_demand)
-        self._time = 0
+        self.tick = 0
         self._acquisitions: dict[str, int] = {}
 
     def device_name(self, number: int) -> str:
@@ -134,7 +130,7 @@ class Chassis:
     @property
     def time(self) -> float:
         """How far the chassis has come [s]."""
-        return seconds(self._time)
+        return seconds(self.tick)
 
     # Tasks and what they hold
 
@@ -208,6 +204,24 @@ class Chassis:
             return None
         raise ChassisError(-89120, f"Terminal: {terminal}")
 
+    def full_terminal(self, terminal: str) -> str:
+        """A terminal with the name of its device: ``/cDAQ1/te0/SampleClock``.
+
+        Raises
+        ------
+        ChassisError
+            -89120, no such terminal.
+        """
+        parts = terminal.strip("/").split("/")
+        if parts[0].lower() == self.name.lower():
+            parts = parts[1:]
+        for signal in ("SampleClock", "StartTrigger"):
+            if parts[-1].lower() == signal.lower():
+                self.engine_of_terminal(terminal, signal)
+                return "/".join(["", self.name, *parts])
+        self.engine_of_terminal(terminal)
+        return "/".join(["", self.name, *parts])
+
     def check_present(self, task: Task) -> None:
         """Refuse when the chassis is unplugged."""
         if self.faults.unplugged:
@@ -217,7 +231,9 @@ class Chassis:
         """The converter of a new acquisition on a channel."""
         acquisition = self._acquisitions.get(channel.physical, 0)
         self._acquisitions[channel.physical] = acquisition + 1
-        return Converter(channel, self.seed, acquisition, high_resolution=high_resolution)
+        # Of the sensor at the terminal, where the plant tells it: added here, so that it goes by the sample too.
+        sensor = getattr(self.plant, "noise", {}).get(channel.physical, 0.0)
+        return Converter(channel, self.seed, acquisition, high_resolution=high_resolution, sensor_noise=sensor)
 
     def reset(self, devices: Iterable[str]) -> None:
         """Abort every task on the devices and bring their outputs to 0 V."""
@@ -226,11 +242,11 @@ class Chassis:
         for task in list(self.tasks):
             if devices & set(task.devices):
                 task.abort(ChassisError(-88709, f"Task: {task.name}"))
-        self._point()
+        point(self)
         for physical in self.levels:
             if physical.split("/")[0] in devices:
-                self._set_level(physical, 0.0)
-        self._show()
+                self.set_level(physical, 0.0)
+        self.show()
 
     # Starting and stopping clocks
 
@@ -242,7 +258,7 @@ class Chassis:
             task.armed = True
             return
         self.advance()
-        self._begin_clock(task, max(self.clock.now(), self._time) + START_DELAY)
+        self._begin_clock(task, max(self.clock.now(), self.tick) + START_DELAY)
 
     def _begin_clock(self, task: Task, tick: int) -> None:
         engine = task.engine
@@ -259,7 +275,7 @@ class Chassis:
     def pulse(self, terminal: str) -> None:
         """An edge on a trigger input: every task that waits for it starts."""
         self.advance()
-        tick = max(self.clock.now(), self._time) + START_DELAY
+        tick = max(self.clock.now(), self.tick) + START_DELAY
         for task in self.tasks:
             engine = task.engine
             if engine is None or task.trigger.rpartition("/")[2] != terminal:
@@ -272,10 +288,6 @@ class Chassis:
         """Let the engine of a task stand."""
         if task.engine is not None:
             task.engine.running = False
-
-    def task_started(self, task: Task) -> None:
-        """Tell those who wait."""
-        self.changed.notify_all()
 
     # Time
 
@@ -293,30 +305,30 @@ class Chassis:
         """Work through all edges up to and with tick `target`, and through the faults that fall due on the way."""
         while True:
             due = self.faults.due()
-            stop = target if due is None else min(target, max(due, self._time))
+            stop = target if due is None else min(target, max(due, self.tick))
             self._run(stop)
             if due is None or due > target:
                 break
             self.faults.strike(self, due)
-        self._tell()
-        self._show()
+        tell(self)
+        self.show()
 
     def _run(self, target: int) -> None:
-        while self._time < target:
+        while self.tick < target:
             stop = target
             running = [engine for engine in self.engines.values() if engine.running]
             for engine in running:
                 last = engine.tick(engine.next + AT_ONCE)
                 if last is not None:
-                    stop = min(stop, max(last, self._time + 1))
+                    stop = min(stop, max(last, self.tick + 1))
             edges = {engine: engine.edges(stop) for engine in running}
             some = [each for each in edges.values() if each.size]
             if some:
                 points = some[0] if len(some) == 1 else np.unique(np.concatenate(some))
-                self._exchange(points, edges)
+                exchange(self, points, edges)
                 for engine, each in edges.items():
                     engine.next += each.size
-            self._time = stop
+            self.tick = stop
             for task in self.tasks:
                 self._check_end(task)
 
@@ -325,252 +337,30 @@ class Chassis:
         if task.running and task.kind == "ao" and task.engine is not None and task.clock is task.engine:
             engine = task.engine
             if engine.limit is not None and not task.ended and not task.armed and engine.next >= engine.limit:
-                task.ended = self._time >= engine.start + engine.limit * engine.period
+                task.ended = self.tick >= engine.start + engine.limit * engine.period
 
-    def _exchange(self, points: Ticks, edges: dict[Engine, Ticks]) -> None:
-        """Let outputs follow their edges and inputs read at theirs."""
-        outputs = {physical: np.full(points.size, level) for physical, level in self.levels.items()}
-        updates: list[tuple[str, float]] = []
-        for task in self.tasks:
-            if task.kind == "ao" and task.clock in edges and not task.armed and not task.done and task.hardware_timed:
-                updates += self._generate(task, points, edges[task.clock], outputs)
-        terminals = self.plant.advance(points / TICKS_PER_SECOND, outputs)
-        for task in self.tasks:
-            if task.kind == "ai" and task.clock in edges and not task.armed and not task.done and task.hardware_timed:
-                self._acquire(task, points, edges[task.clock], terminals)
-        for physical, level in updates:
-            self._set_level(physical, level)
-
-    def _generate(self, task: Task, points: Ticks, edges: Ticks, outputs: dict[str, Floats]) -> list[tuple[str, float]]:
-        buffer = task.output_buffer
-        assert buffer is not None
-        finite = task.finite
-        wanted = edges.size
-        if finite:
-            wanted = min(wanted, task.timing.samples - buffer.generated)
-        codes = buffer.take(wanted, again=task.regenerate)
-        taken = codes.shape[1]
-        updates = []
-        # On an edge the new level comes after the reading: it acts on the points after it.
-        before = np.searchsorted(edges[:taken], points, side="left")
-        for channel, row in zip(task.channels, codes, strict=True):
-            volts = decode(channel.module, channel.chosen, row)
-            level = self.levels[channel.physical]
-            if taken and not self.faults.stuck:
-                outputs[channel.physical] = np.concatenate(([level], volts))[before]
-                updates.append((channel.physical, float(volts[-1])))
-        task.edges += edges.size
-        if taken < wanted:
-            task.edges -= edges.size - taken
-            task.fail(ChassisError(-200290, f"Samples generated: {buffer.generated}\nTask: {task.name}"))
-        elif finite and task.clock is not task.engine and task.edges > task.timing.samples:
-            task.ended = True
-        return updates
-
-    def _acquire(self, task: Task, points: Ticks, edges: Ticks, terminals: object) -> None:
-        buffer = task.input_buffer
-        assert buffer is not None and task.clock is not None
-        if task.finite:
-            edges = edges[: task.timing.samples - buffer.acquired]
-        if not edges.size:
-            return
-        at = slice(None) if edges.size == points.size else np.searchsorted(points, edges)
-        codes = np.empty((len(task.channels), edges.size), dtype=np.int32)
-        conversion = owner = starts = None
-        if any(channel.module.slow for channel in task.channels):
-            conversion = (edges - task.clock.start) // task.slow_period
-            owner, starts = repeated(conversion, task.conversion)
-        for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
-            values = self.faults.distort(channel, self._terminal(terminals, channel), points)[at]
-            if channel.module.slow and conversion is not None and owner is not None and starts is not None:
-                # A slow module converts when it can, and repeats itself in between.
-                numbers = conversion[starts]
-                first = int(numbers[0]) if numbers.size else 0
-                fresh = (
-                    converter.convert(values[starts], first)
-                    if _gapless(numbers)
-                    else np.concatenate(
-                        [converter.convert(values[starts][k : k + 1], int(n)) for k, n in enumerate(numbers)]
-                    )
-                )
-                held = np.concatenate((task.held[row], fresh))
-                codes[row] = held[owner]
-                task.held[row, 0] = held[-1]
-            else:
-                codes[row] = converter.convert(values, buffer.acquired)
-        if conversion is not None:
-            task.conversion = int(conversion[-1])
-        buffer.put(codes)
-        task.edges += edges.size
-        if task.finite and buffer.acquired >= task.timing.samples:
-            task.ended = True
-
-    def _terminal(self, terminals: object, channel: Channel) -> Floats:
-        values = terminals.get(channel.physical)  # type: ignore[attr-defined]
-        if values is None:
-            return np.array(np.inf if channel.module.resistive else 0.0)
-        return np.asarray(values, dtype=np.float64)
-
-    # On demand
-
-    def _point(self) -> tuple[Ticks, object]:
-        """Let the plant come to the present, with the outputs as they are, and look at its terminals."""
-        tick = max(self.clock.now(), self._time) + 1
-        self.run_to(tick)
-        points = np.array([tick + 1], dtype=np.int64)
-        self._time = tick + 1
-        outputs = {physical: np.array([level]) for physical, level in self.levels.items()}
-        return points, self.plant.advance(points / TICKS_PER_SECOND, outputs)
-
-    def read_now(self, task: Task, count: int) -> np.ndarray:
-        """Codes of `count` samples taken one after the other, shape (channels, count)."""
-        codes = np.empty((len(task.channels), count), dtype=np.int32)
-        for k in range(count):
-            points, terminals = self._point()
-            for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
-                values = np.atleast_1d(self.faults.distort(channel, self._terminal(terminals, channel), points))
-                codes[row, k] = converter.convert(values, task.edges)[0]
-            task.edges += 1
-        return codes
-
-    def write_now(self, task: Task, volts: Sequence[float]) -> None:
-        """Set the outputs of a task."""
-        self._point()
-        for channel, level in zip(task.channels, volts, strict=True):
-            self._set_level(channel.physical, level)
-        self._show()
-
-    def _set_level(self, physical: str, level: float) -> None:
+    def set_level(self, physical: str, level: float) -> None:
         if not self.faults.stuck:
             self.levels[physical] = level
 
-    def _show(self) -> None:
+    def show(self) -> None:
         if self.levels != self._shown:
             self._shown = dict(self.levels)
             self.on_level(dict(self.levels))
 
-    # Waiting
-
-    def gate(self) -> None:
-        """Hold the caller while the chassis is frozen."""
-        while self.faults.frozen and not self.closing:
-            self._sleep(LONGEST_SLEEP)
-            self.faults.thaw()
-        if self.closing:
-            raise Gone
-
-    def _sleep(self, duration: float) -> None:
-        self.changed.wait(max(duration, 0.0))
-        alive: Callable[[], bool] | None = getattr(self.caller, "alive", None)
-        if self.closing or (alive is not None and not alive()):
-            raise Gone
-
-    def wait(self, ready: Callable[[], bool], due: Callable[[], int | None], timeout: float) -> bool:
-        """Wait until `ready()`; the lock is given away meanwhile.
-
-        Parameters
-        ----------
-        ready : callable
-            Looked at after every catching up with the clock.
-        due : callable
-            When it may become ready [ticks]; None if that is not known.
-        timeout : float [s]
-            Negative for no end. On the wall; on a clock that stands still, in its own time.
-
-        Returns
-        -------
-        bool
-            False when the time-out came first.
-        """
-        begin = time.monotonic()
-        limit = self.clock.now() + ticks(timeout) if timeout >= 0 else None
-        while True:
-            self.advance()
-            self.gate()
-            if ready():
-                return True
-            tick = due()
-            if isinstance(self.clock, LockStepClock):
-                if tick is not None:
-                    if limit is not None and tick > limit:
-                        self.clock.step_to(limit)
-                        self.advance()
-                        return ready()
-                    self.clock.step_to(max(tick, self.clock.now() + 1))
-                    continue
-                until_due = LONGEST_SLEEP
-            else:
-                until_due = LONGEST_SLEEP if tick is None else self.clock.wall(tick - self.clock.now())
-            left = LONGEST_SLEEP if timeout < 0 else begin + timeout - time.monotonic()
-            if left <= 0.0:
-                return False
-            self._sleep(min(until_due, left, LONGEST_SLEEP))
-
-    def _tell(self) -> None:
-        """Call those who listen to tasks."""
-        for task in self.tasks:
-            if not task.listeners or not task.running:
-                continue
-            for listener in list(task.listeners):
-                if listener.kind == "done":
-                    finished = task.failure is not None or (task.hardware_timed and task.ended)
-                    if finished and not listener.told:
-                        listener.told = 1
-                        listener.call(task.failure.code if task.failure else 0)
-                    continue
-                if listener.kind == "transferred":
-                    count = task.output_buffer.generated if task.output_buffer is not None else 0
-                else:
-                    count = task.input_buffer.acquired if task.input_buffer is not None else 0
-                while (listener.told + 1) * listener.every <= count:
-                    listener.told += 1
-                    listener.call(0)
-
-    def next_event(self) -> int | None:
-        """When somebody who listens has to be called next [ticks]; None if not known or if the program must read first."""
-        found = None
-        for task in self.tasks:
-            if not task.running or task.done:
-                continue
-            for listener in task.listeners:
-                tick: int | None = None
-                if listener.kind == "done":
-                    tick = task.done_tick() if not listener.told else None
-                else:
-                    last = (listener.told + 1) * listener.every
-                    buffer = task.input_buffer
-                    room = (
-                        listener.kind == "transferred"
-                        or task.finite
-                        or buffer is None
-                        or last - buffer.position <= buffer.size
-                    )
-                    tick = task.edge_tick(last - 1) if room else None
-                if tick is not None:
-                    found = tick if found is None else min(found, tick)
-        return found
-
     def wall_time(self, task: Task, back: int) -> float:
-        """Wall time of the sample `back` samples before a task's next to be read; the present if it has no clock [s]."""
+        """Wall time [s] of the sample `back` samples before a task's next to be read; the present without a clock."""
         now = time.time()
         if task.clock is None or task.input_buffer is None or not task.clock.running:
             return now
         tick = task.clock.start + (task.input_buffer.position - back) * task.clock.period
         return now - self.clock.wall(max(0, self.clock.now() - tick))
 
-    def busy(self) -> bool:
-        """Whether something happens without being asked for."""
-        return any(engine.running for engine in self.engines.values())
-
     def close(self) -> None:
         """Let every waiting call go."""
         with self.lock:
             self.closing = True
             self.changed.notify_all()
-
-
-def _gapless(numbers: Ticks) -> bool:
-    return bool(numbers.size == 0 or numbers[-1] - numbers[0] + 1 == numbers.size)
 
 
 def _conflict(task: Task, other: Task) -> str:

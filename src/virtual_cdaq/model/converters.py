@@ -63,7 +63,8 @@ def noise(key: NDArray[np.uint64], first: int, count: int) -> Floats:
     words = generator.random_raw(skip + count)[skip:]
     radius = ((words >> np.uint64(32)).astype(np.float64) + 0.5) * 2.0**-32
     angle = (words & np.uint64(0xFFFFFFFF)).astype(np.float64) * (2.0 * np.pi * 2.0**-32)
-    return np.sqrt(-2.0 * np.log(radius)) * np.cos(angle)
+    normal: Floats = np.sqrt(-2.0 * np.log(radius)) * np.cos(angle)
+    return normal
 
 
 def choose_range(module: Module, low: float, high: float) -> Range | None:
@@ -90,7 +91,8 @@ def encode(module: Module, chosen: Range, values: Floats) -> Codes:
 
 def decode(module: Module, chosen: Range, codes: Codes) -> Floats:
     """The volts or ohms of `codes`."""
-    return codes * step(module, chosen)
+    values: Floats = codes * np.float64(step(module, chosen))
+    return values
 
 
 def rtd_temperature(ohms: Floats, r0: float, curve: tuple[float, float, float]) -> Floats:

@@ -6,16 +6,14 @@ The codes are NI's (the client's ``nidaqmx.error_codes`` lists them); the senten
 from __future__ import annotations
 
 OWN_TEXT = {
-    -50103: "The resource is reserved by another task: a module, an engine or a channel that this task needs is in use.",
+    -50103: "The resource is reserved: another task holds a module, an engine or a channel that this task needs.",
     -50352: "The requested buffer does not fit into the memory.",
     -88709: "The task was aborted, or its device was reset or removed.",
     -88710: "The operation was cut short: the task was aborted, or its device was reset or removed.",
     -89120: "The source terminal does not exist on this chassis.",
-    -200052: "The device is not of a kind that can do this.",
     -200077: "The requested value is not a supported value for this property.",
     -200082: "The minimum is not below the maximum.",
     -200088: "The task does not exist: it was never made, was cleared, or the server was started anew.",
-    -200089: "A task of this name exists already.",
     -200170: "The physical channel does not exist on this device.",
     -200197: "The device does not support this property.",
     -200220: "The device identifier is invalid: no device of this name.",
@@ -32,16 +30,11 @@ OWN_TEXT = {
         " in time. The output holds the last sample."
     ),
     -200292: "There was no room for the samples in the output buffer before the time-out.",
-    -200303: "An external sample clock needs its source.",
-    -200428: "The value is not allowed for this channel.",
-    -200430: "The physical channel does not support this kind of input or output.",
     -200431: "The physical channel does not support this measurement or generation.",
     -200452: "The property is not supported by the device or not in this kind of task.",
-    -200457: "The property is not supported: the task is not an input task.",
-    -200459: "The property is not supported: the task is not an output task.",
+    -200459: "The task has no output channels to write to.",
     -200460: "The task has no input channels to read from.",
     -200462: "The generation cannot start: the output buffer is empty. Write before starting.",
-    -200474: "The operation did not complete within its time-out.",
     -200478: "There are no channels in the task.",
     -200479: "The operation cannot be done while the task runs.",
     -200486: "The channel is not in the task.",
@@ -57,14 +50,14 @@ OWN_TEXT = {
     -200949: "A callback for this signal is registered already.",
     -200950: "A callback for the end of the task is registered already.",
     -200960: "The event cannot be registered while the task runs.",
-    -200965: "The event cannot be unregistered: it is not registered.",
     -200966: "A callback for every N samples acquired is registered already.",
     -200967: "A callback for every N samples transferred is registered already.",
     -200980: "The event 'N samples transferred from the buffer' is for buffered output tasks.",
     -200981: "The event 'N samples acquired into the buffer' is for buffered input tasks.",
-    -200983: "The property cannot be read before the task is reserved.",
+    -200984: "A read must not start the task: an event is registered. Start it first.",
+    -200985: "A write must not start the task: an event is registered. Start it first.",
     -201003: "The device cannot be accessed: unplugged, without power, or not responding.",
-    -201426: "This operation is not implemented by the stand-in.",
+    -201118: "The operation does not support the device context.",
 }
 
 

@@ -105,7 +105,7 @@ class Faults:
         self._stuck_until: float | None = None
         self._now = 0.0
         self._distortions: list[tuple[Fault, float]] = []
-        self.on_drop: Callable[[float], None] = lambda duration: None
+        self.on_drop: Callable[[float], None] = lambda _: None
 
     def begin(self, tick: int) -> None:
         """The first sample clock starts."""

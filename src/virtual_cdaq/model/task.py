@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from virtual_cdaq.model.chassis import Chassis
 
 FINITE, CONTINUOUS, SINGLE_POINT = 10178, 10123, 12522  # DAQmx_Val_FiniteSamps, _ContSamps, _HWTimedSinglePoint
+FEWEST_SAMPLES = 2  # of a finite task
 STOPPED_BEFORE_DONE = 200010  # a warning
 ON_DEMAND, SAMPLE_CLOCK = 10390, 10388  # DAQmx_Val_OnDemand, _SampClk
 
@@ -41,7 +42,7 @@ class Timing:
     kind: int = ON_DEMAND
     rate: float = 1000.0
     source: str = ""
-    mode: int = FINITE
+    mode: int = CONTINUOUS
     samples: int = 1000
 
 
@@ -195,12 +196,16 @@ class Task:
             raise unsupported_value("SampQuant.SampMode", mode, "finite or continuous samples")
         if not rate > 0.0:
             raise unsupported_value("SampClk.Rate", rate, "above 0 S/s")
-        if samples < (2 if mode == FINITE else 0):
-            raise unsupported_value("SampQuant.SampPerChan", samples, "at least 2")
         timing = Timing(SAMPLE_CLOCK, rate, "" if source == "OnboardClock" else source, mode, samples)
         self.check_rate(timing)
         self.timing = timing
         self.changed()
+
+    def check_samples(self) -> None:
+        """Refuse a finite task of too few samples."""
+        timing = self.timing
+        if timing.kind == SAMPLE_CLOCK and timing.mode == FINITE and timing.samples < FEWEST_SAMPLES:
+            raise unsupported_value("SampQuant.SampPerChan", timing.samples, f"at least {FEWEST_SAMPLES}")
 
     def check_rate(self, timing: Timing) -> None:
         """Refuse a rate that a module cannot do."""
@@ -217,7 +222,7 @@ class Task:
         self.output_buffer = None
 
     def refuse_while_running(self) -> None:
-        """Refuse a change while the task runs."""
+        """Refuse a change while the task runs (-200479)."""
         if self.running:
             raise ChassisError(-200479, f"Task: {self.name}")
 
@@ -227,6 +232,7 @@ class Task:
         """Check that the configuration can be."""
         if not self.channels:
             raise ChassisError(-200478, f"Task: {self.name}")
+        self.check_samples()
         self.check_rate(self.timing)
         self.chassis.check_present(self)
         self.state = max(self.state, State.VERIFIED)
@@ -291,7 +297,7 @@ class Task:
             self._prepare_input()
         if self.hardware_timed:
             self.chassis.start_clock(self)
-        self.chassis.task_started(self)
+        self.chassis.changed.notify_all()
 
     def _prepare_input(self) -> None:
         if self.hardware_timed:

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_cdaq.model.buffers import OutputBuffer
-from virtual_cdaq.model.converters import Codes, Floats, encode
+from virtual_cdaq.model.converters import Codes, Floats, decode, encode
 from virtual_cdaq.model.errors import ChassisError
+from virtual_cdaq.model.exchange import read_now, write_now
 from virtual_cdaq.model.task import State, Task
+from virtual_cdaq.model.waiting import gate, wait
 
 ALL_AVAILABLE = -1
 
@@ -32,12 +34,14 @@ def read(task: Task, count: int, timeout: float) -> tuple[Codes, int]:
     if task.kind != "ai":
         raise ChassisError(-200460 if task.channels else -200478, f"Task: {task.name}", done=0)
     chassis = task.chassis
-    chassis.gate()
+    gate(chassis)
     chassis.check_present(task)
     task.raise_failure()
     if not task.hardware_timed:
         return _read_on_demand(task, 1 if count == ALL_AVAILABLE else count), 0
     if not task.running:
+        if task.listeners:
+            raise ChassisError(-200984, f"Task: {task.name}", done=0)
         task.start()
         task.started_by_read = True
     chassis.advance()
@@ -65,7 +69,8 @@ def _collect(task: Task, wanted: int, timeout: float) -> tuple[Codes, int]:
         # A read may be larger than the buffer: it is emptied on the way.
         piece = min(missing, max(1, buffer.size // 2)) if missing > buffer.size else missing
         goal = buffer.position + piece
-        came = task.chassis.wait(
+        came = wait(
+            task.chassis,
             lambda goal=goal: buffer.acquired >= goal or task.failure is not None or not task.running,  # type: ignore[misc]
             lambda goal=goal: task.edge_tick(goal - 1),  # type: ignore[misc]
             timeout,
@@ -90,7 +95,7 @@ def _read_on_demand(task: Task, count: int) -> Codes:
     try:
         task.chassis.pass_time()
         task.raise_failure()
-        return task.chassis.read_now(task, count)
+        return read_now(task.chassis, task, count)
     finally:
         if started and task.running:
             task.stop()
@@ -133,14 +138,14 @@ def write(task: Task, codes: Codes, *, auto_start: bool, timeout: float) -> int:
     if task.kind != "ao":
         raise ChassisError(-200459 if task.channels else -200478, f"Task: {task.name}", done=0)
     chassis = task.chassis
-    chassis.gate()
+    gate(chassis)
     chassis.check_present(task)
     chassis.advance()
     task.raise_failure()
     if not task.hardware_timed:
         _write_on_demand(task, codes, auto_start=auto_start)
-        return codes.shape[1]
-    count = codes.shape[1]
+        return int(codes.shape[1])
+    count = int(codes.shape[1])
     if task.output_buffer is None:
         task.output_buffer = OutputBuffer(len(task.channels), task.output_size or max(1, count))
     buffer = task.output_buffer
@@ -152,7 +157,8 @@ def write(task: Task, codes: Codes, *, auto_start: bool, timeout: float) -> int:
     while put < count:
         piece = min(count - put, buffer.size)
         came = (
-            chassis.wait(
+            wait(
+                chassis,
                 lambda piece=piece: buffer.space >= piece or task.failure is not None or task.done,  # type: ignore[misc]
                 lambda piece=piece: task.edge_tick(buffer.written + piece - buffer.size - 1),  # type: ignore[misc]
                 timeout,
@@ -168,13 +174,13 @@ def write(task: Task, codes: Codes, *, auto_start: bool, timeout: float) -> int:
         buffer.put(codes[:, put : put + piece])
         put += piece
     if auto_start and not task.running:
+        if task.listeners:
+            raise ChassisError(-200985, f"Task: {task.name}", done=0)
         task.start()
     return count
 
 
 def _write_on_demand(task: Task, codes: Codes, *, auto_start: bool) -> None:
-    from virtual_cdaq.model.converters import decode
-
     started = not task.running
     if started and not auto_start:
         raise ChassisError(-200846, f"Task: {task.name}", done=0)
@@ -187,7 +193,7 @@ def _write_on_demand(task: Task, codes: Codes, *, auto_start: bool) -> None:
                 float(decode(channel.module, channel.chosen, np.array([code]))[0])
                 for channel, code in zip(task.channels, column, strict=True)
             ]
-            task.chassis.write_now(task, volts)
+            write_now(task.chassis, task, volts)
     finally:
         if started and task.running:
             task.stop()
@@ -202,8 +208,8 @@ def wait_until_done(task: Task, timeout: float) -> None:
         -200560 when it was not done in time, or what ended it.
     """
     chassis = task.chassis
-    chassis.gate()
-    came = chassis.wait(lambda: task.done, task.done_tick, timeout)
+    gate(chassis)
+    came = wait(chassis, lambda: task.done, task.done_tick, timeout)
     task.raise_failure()
     if not came:
         raise ChassisError(-200560, f"Task: {task.name}")
@@ -211,7 +217,7 @@ def wait_until_done(task: Task, timeout: float) -> None:
 
 def is_done(task: Task) -> bool:
     """Whether nothing more comes of a task."""
-    task.chassis.gate()
+    gate(task.chassis)
     if task.running and task.hardware_timed:
         task.chassis.pass_time()
     task.raise_failure()
