@@ -138,7 +138,10 @@ class StripPlant:
         intervals[:1] -= self._now
         if len(intervals) and intervals.min() < 0:
             raise ValueError(f"the time goes back to {times[int(np.argmin(intervals))]:g} s, from {self.time:g} s")
-        current, displacement, force = self._strip.advance(intervals, np.ascontiguousarray(source))[[0, 2, 3]]
+        answer = self._strip.advance(intervals, np.ascontiguousarray(source))
+        current: FloatArray = answer[0]
+        displacement: FloatArray = answer[2]
+        force: FloatArray = answer[3]
         if len(ticks):
             self._now = int(ticks[-1])
 
