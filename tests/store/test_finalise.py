@@ -69,7 +69,7 @@ def test_the_run_is_the_one_that_was_recorded(tmp_path: Path) -> None:
     about = {
         "sample": sample,
         "rig": "bench 1",
-        "signal": "step 1 V",
+        "signal": "step 0 V for 5 s then sine 1 V 0.1 Hz for 40 s then step 0 V for 5 s",
         "recorded_at": "2026-11-21T14:32:05+01:00",
         "zeros": (ZeroReading("force", "tare", "before", 0.001, 1e-5, 2e-6),),
     }
@@ -87,7 +87,7 @@ def test_the_run_is_the_one_that_was_recorded(tmp_path: Path) -> None:
     run = read_run(path)
     assert run.content_sha256 == expected.content_sha256
     assert run.metadata == RunMetadata(uuid=journal.stem, state="complete", **about)
-    assert path == tmp_path / f"runs/2026/11/20261121_143205_bench-1_S-2-a_step_{journal.stem[:8]}.nc"
+    assert path == tmp_path / f"runs/2026/11/20261121_143205_bench-1_S-2-a_sine_{journal.stem[:8]}.nc"
     assert not path.stat().st_mode & 0o222
     assert list((tmp_path / "journal-archive").iterdir()) == [tmp_path / "journal-archive" / journal.name]
     assert list((tmp_path / "recording").iterdir()) == []
@@ -302,8 +302,12 @@ def test_a_finished_file_is_not_written_again(tmp_path: Path) -> None:
     laboratory = Laboratory.open(tmp_path)
     before = Path(finish_here(journal, laboratory).path).stat()
     journal.write_bytes(content)
-    after = Path(finish_here(journal, laboratory).path).stat()
+    (path,) = laboratory.runs.rglob("*.nc")
+    path = path.rename(path.with_name(path.name.replace("_signal_", "_other-words_")))
+    told = finish_here(journal, laboratory)
+    after = Path(told.path).stat()
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
+    assert told.path == str(path)
 
 
 def test_what_is_no_run_is_put_away_and_told(tmp_path: Path) -> None:

@@ -191,6 +191,8 @@ def _put_away(journal: Path, outcome: Outcome, folder: Path, **facts: Any) -> tu
 def _run_file(record: JournalRecord, layout: Layout, stream: BinaryIO, laboratory: Laboratory) -> Path:
     """The run file of a journal: the one that is there, if it is whole, or a new one."""
     target = laboratory.run_file(record.header.uuid, layout.metadata, record.header.created_at)
+    # Another version may have chosen other words for the name of the same run.
+    target = next(target.parent.glob(f"*_{record.header.uuid[:8]}.nc"), target)
     if target.exists():
         digests = _digests(layout, stream)
         if _difference(target, digests, _document(layout, digests)) is None:

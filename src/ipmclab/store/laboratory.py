@@ -133,10 +133,13 @@ class Laboratory:
         created_at : str
             ISO 8601; used where the metadata do not say when the run was recorded.
         """
+        from ipmclab.store.catalogue_facts import signal_facts  # which would bring the signals along
+
         moment = metadata.recorded_at or ""
         moment = moment if _DATE.match(moment) else created_at
         digits = re.sub(r"\D", "", moment[:19])
-        signal = (metadata.purpose if metadata.purpose != "signal" else None) or (metadata.signal or "").split(" ")[0]
+        purpose = metadata.purpose if metadata.purpose != "signal" else None
+        signal = purpose or "-".join(signal_facts(metadata.signal).words)
         sample = metadata.sample.id if metadata.sample else None
         words = (_word(metadata.rig, "rig"), _word(sample, "sample"), _word(signal, "signal"))
         name = "_".join((digits[:8], digits[8:14], *words, UUID(uuid).hex[:8]))
