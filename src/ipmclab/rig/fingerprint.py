@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.run import Finding, Run
+from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 
 VOLTAGE: Final = 0.1
@@ -29,7 +29,7 @@ REST: Final = 2.0
 """At 0 V before and after the step [s]; the drift is read in the rest before."""
 
 SCATTER: Final = 3.0
-"""A number further from the mean of the earlier ones than so many of their standard deviations is outside."""
+"""A number further from the median of the earlier ones than so many of their standard deviations is outside."""
 
 LEAST_EARLIER: Final = 3
 """Earlier fingerprints from which a scatter can be told."""
@@ -148,27 +148,34 @@ def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]
     if len(earlier) >= LEAST_EARLIER:
         for name, (unit, factor) in scales.items():
             values = np.array([getattr(one, name) for one in earlier])
-            mean, deviation = float(values.mean()), float(values.std(ddof=1))
-            allowed = max(SCATTER * deviation, _LEAST_RELATIVE_SCATTER * abs(mean))
+            usual, deviation = _usual(values)
+            allowed = max(SCATTER * deviation, _LEAST_RELATIVE_SCATTER * abs(usual))
             value = getattr(found, name)
-            if abs(value - mean) > allowed:
+            if abs(value - usual) > allowed:
                 told.append(
                     f"the {name.replace('_', ' ')} is {value * factor:.3g} {unit}, "
-                    f"before it was {mean * factor:.3g} +- {allowed * factor:.2g} {unit}"
+                    f"before it was {usual * factor:.3g} +- {allowed * factor:.2g} {unit}"
                 )
     alike = [one for one in earlier if one.drift_of == found.drift_of]
     if len(alike) >= LEAST_EARLIER:
         drifts = np.array([one.drift for one in alike])
         own = max(found.drift_uncertainty, *(one.drift_uncertainty for one in alike))
-        allowed = SCATTER * max(float(drifts.std(ddof=1)), own)
-        if abs(found.drift - drifts.mean()) > allowed:
+        usual, deviation = _usual(drifts)
+        allowed = SCATTER * max(deviation, own)
+        if abs(found.drift - usual) > allowed:
             quantity = CHANNELS[found.drift_of]
-            shown = [quantity.to_display(number) for number in (found.drift, float(drifts.mean()), allowed)]
+            shown = [quantity.to_display(number) for number in (found.drift, usual, allowed)]
             told.append(
                 f"the {quantity.name} drifts by {shown[0]:.2g} {quantity.display_unit}/s at rest, "
                 f"before it was {shown[1]:.2g} +- {shown[2]:.2g} {quantity.display_unit}/s"
             )
     return told
+
+
+def _usual(values: FloatArray) -> tuple[float, float]:
+    """Median and standard deviation, by ranks: one bad contact among the earlier ones must not excuse the next."""
+    median = float(np.median(values))
+    return median, 1.4826 * float(np.median(np.abs(values - median)))
 
 
 def _slope(run: Run, channel: str, stop: int) -> tuple[float, float]:
