@@ -79,10 +79,11 @@ def run_into(
 
 def record_40_s(address: str, rig: Rig, seconds: float = 40.0) -> dict[str, np.ndarray]:
     bench = NiBench(replace(rig, address=address))
-    bench.open(NAMES, RATE)
+    names = (*NAMES, "force")
+    bench.open(names, RATE)
     blocks = list(bench.apply(signals.parse("step 1 V for 2 s then sine 1 V 0.5 Hz"), round(seconds * RATE)))
     bench.close()
-    return {name: joined(blocks, name) for name in (*NAMES, "output")}
+    return {name: joined(blocks, name) for name in (*names, "output")}
 
 
 def test_the_experiment_of_the_thesis_gives_the_same_data_at_every_speed() -> None:
@@ -90,7 +91,7 @@ def test_the_experiment_of_the_thesis_gives_the_same_data_at_every_speed() -> No
     for clock, seconds in (("lock-step", 40.0), ("x10", 40.0), ("real", 2.0)):
         with serve(clock) as stand_in:
             got[clock] = record_40_s(stand_in.address, stand_in.rig, seconds)
-    for name in (*NAMES, "output"):
+    for name in (*NAMES, "force", "output"):
         assert len(got["lock-step"][name]) == 2000
         assert np.array_equal(got["x10"][name], got["lock-step"][name])
         assert np.array_equal(got["real"][name], got["lock-step"][name][:100])
