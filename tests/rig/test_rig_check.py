@@ -184,3 +184,16 @@ def test_a_bench_that_is_gone_stops_the_check() -> None:
 
     with pytest.raises(BenchError, match="nobody answers"):
         check_rig(Gone(rig=CALIBRATED), STRIP)
+
+
+def test_one_fault_of_several_channels_is_told_once() -> None:
+    class Without(VirtualBench):
+        def open(self, measured: Collection[str], rate: float) -> None:
+            for name in measured:
+                if name in ("current", "force"):
+                    raise BenchError("there is no module 'M'", code="no-device", where=name, repair="mend it")
+            super().open(measured, rate)
+
+    finding = only(check_rig(Without(rig=CALIBRATED), STRIP, today=TODAY))
+    assert (finding.code, finding.channel) == ("no-device", None)
+    assert finding.message == "current, force: there is no module 'M'"

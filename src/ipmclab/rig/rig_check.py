@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -29,7 +29,10 @@ RATE: Final = 50.0
 """How long [s] and how fast [Hz] each channel is read."""
 
 
-_GONE: Final = ("bench-lost", "bench-frozen", "bench-in-use", "no-nidaqmx")
+_GONE: Final = (
+    *("bench-lost", "bench-frozen", "bench-in-use", "bench-unreachable", "no-driver", "no-nidaqmx", "no-grpc"),
+    *("server-too-old", "server-overloaded"),
+)
 """Errors after which no channel can be read."""
 
 
@@ -139,17 +142,29 @@ def _read(bench: Bench) -> tuple[dict[str, FloatArray], float | None, list[Findi
         groups = [names]
     readings: dict[str, FloatArray] = {}
     temperatures: list[FloatArray] = []
-    findings: list[Finding] = []
+    errors: dict[str, IpmclabError] = {}
     for group in groups:
         try:
             _read_group(bench, group, readings, temperatures)
         except IpmclabError as error:
             if error.code in _GONE:
                 raise
-            findings += _one_by_one(bench, group, readings, temperatures, error)
+            errors |= _one_by_one(bench, group, readings, temperatures, error)
     seen = np.concatenate(temperatures) if temperatures else np.empty(0)
-    unique = {finding.message: finding for finding in findings}
-    return readings, float(seen.mean()) if len(seen) else None, list(unique.values())
+    return readings, float(seen.mean()) if len(seen) else None, list(_unread(errors))
+
+
+def _unread(errors: dict[str, IpmclabError]) -> Iterator[Finding]:
+    """What could not be read, and why: once for all channels that have the same fault."""
+    same: dict[tuple[str, str, str], list[str]] = {}
+    for name, error in errors.items():
+        same.setdefault((error.code, error.message, error.repair), []).append(name)
+    for (code, message, repair), names in same.items():
+        if len(names) == 1:
+            where = errors[names[0]].where
+            yield Finding(code, "error", f"{where}: {message}" if where else message, repair, names[0] or None)
+        else:
+            yield Finding(code, "error", f"{', '.join(names)}: {message}", repair)
 
 
 def _read_group(
@@ -171,8 +186,8 @@ def _one_by_one(
     readings: dict[str, FloatArray],
     temperatures: list[FloatArray],
     first: IpmclabError,
-) -> list[Finding]:
-    """Which channel it is that keeps the bench from reading them all.
+) -> dict[str, IpmclabError]:
+    """Which channels keep the bench from reading them all; the name is empty where each alone can be read.
 
     Raises
     ------
@@ -187,10 +202,4 @@ def _one_by_one(
             errors[name] = error
     if len(errors) == len(group) and len({str(error) for error in errors.values()}) == 1:
         raise first
-    if not errors:
-        return [Finding(first.code, "error", _said(first), first.repair)]
-    return [Finding(error.code, "error", _said(error), error.repair, name) for name, error in errors.items()]
-
-
-def _said(error: IpmclabError) -> str:
-    return f"{error.where}: {error.message}" if error.where else error.message
+    return errors or {"": first}
