@@ -147,6 +147,19 @@ def test_blocks_that_are_far_apart_need_no_beats_between_them_but_do_end(tmp_pat
         assert waited(lambda: zeroed_at(output), 4.0)
 
 
+def test_it_may_be_asked_to_wait_a_little(tmp_path: Path) -> None:
+    output = tmp_path / "output.txt"
+    with Guardian(Target("file", str(output)), silence=0.2) as guardian:
+        guardian.arm()
+        guardian.hold(1.0)
+        time.sleep(0.8)
+        guardian.beat()
+        assert not output.exists()
+        guardian.hold(0.4)
+        time.sleep(1.0)
+        assert len(zeroed_at(output)) == 1
+
+
 def test_it_tries_until_it_succeeds_and_says_so_aloud(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     output, log = tmp_path / "not yet" / "output.txt", tmp_path / "guardian.log"
     with Guardian(Target("file", str(output)), log=log, silence=0.2) as guardian:

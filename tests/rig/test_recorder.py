@@ -83,6 +83,9 @@ class Heart:
         if self.beats == self.dies_after:
             raise IpmclabError("there is no guardian", code="guardian-lost", where="guardian", repair="see its log")
 
+    def hold(self, seconds: float) -> None:
+        assert 0.0 < seconds <= 2.0
+
     def disarm(self) -> None:
         self.armed = False
 
@@ -257,8 +260,16 @@ def test_a_bench_that_fails_leaves_the_run_aborted_with_the_remedy(strip: Actuat
     assert [mark.kind for mark in run.metadata.marks] == ["bench"]
 
 
-def test_an_output_that_stays_leaves_the_guardian_armed(strip: Actuator) -> None:
-    bench, heart = Watched(strip, failing("output-not-zero")), Heart()
+@pytest.mark.parametrize("code", ["bench-frozen", "output-not-zero"])
+def test_an_output_that_cannot_be_reached_leaves_the_guardian_armed(strip: Actuator, code: str) -> None:
+    bench, heart = Watched(strip, failing(code)), Heart()
+    reachable = bench.zero
+
+    def zero() -> None:
+        bench.zero = reachable  # type: ignore[method-assign]
+        raise BenchError("no answer", code=code, where="chassis", repair="switch the amplifier off")
+
+    bench.zero = zero  # type: ignore[method-assign]
     with pytest.raises(BenchError):
         record(bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart)
     assert heart.armed

@@ -75,10 +75,10 @@ def test_a_limit_brings_the_output_to_0_within_100_ms(chassis: StandIn, rate: fl
     assert chassis.level == 0.0
     run = outcome.run
     assert run is not None
-    # What the output was told is what was read, but for the row of the zero, which no bench can tell exactly; the
-    # discharge was recorded, and did not act again.
+    # What the output was told is what was read, but around the zero, whose row a bench learns a little later than it
+    # happens; the discharge was recorded, and did not act again.
     differ = np.flatnonzero(np.abs(run.voltage - run.raw["output"]) > 5e-3)
-    assert np.all((differ > outcome.alarm.row) & (differ <= outcome.alarm.row + REACTION * rate))
+    assert np.all((differ > outcome.alarm.row) & (differ <= outcome.alarm.row + 3.0 * REACTION * rate))
     assert run.current is not None
     assert run.current[-1] < -1e-3
     assert [mark.kind for mark in run.metadata.marks] == ["limit"]

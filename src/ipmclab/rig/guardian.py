@@ -44,7 +44,7 @@ _GRACE: Final = 0.03  # s for the thread that reads, before silence is believed
 _LOST: Final = 3.0  # s without one: the guardian hangs itself
 _START: Final = 30.0  # s to start Python and to connect
 _ANSWER: Final = 2.0  # s for an answer to a word
-_OFTEN: Final = 0.2  # s; blocks that are further apart are no beats, a thread beats between them
+_OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
 
 
 @dataclass(frozen=True)
@@ -118,6 +118,8 @@ class Guardian:
         self._text = ""
         self._sign = time.monotonic()
         self._progress = 0.0
+        self._longest = 0.0
+        self._held_until = 0.0
         self._beating: threading.Event | None = None
         self._listener = threading.Thread(target=self._listen, name="guardian", daemon=True)
         self._listener.start()
@@ -151,8 +153,7 @@ class Guardian:
         Parameters
         ----------
         block_time : float [s]
-            Between two beats. Where they are further apart than 0.2 s, a thread beats between them, for three of these
-            times at most.
+            Between two beats. Where that is more than 0.2 s, a thread beats in between for three of these times.
 
         Raises
         ------
@@ -161,11 +162,10 @@ class Guardian:
         """
         self.wait()
         self._progress = time.monotonic()
+        self._longest = 3.0 * block_time if block_time > _OFTEN else 0.0
         self._send(f"arm {self._silence}")
-        if block_time > _OFTEN:
-            self._beating = threading.Event()
-            longest = 3.0 * block_time
-            threading.Thread(target=self._beat_on, args=(self._beating, longest), name="heartbeat", daemon=True).start()
+        self._beating = threading.Event()
+        threading.Thread(target=self._beat_on, args=(self._beating,), name="heartbeat", daemon=True).start()
         with self._told:
             self._told.wait_for(lambda: self._state in ("armed", "gone"), _ANSWER)
             if self._state != "armed":
@@ -180,6 +180,7 @@ class Guardian:
             The guardian is gone, or hangs, or has brought the output to 0 V.
         """
         self._progress = now = time.monotonic()
+        self._held_until = 0.0
         if self._state == "acted":
             raise IpmclabError(
                 f"the guardian brought the output to 0 V: {self._text}",
@@ -192,6 +193,13 @@ class Guardian:
         if now - self._sign > _LOST:
             raise self._lost(f"it has given no sign of life for {now - self._sign:.1f} s")
         self._send("beat")
+
+    def hold(self, seconds: float) -> None:
+        """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
+
+        A process that is stopped or killed is noticed all the same.
+        """
+        self._held_until = time.monotonic() + seconds
 
     def disarm(self) -> None:
         """The output is at 0 V: silence is allowed again."""
@@ -233,10 +241,11 @@ class Guardian:
         except (OSError, ValueError) as error:
             raise self._lost(str(error)) from error
 
-    def _beat_on(self, ended: threading.Event, longest: float) -> None:
-        """Beat between blocks that are far apart, for as long as they come at all."""
+    def _beat_on(self, ended: threading.Event) -> None:
+        """Beat where the recorder is known to have other things to do, but not for ever."""
         while not ended.wait(_OFTEN / 2.0):
-            if time.monotonic() - self._progress < longest and self._state == "armed":
+            now = time.monotonic()
+            if self._state == "armed" and (now < self._held_until or now - self._progress < self._longest):
                 with suppress(IpmclabError):
                     self._send("beat")
 

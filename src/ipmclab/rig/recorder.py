@@ -47,6 +47,12 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
+START_TIME: Final = 2.0
+"""How long [s] a bench may take to start a signal, and to end one."""
+
+ZEROING_TIME: Final = 0.5
+"""How long [s] it may take to bring the output to 0 V while a signal is given out."""
+
 DISCHARGE_TIME: Final = 5.0
 """How long [s] the discharge of the strip is recorded after a limit was passed, or after an emergency zero."""
 
@@ -59,6 +65,9 @@ class Heartbeat(Protocol):
 
     def beat(self) -> None:
         """All is well. Raises IpmclabError when nobody watches any more."""
+
+    def hold(self, seconds: float) -> None:
+        """The next beat may take so long [s]."""
 
     def disarm(self) -> None:
         """The output is at 0 V."""
@@ -270,7 +279,7 @@ def capture(
     limits.refuse(commanded, rows / rate, rate)
     names = _names(bench.rig, measured)
     guarded = GuardedBench(bench, limits)
-    recording = _Recording(guarded, limits, rate, names, control or Control(), on_block, on_mark)
+    recording = _Recording(guarded, limits, rate, names, control or Control(), on_block, on_mark, heartbeat)
     recording.rest_rows = round(rest_after * rate)
     recording.discharge_rows = round(discharge * rate)
     with told_to_end(bench.zero), _closing(guarded) as closed:
@@ -294,7 +303,7 @@ def capture(
             return Outcome("aborted", str(ended), metadata or RunMetadata(), 0)
         about = recording.prepare(rest, tares, metadata or RunMetadata(), str(commanded), limits)
         recording.keep_in(journal, about)
-        outcome = recording.run(commanded, rows, about, heartbeat, zero_after, finish)
+        outcome = recording.run(commanded, rows, about, zero_after, finish)
     return outcome if outcome.error or not closed else replace(outcome, error=closed[0])
 
 
@@ -327,8 +336,10 @@ class _Recording:
         control: Control,
         on_block: Callable[[Rows], None] | None,
         on_mark: Callable[[Mark], None] | None,
+        heartbeat: Heartbeat | None,
     ) -> None:
         self._bench = bench
+        self._heartbeat = heartbeat
         self._rate = rate
         self._names = names
         self._fast = tuple(name for name in names if name not in SLOW_CHANNELS)
@@ -414,32 +425,29 @@ class _Recording:
         signal: Signal,
         rows: int,
         about: RunMetadata,
-        heartbeat: Heartbeat | None,
         zero_after: float,
         finish: Callable[[Bench], Sequence[ZeroReading]] | None,
     ) -> Outcome:
         """Apply the signal, and whatever happens end with the output at 0 V and the rows kept."""
         error: IpmclabError | None = None
-        safe = False
         try:
             try:
-                if heartbeat is not None:
-                    heartbeat.arm(block_rows(self._rate) / self._rate)
-                self._apply(signal, rows, heartbeat)
+                if self._heartbeat is not None:
+                    self._heartbeat.arm(block_rows(self._rate) / self._rate)
+                self._hold(START_TIME)
+                self._apply(signal, rows)
             except IpmclabError as failure:
                 error = failure
                 if self._on_mark is not None:  # at once: a chassis that is frozen takes long to be brought to 0 V
                     self._on_mark(Mark(self._time, str(error), "bench"))
             finally:
-                error = self._zero(error)
-                safe = error is None or error.code not in ("output-not-zero", "output-stuck")
-                # Where the output may still be away from 0 V, the guardian goes on: its silence makes it act.
-                if heartbeat is not None and safe:
-                    heartbeat.disarm()
+                told, error = error, self._zero(error)
             if error is not None:
                 self._fail(str(error))
                 with suppress(IpmclabError):  # it may be the journal that failed
                     self._keeper.mark(Mark(self._time, str(error), "bench"))
+                if told is None and self._on_mark is not None:
+                    self._on_mark(Mark(self._time, str(error), "bench"))
             elif not self._hurried:
                 about = self._after(about, zero_after, finish)
         except BaseException as fault:
@@ -450,7 +458,7 @@ class _Recording:
         error = self._end(about) or error
         return Outcome(self.state, self.reason, about, self.read, self.alarm, error, self._kept)
 
-    def _apply(self, signal: Signal, rows: int, heartbeat: Heartbeat | None) -> None:
+    def _apply(self, signal: Signal, rows: int) -> None:
         self._rows = rows
         for text in self._early:
             self._mark(Mark(0.0, text, "note"))
@@ -459,9 +467,10 @@ class _Recording:
         with closing(_generator(self._bench.apply(signal, rows, more=more))) as blocks:
             for block in blocks:
                 self._take(block)
-                if heartbeat is not None:
-                    heartbeat.beat()
+                if self._heartbeat is not None:
+                    self._heartbeat.beat()
                 if self._next_row >= self._stop:
+                    self._hold(START_TIME)
                     break
             for air in self._air.rest():
                 self._keeper.air(air)
@@ -545,6 +554,7 @@ class _Recording:
 
     def _zero_and_go_on(self, more: int) -> None:
         """Bring the output to 0 V, and record so many rows more."""
+        self._hold(ZEROING_TIME)
         self._bench.zero()
         if not self._guard.is_zeroed:
             self._guard.zeroed(self._next_row)
@@ -560,13 +570,21 @@ class _Recording:
         if self._on_mark is not None:
             self._on_mark(mark)
 
+    def _hold(self, seconds: float) -> None:
+        if self._heartbeat is not None:
+            self._heartbeat.hold(seconds)
+
     def _zero(self, error: IpmclabError | None) -> IpmclabError | None:
-        """Bring the output to 0 V; the first failure is the one that is told."""
+        """Bring the output to 0 V; the first failure is the one that is told.
+
+        The guardian is let go of only when that succeeded: otherwise the silence makes it act.
+        """
         try:
             self._bench.zero()
         except IpmclabError as failure:
-            if error is None or failure.code == "output-not-zero":
-                return failure
+            return failure if error is None or failure.code == "output-not-zero" else error
+        if self._heartbeat is not None and (error is None or error.code not in ("output-stuck", "output-not-zero")):
+            self._heartbeat.disarm()
         return error
 
     def _after(
