@@ -16,6 +16,8 @@ def test_the_commands_page_runs(tmp_path: Path, monkeypatch, capsys) -> None:
     page = PAGE.read_text(encoding="utf-8")
     blocks = re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL)
     (tmp_path / "foreign.toml").write_text(next(text for kind, text in blocks if kind == "toml"), encoding="utf-8")
+    for name, text in re.findall(r"```toml name=(\S+)\n(.*?)```", page, flags=re.DOTALL):
+        (tmp_path / name).write_text(text, encoding="utf-8")
     lines = [line[2:] for kind, text in blocks if kind == "console" for line in text.splitlines()]
     monkeypatch.chdir(tmp_path)
     shown = set()

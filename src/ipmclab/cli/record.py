@@ -66,7 +66,10 @@ def record(
     if template:
         from ipmclab.rig.experiment import TEMPLATE
 
-        print(TEMPLATE, end="")
+        if as_json:
+            print_json({"template": TEMPLATE})
+        else:
+            print(TEMPLATE, end="")
         return
     keys = sys.stdin.isatty() and sys.stderr.isatty()
     view = View(quiet=as_json, keys=keys)
