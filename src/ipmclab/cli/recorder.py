@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ipmclab.rig.channels import Rig
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from ipmclab.rig.session import Desk, Session
     from ipmclab.run import Finding, Run
     from ipmclab.store.laboratory import Laboratory
+
+FIRST_CLIENT: Final = 10.0
+"""How long [s] a recorder that has ended waits for its first client."""
 
 
 def main() -> int:
@@ -53,6 +56,8 @@ def main() -> int:
     try:
         return _record(job, experiment, rig, laboratory, desk)
     finally:
+        # Whoever started this is about to come: it must not be gone before it was heard.
+        hub.had_clients.wait(FIRST_CLIENT)
         hub.close()
         sys.stderr.flush()
         with contextlib.suppress(OSError):

@@ -1,0 +1,149 @@
+"""What ``ipmclab record`` refuses, each before the strip has seen a volt and with a message that says what to do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ipmclab.cli.app import run
+from ipmclab.cli.recorder import answers_of, plan_of, read_experiment, rig_of, session_of
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.messages import Message
+from ipmclab.rig.steps import Question
+from ipmclab.rig.virtual import VirtualBench
+from ipmclab.store.laboratory import Laboratory
+from tests.rig.stand_in import StandIn, serve
+
+GOOD = """
+sample = "friend-2"
+rig = "rig.toml"
+folder = "laboratory"
+signal = "step 1 V"
+rate = "50 Hz"
+duration = "2 s"
+measured = ["current"]
+steps = ["apply"]
+fingerprint = false
+zero_time = "1 s"
+"""
+
+
+class Desk:
+    """Answers with the default."""
+
+    def tell(self, message: Message) -> None:
+        """Nothing is remembered."""
+
+    def ask(self, question: Question, ended: Callable[[], bool]) -> str:
+        return question.default
+
+
+@pytest.fixture(scope="module")
+def stand_in() -> Iterator[StandIn]:
+    with serve("lock-step") as served:
+        yield served
+
+
+def rig_text(address: str, change: Callable[[str], str] = lambda text: text) -> str:
+    library = Path(__file__).parents[2] / "src" / "ipmclab" / "rig" / "library" / "thesis.toml"
+    text = library.read_text(encoding="utf-8").replace('bench = "virtual"', f'bench = "ni"\naddress = "{address}"')
+    return change(text)
+
+
+def attempt(folder: Path, experiment: str, **job: Any) -> None:
+    """What a recorder's process does, in this one."""
+    (folder / "experiment.toml").write_text(experiment, encoding="utf-8")
+    whole = {"experiment": str(folder / "experiment.toml"), "answers": {}, "yes": True, "interactive": False, **job}
+    read = read_experiment(whole)
+    rig = rig_of(read)
+    laboratory = Laboratory.open(read.folder)
+    plan = plan_of(read, rig, laboratory)
+    answers_of(whole, plan)
+    session_of(plan, laboratory, Desk(), None).run()
+
+
+@pytest.mark.parametrize(
+    ("experiment", "rig", "code", "words"),
+    [
+        # the list of bad input, one by one
+        ("", lambda t: t.replace('["-5 V", "5 V"]', '["5 V", "-5 V"]'), None, "range"),
+        ("", lambda t: t.replace('["-5 V", "5 V"]', '["-20 V", "20 V"]'), None, "range"),
+        ('signal = "step 12 V"\n[limits]\nvoltage = "10 V"', None, "out-of-range", "the output gives -10 V to 10 V"),
+        ('signal = "step 35 V"', None, "out-of-range", "the output gives -10 V to 10 V"),
+        ('signal = "step 5 V"', None, "voltage-limit", "the limit is 3.5 V"),
+        ("", lambda t: t.replace("Mod1/ai3", "Mod1/ai0"), "duplicate-channel", "ai0"),
+        ("", lambda t: t.replace("cDAQ1", "cDAQ7"), None, "cDAQ7"),
+        ('rate = "2e6 Hz"\nduration = "0.1 s"', None, None, "rate"),
+        ('rig = "nowhere.toml"', None, "no-rig", "nowhere.toml"),
+        ('sample = ""', None, "missing-key", "sample"),
+        ('measured = ["curent"]', None, "unknown-channel", "did you mean 'current'"),
+    ],
+)
+def test_refused_before_a_volt(
+    tmp_path: Path, stand_in: StandIn, experiment: str, rig: Any, code: str | None, words: str
+) -> None:
+    changes = dict(line.split(" = ", 1) for line in experiment.splitlines() if " = " in line and "limits" not in line)
+    kept = [line for line in GOOD.splitlines() if line.split(" = ")[0] not in changes]
+    (tmp_path / "rig.toml").write_text(rig_text(stand_in.address, rig or (lambda text: text)), encoding="utf-8")
+    with pytest.raises(IpmclabError) as caught:
+        attempt(tmp_path, "\n".join([*kept, experiment]))
+    assert words in str(caught.value)
+    assert caught.value.repair
+    assert code in (None, caught.value.code)
+    with stand_in.chassis.lock:
+        assert not stand_in.chassis.levels["cDAQ1Mod2/ao0"]
+    assert not list(tmp_path.rglob("*.runj"))
+
+
+def test_a_server_that_is_not_there(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(rig_text("127.0.0.1:9"), encoding="utf-8")
+    with pytest.raises(IpmclabError) as caught:
+        attempt(tmp_path, GOOD)
+    assert "127.0.0.1:9" in str(caught.value)
+
+
+def test_a_disk_without_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Laboratory, "free_space", lambda _: 10_000_000)
+    with pytest.raises(InputError, match=r"the disk has 10.0 MB left"):
+        attempt(tmp_path, GOOD.replace("rig.toml", "virtual"))
+
+
+def test_an_environment_that_never_settles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(VirtualBench, "hands", lambda *_: None)  # nobody sets the chamber
+    text = GOOD.replace("rig.toml", "virtual").replace('["apply"]', '["chamber-on", "equilibrium", "apply"]')
+    with pytest.raises(InputError, match=r"did not settle within 120 s: the temperature is 22.0 degC"):
+        attempt(
+            tmp_path,
+            text + '[environment]\ntemperature = "40 degC"\nsettle = "1 min"\nlongest_wait = "2 min"\n',
+        )
+
+
+def test_a_question_that_nobody_would_answer(tmp_path: Path, stand_in: StandIn) -> None:
+    (tmp_path / "rig.toml").write_text(rig_text(stand_in.address), encoding="utf-8")
+    with pytest.raises(InputError, match=r"clamp ask.*--answer clamp=done"):
+        attempt(tmp_path, GOOD.replace('["apply"]', '["clamp", "apply"]'), yes=False)
+
+
+def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """One message on stderr, one document on stdout, exit status 2, no traceback: also from the recorder's process."""
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text(GOOD.replace("rig.toml", "virtual").replace("step 1 V", "step 35 V"), encoding="utf-8")
+    Path("answers.toml").write_text("clamp = 1", encoding="utf-8")
+    for words, code in (
+        (["bad.toml"], "out-of-range"),
+        (["nothing.toml"], "no-such-file"),
+        ([], "usage"),
+        (["bad.toml", "--answer", "clamp"], "usage"),
+        (["bad.toml", "--answers", "answers.toml"], "bad-value"),
+        (["bad.toml", "--repeats", "0"], "out-of-range"),
+        (["--attach", "."], "no-recorder"),
+    ):
+        assert run(["record", *words, "--json"]) == 2, words
+        told = capsys.readouterr()
+        assert json.loads(told.out)["error"]["code"] == code
+        assert told.err.startswith("error: ")
+        assert "Traceback" not in told.err
