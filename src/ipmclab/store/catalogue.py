@@ -279,10 +279,10 @@ class Catalogue:
         """The whole metadata of a run, as they stand in its document."""
         from sqlalchemy import select
 
-        from ipmclab.store.catalogue_tables import run
+        from ipmclab.store.catalogue_tables import document
 
         with self._database.read() as connection:
-            found = connection.execute(select(run.c.document).where(run.c.id == row.id)).scalar()
+            found = connection.execute(select(document.c.metadata).where(document.c.run_id == row.id)).scalar()
         return dict(found or {})
 
     def samples(self) -> list[str]:

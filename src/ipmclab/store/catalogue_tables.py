@@ -70,9 +70,16 @@ run = Table(
     Column("series_resistance", _DOUBLE),  # ohm, of a fingerprint
     Column("capacitance", _DOUBLE),  # F, of a fingerprint
     Column("finding_codes", Text),  # " clipped spike "; NULL until the run was inspected
-    Column("document", _JSON),  # the whole metadata
     Index("ipmclab_run_question", "sample", "amplitude"),
 )
+
+document = Table(
+    "ipmclab_document",
+    metadata,
+    Column("run_id", _INTEGER, ForeignKey("ipmclab_run.id", ondelete="CASCADE"), primary_key=True, autoincrement=False),
+    Column("metadata", _JSON),
+)
+"""The whole metadata of each run: apart, so that a list of runs need not read past them."""
 
 file = Table(
     "ipmclab_file",

@@ -26,16 +26,22 @@ def put_run(connection: Connection, columns: Mapping[str, Any]) -> int:
     -------
     id : int
     """
-    statement = _run_statement(connection.dialect.name, tuple(columns))
-    return int(connection.execute(statement, dict(columns)).scalar_one())
+    facts = {name: value for name, value in columns.items() if name != "document"}
+    run_id = int(connection.execute(_run_statement(connection.dialect.name, tuple(facts)), facts).scalar_one())
+    whole = {"run_id": run_id, "metadata": columns["document"]}
+    connection.execute(_document_statement(connection.dialect.name), whole)
+    return run_id
 
 
 def put_new_run(connection: Connection, columns: Mapping[str, Any]) -> None:
     """Write a run that has just begun; a row that is there knows more."""
+    from sqlalchemy import select
+
     from ipmclab.store.catalogue_tables import run
 
-    statement = _insert(connection.dialect.name, run).on_conflict_do_nothing(index_elements=[run.c.identity])
-    connection.execute(statement, dict(columns))
+    known = select(run.c.id).where(run.c.identity == columns["identity"])
+    if connection.execute(known).scalar() is None:
+        put_run(connection, columns)
 
 
 # Making a statement takes ten times as long as running it, so each is made once.
@@ -52,6 +58,15 @@ def _run_statement(dialect: str, names: tuple[str, ...]) -> Any:
         if name not in names:
             changes[name] = case((run.c.content_sha256 == given.content_sha256, run.c[name]), else_=None)
     return statement.on_conflict_do_update(index_elements=[run.c.identity], set_=changes).returning(run.c.id)
+
+
+@cache
+def _document_statement(dialect: str) -> Any:
+    from ipmclab.store.catalogue_tables import document
+
+    statement = _insert(dialect, document)
+    changes = {"metadata": statement.excluded["metadata"]}
+    return statement.on_conflict_do_update(index_elements=[document.c.run_id], set_=changes)
 
 
 @cache
