@@ -22,7 +22,8 @@ THREADS = 64  # each open event stream and each waiting call holds one
 LARGEST_MESSAGE = 256 * 2**20  # bytes; gRPC's own limit of 4 MiB is half a million samples
 PUMP = 0.02  # s between two looks at a chassis that runs by itself
 CATCH_UP = 0.005  # s that a client gets to take an event in before time goes on in lock-step
-LONGEST_DROP = 3600.0
+LONGEST_DROP = 3600.0  # s
+LAST_PORT = 65535
 
 
 class Server:
@@ -33,6 +34,11 @@ class Server:
     chassis : Chassis
     port : int
         On 127.0.0.1; 0 for a free one.
+
+    Raises
+    ------
+    ValueError
+        No such port.
 
     Attributes
     ----------
@@ -49,6 +55,8 @@ class Server:
     """
 
     def __init__(self, chassis: Chassis, port: int = 0) -> None:
+        if not 0 <= port <= LAST_PORT:
+            raise ValueError(f"port {port}: 0 (any free one) to {LAST_PORT}")
         self.chassis = chassis
         self.port = port
         self._service = Service(chassis)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from virtual_cdaq import attributes
-from virtual_cdaq.attributes.device import find_device, find_physical
+from virtual_cdaq.attributes.device import PhysicalChannel, find_device, find_physical
 from virtual_cdaq.model.chassis import Chassis
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.names import expand
@@ -18,6 +18,8 @@ BY_CHANNEL = 0  # DAQmx_Val_GroupByChannel
 
 Call = Callable[["Service", Any], Any]
 CALLS: dict[str, Call] = {}
+# The stand-in keeps no tasks, channels and scales; what the driver says of one that does not exist.
+NOTHING_SAVED = {"PersistedTask": -200485, "PersistedChan": -200882, "PersistedScale": -200378, "Scale": -200378}
 
 
 def call(name: str) -> Callable[[Call], Call]:
@@ -76,8 +78,10 @@ class Service:
         if scope == "Device":
             return [find_device(self.chassis, request.device_name)]
         if scope == "PhysicalChan":
-            return [find_physical(self.chassis, name) for name in expand(request.physical_channel)[:1] or [""]]
-        if not hasattr(request, "task"):
+            return [_find_physical(self.chassis, (expand(request.physical_channel) or [""])[0])]
+        if scope in NOTHING_SAVED:
+            raise ChassisError(NOTHING_SAVED[scope])
+        if "task" not in request.DESCRIPTOR.fields_by_name:
             raise ChassisError(-200452)
         task = self.task(request)
         if scope != "Chan":
@@ -88,6 +92,14 @@ class Service:
             if name not in channels:
                 raise ChassisError(-200486, f"Channel: {name}\nTask: {task.name}")
         return [channels[name] for name in names] if names else list(task.channels)
+
+
+def _find_physical(chassis: Chassis, name: str) -> PhysicalChannel:
+    """A physical channel whose properties are asked for: here an unknown device is an unknown channel."""
+    try:
+        return find_physical(chassis, name)
+    except ChassisError as error:
+        raise ChassisError(-200170, f"Physical channel: {name}") from error
 
 
 def _as_property(error: ChassisError) -> ChassisError:

@@ -26,7 +26,9 @@ def test_a_9205_has_the_steps_of_its_data_sheet(limit, volts):
     assert step(NI9205, chosen) == pytest.approx(volts, rel=1e-9)
 
 
-@pytest.mark.parametrize(("low", "high", "chosen"), [(0.0, 0.15, 0.2), (-0.3, 0.1, 1.0), (-1.0, 1.0, 1.0), (0, 10, 10.0)])
+@pytest.mark.parametrize(
+    ("low", "high", "chosen"), [(0.0, 0.15, 0.2), (-0.3, 0.1, 1.0), (-1.0, 1.0, 1.0), (0, 10, 10.0)]
+)
 def test_the_smallest_range_that_holds_the_limits_is_chosen(low, high, chosen):
     assert choose_range(NI9205, low, high).high == chosen
 
@@ -71,7 +73,8 @@ def test_noise_is_standard_normal_and_differs_between_channels_and_acquisitions(
 
 # IEC 60751, Pt100.
 @pytest.mark.parametrize(
-    ("ohms", "celsius"), [(18.52, -200.0), (60.26, -100.0), (80.31, -50.0), (100.0, 0.0), (107.79, 20.0), (138.51, 100.0)]
+    ("ohms", "celsius"),
+    [(18.52, -200.0), (60.26, -100.0), (80.31, -50.0), (100.0, 0.0), (107.79, 20.0), (138.51, 100.0)],
 )
 def test_a_pt100_reads_as_the_standard_says(ohms, celsius):
     assert rtd_temperature(np.array([ohms]), 100.0, RTD_CURVES[10071])[0] == pytest.approx(celsius, abs=0.02)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Literal
 
+from virtual_cdaq.attributes.channel import INTERNAL
 from virtual_cdaq.attributes.device import PhysicalChannel, find_physical
 from virtual_cdaq.model.channels import DEGREES_C, OHMS, VOLTS, Channel
 from virtual_cdaq.model.converters import RTD_CURVES, choose_range
@@ -94,10 +95,10 @@ def voltage_output(task: Task, request: Any) -> None:
 def rtd(task: Task, request: Any) -> None:
     """Add platinum resistors."""
     kind = _chosen(request, "rtd_type")
-    if kind not in RTD_CURVES:
-        raise unsupported_value("AI.RTD.Type", kind, str(sorted(RTD_CURVES)))
-    wires = _check_excitation(request)
     for channel, name in _physical(task, request, "ai", resistive=True):
+        if kind not in RTD_CURVES:
+            raise unsupported_value("AI.RTD.Type", kind, str(sorted(RTD_CURVES)))
+        wires = _check_excitation(request)
         _add(
             task,
             channel,
@@ -114,8 +115,8 @@ def rtd(task: Task, request: Any) -> None:
 
 def resistance(task: Task, request: Any) -> None:
     """Add resistances."""
-    wires = _check_excitation(request)
     for channel, name in _physical(task, request, "ai", resistive=True):
+        wires = _check_excitation(request)
         _refuse_scale(request)
         _add(
             task,
@@ -133,6 +134,8 @@ def _check_excitation(request: Any) -> int:
     wires = _chosen(request, "resistance_config")
     if wires < FEWEST_WIRES:
         raise unsupported_value("AI.ResistanceCfg", f"{wires} wires", "3 or 4 wires")
+    if _chosen(request, "current_excit_source") != INTERNAL:
+        raise unsupported_value("AI.Excit.Src", "external or none", "internal")
     if abs(request.current_excit_val - EXCITATION) > 1e-9:
         raise unsupported_value("AI.Excit.Val", f"{request.current_excit_val:g} A", f"{EXCITATION:g} A")
     return wires

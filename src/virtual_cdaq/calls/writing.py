@@ -61,7 +61,8 @@ def _write_i32(service: Service, request: Any) -> Any:
 def _write_raw(service: Service, request: Any) -> Any:
     task = service.task(request)
     data = np.frombuffer(request.write_array, dtype="<i2").astype(np.int32)
-    if not request.num_samps or data.size % request.num_samps:
+    channels = data.size // request.num_samps if request.num_samps > 0 else 0
+    if not channels:
         raise ChassisError(-200524, f"Values: {data.size}, samples per channel: {request.num_samps}", done=0)
-    put = _put(task, data.reshape(request.num_samps, -1).T, request)
+    put = _put(task, data[: channels * request.num_samps].reshape(request.num_samps, channels).T, request)
     return message("WriteRawResponse")(samps_per_chan_written=put)

@@ -30,6 +30,7 @@ OWN_TEXT = {
         " in time. The output holds the last sample."
     ),
     -200292: "There was no room for the samples in the output buffer before the time-out.",
+    -200378: "The custom scale does not exist.",
     -200431: "The physical channel does not support this measurement or generation.",
     -200452: "The property is not supported by the device or not in this kind of task.",
     -200459: "The task has no output channels to write to.",
@@ -37,6 +38,7 @@ OWN_TEXT = {
     -200462: "The generation cannot start: the output buffer is empty. Write before starting.",
     -200478: "There are no channels in the task.",
     -200479: "The operation cannot be done while the task runs.",
+    -200485: "There is no saved task of this name.",
     -200486: "The channel is not in the task.",
     -200489: "The channel is in the task already.",
     -200524: "The number of channels in the data is not that of the task.",
@@ -47,6 +49,7 @@ OWN_TEXT = {
     -200561: "A sample lies outside the range of the output channel.",
     -200609: "The generation cannot start: an output buffer needs at least two samples.",
     -200846: "An on-demand write needs the task to run, or auto start.",
+    -200882: "There is no saved channel of this name.",
     -200949: "A callback for this signal is registered already.",
     -200950: "A callback for the end of the task is registered already.",
     -200960: "The event cannot be registered while the task runs.",
