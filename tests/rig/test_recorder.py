@@ -439,6 +439,16 @@ def test_with_a_journal_every_row_goes_there(strip: Actuator) -> None:
     assert metadata == outcome.metadata
 
 
+def test_a_journal_takes_hours_that_memory_does_not(strip: Actuator) -> None:
+    asked: dict[str, Any] = {"duration": 2100.0, "rate": 10_000.0}
+    with pytest.raises(InputError, match="21000000 rows, allowed are 2 to 20000000"):
+        record(VirtualBench(strip), "step 1 V", **asked)
+    control = Control()
+    control.stop()
+    outcome = capture(VirtualBench(strip), "step 1 V", journal=pytest.fail, control=control, **asked)
+    assert outcome.rows == 0
+
+
 def test_a_full_disk_ends_the_run_with_the_output_at_0(strip: Actuator) -> None:
     journals: list[Journal] = []
 

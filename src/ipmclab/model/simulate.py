@@ -302,19 +302,19 @@ def above_zero(name: str, value: Any, unit: str) -> float:
     return number
 
 
-def count_rows(duration: Any, rate: Any) -> tuple[int, float]:
+def count_rows(duration: Any, rate: Any, *, most: int = MOST_ROWS) -> tuple[int, float]:
     """The rows of a record, and its rate [Hz] as a float.
 
     Raises
     ------
     InputError
-        A duration or rate that is not a number above 0, fewer than 2 or more than ``MOST_ROWS`` rows.
+        A duration or rate that is not a number above 0, fewer than 2 or more than ``most`` rows.
     """
     seconds, hertz = above_zero("duration", duration, "s"), above_zero("rate", rate, "Hz")
     wanted = seconds * hertz
-    if not 1.5 < wanted < MOST_ROWS + 0.5:
+    if not 1.5 < wanted < most + 0.5:
         raise InputError(
-            f"{seconds:g} s at {hertz:g} Hz are {wanted:.0f} rows, allowed are 2 to {MOST_ROWS}",
+            f"{seconds:g} s at {hertz:g} Hz are {wanted:.0f} rows, allowed are 2 to {most}",
             code="bad-duration",
             where="duration",
             repair="change the duration or the rate",

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.model.simulate import above_zero, count_rows
+from ipmclab.model.simulate import MOST_ROWS, above_zero, count_rows
 from ipmclab.platform import told_to_end
 from ipmclab.rig.bench import Bench, BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from ipmclab.store.journal_header import JournalHeader
 
 FloatArray = npt.NDArray[np.float64]
+
+MOST_ROWS_IN_JOURNAL: Final = 1_000_000_000
+"""Rows that a journal takes: a day at 10 kHz. More than memory holds."""
 
 START_TIME: Final = 2.0
 """How long [s] a bench may take to start a signal, and to end one."""
@@ -271,7 +274,8 @@ def capture(
     for name, value in (("rest_before", rest_before), ("rest_after", rest_after)):
         if not 0.0 <= value < math.inf:
             raise InputError(f"{name} is {value:g}", code="out-of-range", where=name, repair="give 0 s or more")
-    rows, rate = count_rows(rest_before + duration + rest_after, rate)
+    most = MOST_ROWS if journal is None else MOST_ROWS_IN_JOURNAL
+    rows, rate = count_rows(rest_before + duration + rest_after, rate, most=most)
     commanded = _with_rest(parse(signal) if isinstance(signal, str) else signal, rest_before, duration, rest_after)
     limits = limits or Limits()
     check_measured(bench.rig, measured)
