@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -216,6 +217,7 @@ class SignalFacts:
     frequency: float | None = None
 
 
+@lru_cache(maxsize=1000)
 def signal_facts(text: str | None) -> SignalFacts:
     """What a signal is in short.
 

@@ -61,6 +61,24 @@ def _run_statement(dialect: str, names: tuple[str, ...]) -> Any:
 
 
 @cache
+def _run_of_file() -> Any:
+    from sqlalchemy import bindparam, select
+
+    from ipmclab.store.catalogue_tables import file
+
+    return select(file.c.run_id).where(file.c.laboratory == bindparam("at"), file.c.path == bindparam("below"))
+
+
+@cache
+def _content_of_run() -> Any:
+    from sqlalchemy import bindparam, select
+
+    from ipmclab.store.catalogue_tables import run
+
+    return select(run.c.content_sha256).where(run.c.identity == bindparam("who"))
+
+
+@cache
 def _document_statement(dialect: str) -> Any:
     from ipmclab.store.catalogue_tables import document
 
@@ -89,12 +107,7 @@ def put_run_file(
     now, before : int or None
         The ids of the run that the file holds and that it held, where they are known.
     """
-    from sqlalchemy import select
-
-    from ipmclab.store.catalogue_tables import file
-
-    known = select(file.c.run_id).where(file.c.laboratory == laboratory, file.c.path == path)
-    before: int | None = connection.execute(known).scalar()
+    before: int | None = connection.execute(_run_of_file(), {"at": laboratory, "below": path}).scalar()
     now: int | None = None
     columns: dict[str, Any] = {"laboratory": laboratory, "path": path}
     code: str | None = None
@@ -125,8 +138,8 @@ def _other_content(connection: Connection, laboratory: str, path: str, run_colum
 
     if run_columns["uuid"] is None:
         return None
-    known = select(run.c.content_sha256).where(run.c.identity == run_columns["identity"])
-    if connection.execute(known).scalar() in (None, run_columns["content_sha256"]):
+    content = connection.execute(_content_of_run(), {"who": run_columns["identity"]}).scalar()
+    if content in (None, run_columns["content_sha256"]):
         return None
     statement = (
         select(file.c.path)
