@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig.client import Recorder, attach
+from ipmclab.rig.client import Recorder, attach, forget_dead_recorders
 from ipmclab.rig.hub import Hub
 from ipmclab.rig.messages import Message
 
@@ -146,6 +146,9 @@ def test_a_file_that_a_killed_recorder_left(laboratory: Path) -> None:
     left.write_text(json.dumps({"address": f"127.0.0.1:{port}", "token": "00", "process": 1}))
     with pytest.raises(IpmclabError, match="no recorder answers"):
         Recorder(left)
-    with pytest.raises(InputError, match="no recorder is running here"):
-        attach(laboratory)
-    assert not left.exists()
+    left.with_suffix(".log").touch()
+    living = Hub(left.parent, lambda _: None)
+    forget_dead_recorders(laboratory)
+    assert [path.suffix for path in left.parent.iterdir()] == [".recorder"]
+    assert living.file.exists()
+    living.close()

@@ -35,6 +35,7 @@ def main() -> int:
     """Do one experiment."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ipmclab.errors import IpmclabError
+    from ipmclab.rig.client import forget_dead_recorders
     from ipmclab.rig.hub import Hub
     from ipmclab.rig.process import ClientDesk, end_on_signals
     from ipmclab.store.laboratory import Laboratory
@@ -45,6 +46,7 @@ def main() -> int:
         experiment = read_experiment(job)
         rig = rig_of(experiment)
         laboratory = Laboratory.open(experiment.folder)
+        forget_dead_recorders(laboratory.root)
         about = {"sample": experiment.sample.id, "rig": rig.name, "experiment": experiment.where}
         hub = desk.hub = Hub(laboratory.recording, desk.on_request, about)
         log = _log_beside(hub.file)

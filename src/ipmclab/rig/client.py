@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 import threading
@@ -92,6 +93,20 @@ def recorders(folder: Path) -> list[Path]:
     """The files of the recorders that may be running in a laboratory folder, the newest last."""
     found = (folder / "recording").glob(f"*{SUFFIX}")
     return sorted(found, key=lambda file: file.stat().st_mtime)
+
+
+def forget_dead_recorders(folder: Path) -> None:
+    """Remove what recorders that were killed left to be found by."""
+    for file in recorders(folder):
+        try:
+            host, port = str(json.loads(file.read_text(encoding="utf-8"))["address"]).rsplit(":", 1)
+            # No more than a knock: one that hangs would not answer, and must not hold up another rig's recorder.
+            socket.create_connection((host, int(port)), timeout=1.0).close()
+        except (OSError, ValueError, KeyError, TypeError):
+            file.unlink(missing_ok=True)
+            log = file.with_suffix(".log")
+            if log.is_file() and not log.stat().st_size:
+                log.unlink(missing_ok=True)
 
 
 def attach(folder: Path) -> Recorder:
