@@ -50,7 +50,7 @@ def parse_url(text: str) -> URL:
     from sqlalchemy.exc import ArgumentError
 
     if "://" not in text:
-        return URL.create("sqlite", database=text)
+        return URL.create("sqlite", database=os.path.abspath(text))
     try:
         url = make_url(text)
     except (ArgumentError, ValueError) as error:

@@ -34,14 +34,16 @@ def put_run(connection: Connection, columns: Mapping[str, Any]) -> int:
 
 
 def put_new_run(connection: Connection, columns: Mapping[str, Any]) -> None:
-    """Write a run that has just begun; a row that is there knows more."""
-    from sqlalchemy import select
+    """Write a run that has just begun; a row that is there, also one written at this moment, knows more."""
+    from sqlalchemy import insert
 
-    from ipmclab.store.catalogue_tables import run
+    from ipmclab.store.catalogue_tables import document, run
 
-    known = select(run.c.id).where(run.c.identity == columns["identity"])
-    if connection.execute(known).scalar() is None:
-        put_run(connection, columns)
+    facts = {name: value for name, value in columns.items() if name != "document"}
+    new = _insert(connection.dialect.name, run).on_conflict_do_nothing(index_elements=[run.c.identity])
+    run_id = connection.execute(new.values(**facts).returning(run.c.id)).scalar()
+    if run_id is not None:
+        connection.execute(insert(document).values(run_id=run_id, metadata=columns["document"]))
 
 
 # Making a statement takes ten times as long as running it, so each is made once.

@@ -189,11 +189,11 @@ def _draw_runs(panel: Axes, life: Life, place: Callable[[float], float]) -> None
 def _draw_mountings(panel: Axes, life: Life, place: Callable[[float], float]) -> None:
     numbers = {name: number for number, name in enumerate(life.mountings, start=1)}
     clamped: list[Event] = [event for event in life.events if event.kind == "clamped"]
-    ends = [*(event.time for event in clamped[1:]), math.inf]
     wrote = -1.0
-    for event, until in zip(clamped, ends, strict=True):
+    for event, following in itertools.zip_longest(clamped, clamped[1:]):
+        until = following.time if following is not None else math.inf
         inside = [row for row in life.runs if row.recorded is not None and event.time <= row.recorded < until]
-        last = max((row.recorded or 0.0) + (row.duration or 0.0) for row in inside)
+        last = max(((row.recorded or 0.0) + (row.duration or 0.0) for row in inside), default=event.time)
         left, right = place(event.time) - 0.004, place(last) + 0.004
         panel.axvspan(left, right, color=COLOURS["measured"], alpha=0.22, linewidth=0)
         number = numbers[str(event.row.mounting)]
