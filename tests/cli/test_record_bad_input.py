@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ipmclab.cli.app import run
+from ipmclab.cli.record import _answers
 from ipmclab.cli.recorder import answers_of, plan_of, read_experiment, rig_of, session_of
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.messages import Message
@@ -104,6 +105,23 @@ def test_a_server_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(IpmclabError) as caught:
         attempt(tmp_path, GOOD)
     assert "127.0.0.1:9" in str(caught.value)
+
+
+def test_a_driver_that_is_not_installed(tmp_path: Path, stand_in: StandIn) -> None:
+    """Without an address the chassis is behind NI's driver, which a computer without NI's software has not."""
+    # A name that no chassis has: on a computer with the driver this must not find a rig to drive.
+    without = rig_text("", lambda text: text.replace('address = ""\n', "").replace("cDAQ1", "NoSuchChassis"))
+    (tmp_path / "rig.toml").write_text(without, encoding="utf-8")
+    with pytest.raises(IpmclabError) as caught:
+        attempt(tmp_path, GOOD)
+    assert "NI-DAQmx" in str(caught.value) or "NoSuchChassis" in str(caught.value)
+    assert caught.value.repair
+
+
+def test_answers_from_a_file_and_from_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "answers.toml").write_text('clamp = "done"\nhydrate = "done"\n', encoding="utf-8")
+    found = _answers(["clamp=kept"], tmp_path / "answers.toml")
+    assert found == {"clamp": "kept", "hydrate": "done"}
 
 
 def test_a_disk_without_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
