@@ -105,6 +105,19 @@ def test_a_stuck_output_stays_where_it_is_even_through_a_reset(make_bench):
     assert bench.chassis.levels["cDAQ1Mod2/ao0"] == pytest.approx(2.0, abs=2e-4)
 
 
+def test_a_stuck_output_comes_loose_again(make_bench):
+    bench = make_bench("lock-step", "stuck at 0.1 s for 0.2 s")
+    with bench.task() as writing, bench.task() as task:
+        writing.ao_channels.add_ao_voltage_chan("cDAQ1Mod2/ao0")
+        clocked(task)
+        task.read(200)
+        writing.write(1.0)
+        assert bench.chassis.levels["cDAQ1Mod2/ao0"] == 0.0
+        task.read(200)
+        writing.write(1.0)
+        assert bench.chassis.levels["cDAQ1Mod2/ao0"] == pytest.approx(1.0, abs=2e-4)
+
+
 def test_an_open_rtd_reads_the_end_of_its_range(make_bench):
     bench = make_bench("lock-step", "open cDAQ1Mod3/ai1 at 0.5 s")
     with bench.task() as task:

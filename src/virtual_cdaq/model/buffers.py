@@ -68,6 +68,10 @@ class InputBuffer:
         """Whether samples were lost before they were read."""
         return self.available > self.size
 
+    def skip_lost(self) -> None:
+        """Go on with the oldest sample that is still there."""
+        self.position = max(self.position, self.acquired - self.size)
+
     def put(self, codes: Codes) -> None:
         """Add samples, shape (channels, n); the oldest are overwritten."""
         count = codes.shape[1]

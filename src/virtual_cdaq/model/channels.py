@@ -24,6 +24,7 @@ from virtual_cdaq.model.modules import HIGH_RESOLUTION_NOISE, Module, Range
 
 DEGREES_C, DEGREES_F, KELVINS, DEGREES_R = 10143, 10144, 10325, 10145  # DAQmx_Val_DegC, _DegF, _Kelvins, _DegR
 VOLTS, OHMS = 10348, 10384
+STOCK = 256  # samples of noise that are drawn at once
 HIGH_SPEED, HIGH_RESOLUTION, AUTOMATIC = 14712, 10195, 16097
 
 
@@ -116,6 +117,8 @@ class Converter:
         sensor_noise: float = 0.0,
     ) -> None:
         self.channel = channel
+        self._stock = np.empty(0)
+        self._stock_begin = -1
         self._key = channel_key(seed, channel.physical, acquisition)
         chosen = channel.chosen
         self._noise = math.hypot(chosen.noise * (HIGH_RESOLUTION_NOISE if high_resolution else 1.0), sensor_noise)
@@ -124,9 +127,18 @@ class Converter:
         fraction = float(offset_key[0]) / 2.0**63 - 1.0
         self._offset = channel.module.offset * chosen.high * fraction
 
+    def _draw(self, first: int, count: int) -> Floats:
+        """The noise of some samples; single ones come from a stock: making a generator takes longer than a draw."""
+        begin = first - first % STOCK
+        if first + count > begin + STOCK:
+            return noise(self._key, first, count)
+        if begin != self._stock_begin:
+            self._stock_begin, self._stock = begin, noise(self._key, begin, STOCK)
+        return self._stock[first - begin : first - begin + count]
+
     def convert(self, values: Floats, first: int) -> Codes:
         """What the converter makes of the terminal's `values`, the samples from `first` on."""
-        read = values + self._offset + self._noise * noise(self._key, first, values.size)
+        read = values + self._offset + self._noise * self._draw(first, values.size)
         return encode(self.channel.module, self.channel.chosen, read)
 
 

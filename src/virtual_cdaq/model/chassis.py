@@ -317,6 +317,9 @@ class Chassis:
         while self.tick < target:
             stop = target
             running = [engine for engine in self.engines.values() if engine.running]
+            if not running:
+                self.tick = target
+                return
             for engine in running:
                 last = engine.tick(engine.next + AT_ONCE)
                 if last is not None:
@@ -340,10 +343,12 @@ class Chassis:
                 task.ended = self.tick >= engine.start + engine.limit * engine.period
 
     def set_level(self, physical: str, level: float) -> None:
+        """Let an output give another voltage, unless it is stuck."""
         if not self.faults.stuck:
             self.levels[physical] = level
 
     def show(self) -> None:
+        """Tell whoever follows the levels, when one has changed."""
         if self.levels != self._shown:
             self._shown = dict(self.levels)
             self.on_level(dict(self.levels))

@@ -102,8 +102,8 @@ class Faults:
         self._begun: int | None = None
         self._frozen_until: float | None = None
         self._unplugged_until: float | None = None
-        self._stuck_until: float | None = None
-        self._now = 0.0
+        self._stuck = False
+        self._stuck_end: int | None = None
         self._distortions: list[tuple[Fault, float]] = []
         self.on_drop: Callable[[float], None] = lambda _: None
 
@@ -117,10 +117,14 @@ class Faults:
         found = [ticks(self._of_serving[0].at)] if self._of_serving else []
         if self._of_run and self._begun is not None:
             found.append(self._begun + ticks(self._of_run[0].at))
+        if self._stuck_end is not None:
+            found.append(self._stuck_end)
         return min(found, default=None)
 
     def strike(self, chassis: Chassis, tick: int) -> None:
-        """Let the faults that are due at `tick` happen."""
+        """Let the faults that are due at `tick` happen, and those end that are over."""
+        if self._stuck_end is not None and self._stuck_end <= tick:
+            self._stuck, self._stuck_end = False, None
         while self._of_serving and ticks(self._of_serving[0].at) <= tick:
             self.happen(chassis, self._of_serving.pop(0), tick)
         while self._of_run and self._begun is not None and self._begun + ticks(self._of_run[0].at) <= tick:
@@ -144,8 +148,8 @@ class Faults:
                 if task.running and task.kind == "ai" and task.hardware_timed:
                     task.fail(ChassisError(-200279, f"Task: {task.name}", done=0))
         elif fault.kind == "stuck":
-            self._stuck_until = begin + fault.duration
-            self._now = begin
+            self._stuck = True
+            self._stuck_end = None if fault.duration == FOREVER else tick + ticks(fault.duration)
         else:
             self._distortions.append((fault, begin))
         chassis.changed.notify_all()
@@ -168,11 +172,14 @@ class Faults:
     @property
     def stuck(self) -> bool:
         """Whether the outputs stay where they are."""
-        return self._stuck_until is not None
+        return self._stuck
 
     def distort(self, channel: Channel, values: Floats, points: Ticks) -> Floats:
         """What a faulty wire makes of a terminal's values at the given ticks."""
-        values = np.broadcast_to(values, points.shape)
+        if values.shape != points.shape:
+            values = np.broadcast_to(values, points.shape)
+        if not self._distortions:
+            return values
         for fault, begin in self._distortions:
             if fault.channel not in ("", channel.physical):
                 continue

@@ -47,6 +47,8 @@ def read(task: Task, count: int, timeout: float) -> tuple[Codes, int]:
     chassis.advance()
     buffer = task.input_buffer
     assert buffer is not None
+    if task.overwrite:
+        buffer.skip_lost()
     finite = task.finite
     left = task.timing.samples - buffer.position
     if count == ALL_AVAILABLE:
@@ -66,8 +68,8 @@ def _collect(task: Task, wanted: int, timeout: float) -> tuple[Codes, int]:
     pieces: list[NDArray[np.int32]] = []
     missing = wanted
     while missing:
-        # A read may be larger than the buffer: it is emptied on the way.
-        piece = min(missing, max(1, buffer.size // 2)) if missing > buffer.size else missing
+        # The buffer of an endless task is emptied on the way: a read may be larger than it, or nearly.
+        piece = missing if task.finite else min(missing, max(1, buffer.size // 2))
         goal = buffer.position + piece
         came = wait(
             task.chassis,
