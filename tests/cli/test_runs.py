@@ -101,7 +101,7 @@ def test_a_table_of_everything(command, lab: Path) -> None:
     assert "aborted" in lines[5]
     assert "spike" in lines[5]
     assert lines[-1] == "6 runs"
-    assert "left out: 7.nc: the file is truncated" in told.err
+    assert "problem: 7.nc: the file is truncated" in told.err
 
 
 @pytest.mark.parametrize(

@@ -213,14 +213,14 @@ def _print_table(catalogue: Catalogue, query: RunQuery, rows: list[CatalogueRow]
 
 
 def _print_problems(problems: list[Problem]) -> None:
-    """Name on stderr what could not be taken in: it stops nothing else."""
+    """Name on stderr what could not be taken in or checked: it stops nothing else."""
     import textwrap
 
     for one in problems[:_PROBLEMS_SHOWN]:
-        text = f"left out: {one.path}: {one.message}"
+        text = f"problem: {one.path}: {one.message}"
         print(textwrap.fill(text, TEXT_WIDTH, subsequent_indent="  ", break_long_words=False), file=sys.stderr)
     if len(problems) > _PROBLEMS_SHOWN:
-        print(f"left out: {len(problems) - _PROBLEMS_SHOWN} more, see --json", file=sys.stderr)
+        print(f"problem: {len(problems) - _PROBLEMS_SHOWN} more, see --json", file=sys.stderr)
 
 
 def _root(folder: Path | None) -> tuple[Path, bool]:

@@ -249,7 +249,9 @@ class Catalogue:
                     kept.append((row, error))
                     problems.append(Problem(str(row.path), *problem_text(error)))
             except Exception as error:  # a run that no check foresaw must not stop the others
-                problems.append(Problem(str(row.path), *problem_text(error)))
+                problems.append(
+                    Problem(str(row.path), "not-checked", f"it could not be checked: {problem_text(error)[1]}")
+                )
             if on_progress is not None:
                 on_progress(done, len(todo))
             if time.monotonic() - last > _BETWEEN_WRITES:

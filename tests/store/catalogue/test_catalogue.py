@@ -246,7 +246,7 @@ def test_one_run_that_cannot_be_inspected_stops_no_other(catalogue: Catalogue, w
         return [Finding("noted", "info", "seen")]
 
     problems = catalogue.inspect(catalogue.query(), fails)
-    assert {(problem.path, problem.code) for problem in problems} == {("a.nc", "fault"), ("c.nc", "checksum")}
+    assert {(problem.path, problem.code) for problem in problems} == {("a.nc", "not-checked"), ("c.nc", "checksum")}
     states = {row.path: (row.codes, row.state) for row in catalogue.query()}
     assert states == {"a.nc": (None, None), "b.nc": (("noted",), None), "c.nc": (None, "damaged")}
     assert [problem.path for problem in catalogue.sweep().problems] == []  # its size and time are those of before
