@@ -54,7 +54,7 @@ def test_events_stand_in_their_order() -> None:
 
 
 @given(st.lists(st.floats(0.0, 1e8), min_size=1, max_size=60))
-@settings(max_examples=50)
+@settings(deadline=None, max_examples=50)
 def test_the_time_line_keeps_the_order_and_has_room_for_every_stretch(starts: list[float]) -> None:
     drawn = life(*starts)
     stretches = figures._stretches(drawn)

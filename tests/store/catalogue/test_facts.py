@@ -7,7 +7,7 @@ import hashlib
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
@@ -136,6 +136,7 @@ json_values = st.recursive(
 
 
 @given(json_values)
+@settings(deadline=None, max_examples=50)
 def test_whatever_is_stored_is_text_and_finite_numbers(value) -> None:
     def walk(one) -> None:
         if isinstance(one, str):
