@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.kills import EXPERIMENT, level, run_kills, stand_in, start
+from benchmarks.kills import EXPERIMENT, level, prepare, run_kills, stand_in, start
 from ipmclab import read_run
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.client import Recorder
@@ -252,7 +252,7 @@ def test_a_client_that_dies_leaves_the_run_running_and_another_joins(bench: Benc
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_recorder_that_is_told_to_end_by_the_system(bench: Bench, name: str) -> None:
-    recorder, uuid = start(bench.folder)
+    recorder, uuid = begin(bench.folder)
     bench.wait_for_voltage()
     sent = time.time()
     os.kill(recorder.process, getattr(signal, name))
@@ -266,7 +266,7 @@ def test_a_recorder_that_is_told_to_end_by_the_system(bench: Bench, name: str) -
 
 def test_a_recorder_that_hangs(bench: Bench) -> None:
     """Its guardian acts; when it goes on it finds out, and keeps what it had."""
-    recorder, uuid = start(bench.folder)
+    recorder, uuid = begin(bench.folder)
     bench.wait_for_voltage()
     stopped = time.time()
     os.kill(recorder.process, signal.SIGSTOP)
@@ -282,7 +282,7 @@ def test_a_recorder_that_hangs(bench: Bench) -> None:
 def test_a_server_that_freezes_or_dies(tmp_path: Path, how: str) -> None:
     with stand_in(tmp_path) as levels:
         bench = Bench(tmp_path, levels)
-        recorder, uuid = start(tmp_path)
+        recorder, uuid = begin(tmp_path)
         bench.wait_for_voltage()
         server = int((tmp_path / "process").read_text())
         happened = time.time()
@@ -309,7 +309,7 @@ def test_a_full_disk(bench: Bench, tmp_path: Path, require: Callable[[str, objec
     mounted = subprocess.run(command, capture_output=True, check=False).returncode == 0
     require("tmpfs", mounted)
     try:
-        recorder, uuid = start(bench.folder)
+        recorder, uuid = begin(bench.folder)
         bench.wait_for_voltage()
         filled = time.time()
         with contextlib.suppress(OSError), (disk / "filler").open("wb", buffering=0) as filler:
@@ -330,7 +330,7 @@ def test_two_rigs_record_into_one_folder_at_once(bench: Bench, tmp_path_factory:
     with stand_in(other):
         text = EXPERIMENT.replace('"rig.toml"', f'"{other / "rig.toml"}"')
         (bench.folder / "other.toml").write_text(text)
-        first, _ = start(bench.folder)
+        first, _ = begin(bench.folder)
         job = [sys.executable, "-m", "ipmclab", "record", "other.toml", "--yes", "--json"]
         with subprocess.Popen(job, cwd=bench.folder, stdout=subprocess.PIPE, text=True) as second:
             wait_until(lambda: len(list((bench.folder / "laboratory" / "recording").glob("*.runj"))) == 2, 60.0, "two")
@@ -351,6 +351,12 @@ def test_twenty_recorders_killed_at_random_moments(tmp_path: Path) -> None:
     assert not wrong
     assert sum(one.energised for one in killed) >= 10
     assert sum(one.acknowledged for one in killed) > 100
+
+
+def begin(folder: Path) -> tuple[Recorder, str]:
+    """A recorder whose journal is begun, and the id of its run."""
+    recorder = prepare(folder)
+    return recorder, start(recorder)
 
 
 def follow(recorder: Recorder) -> dict[str, Any]:

@@ -93,6 +93,7 @@ def record(
             "experiment": str(experiment),
             "answers": _answers(answer or [], answers),
             "yes": yes or plan,
+            "plan": plan,
             "interactive": keys,
             "pair": True if pair else None,
             "repeats": repeats,
@@ -192,8 +193,8 @@ class _Terminal:
                 if self._joined:
                     return
                 if self._plan_only:
-                    self._recorder.request("stop")
-                elif self._ask_first:
+                    return
+                if self._ask_first:
                     self._put({"step": "start", "text": "begin?", "choices": ["yes", "no"], "default": "yes"})
                 else:
                     self._recorder.request("start")

@@ -199,6 +199,7 @@ def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
     if rig.bench == "virtual":
         yield None
         return
+    import ipmclab.rig.ni  # noqa: F401  # its imports take a second, which passes before the start
     from ipmclab.rig.guardian import Guardian
 
     guardian = Guardian(rig, log=log)
@@ -223,13 +224,17 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
         plan = plan_of(experiment, rig, laboratory)
         desk.answer_beforehand(answers_of(job, plan))
         desk.tell(Message("plan", plan.as_dict()))
-        if not desk.wait_for_start():
+        if job.get("plan"):
             how = "declined"
         else:
+            # While the plan is being read: the guardian, and what drives the bench, take a moment to be ready.
             with guardian_of(rig, laboratory.root / "guardian.log") as guardian:
                 session = session_of(plan, laboratory, desk, guardian)
-                desk.steer(session)
-                session.run()
+                if desk.wait_for_start():
+                    desk.steer(session)
+                    session.run()
+                else:
+                    how = "declined"
     except IpmclabError as error:
         failed = error
     except Exception as error:
@@ -240,7 +245,7 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
             where="recorder",
             repair=f"this is a fault in ipmclab: please report it with the newest .log in {laboratory.recording}",
         )
-    last = ended(session.recorded if session else (), session.ended_early if session else how, failed)
+    last = ended(session.recorded if session else (), how or (session.ended_early if session else None), failed)
     desk.tell(last)
     return int(last["status"])
 
