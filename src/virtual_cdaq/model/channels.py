@@ -15,16 +15,19 @@ from virtual_cdaq.model.converters import (
     Codes,
     Floats,
     channel_key,
+    code_limits,
     decode,
     encode,
     noise,
     rtd_temperature,
+    step,
 )
 from virtual_cdaq.model.modules import HIGH_RESOLUTION_NOISE, Module, Range
 
 DEGREES_C, DEGREES_F, KELVINS, DEGREES_R = 10143, 10144, 10325, 10145  # DAQmx_Val_DegC, _DegF, _Kelvins, _DegR
 VOLTS, OHMS = 10348, 10384
 STOCK = 256  # samples of noise that are drawn at once
+FARTHEST = 1_000_000  # samples between two of a slow module that one drawing bridges
 HIGH_SPEED, HIGH_RESOLUTION, AUTOMATIC = 14712, 10195, 16097
 
 
@@ -117,6 +120,8 @@ class Converter:
         sensor_noise: float = 0.0,
     ) -> None:
         self.channel = channel
+        self._step = step(channel.module, channel.chosen)
+        self._low, self._high = code_limits(channel.module)
         self._stock = np.empty(0)
         self._stock_begin = -1
         self._key = channel_key(seed, channel.physical, acquisition)
@@ -140,6 +145,22 @@ class Converter:
         """What the converter makes of the terminal's `values`, the samples from `first` on."""
         read = values + self._offset + self._noise * self._draw(first, values.size)
         return encode(self.channel.module, self.channel.chosen, read)
+
+    def convert_at(self, values: Floats, samples: NDArray[np.int64]) -> Codes:
+        """The same for samples with gaps between them, given their ascending numbers."""
+        if not values.size:
+            return np.empty(0, dtype=np.int32)
+        first, last = int(samples[0]), int(samples[-1])
+        if last - first > FARTHEST:
+            each = [self.convert(values[k : k + 1], int(sample)) for k, sample in enumerate(samples)]
+            return np.concatenate(each)
+        read = values + self._offset + self._noise * self._draw(first, last - first + 1)[samples - first]
+        return encode(self.channel.module, self.channel.chosen, read)
+
+    def convert_one(self, value: float, sample: int) -> int:
+        """The same for one sample, without the cost of an array."""
+        read = (value + self._offset + self._noise * float(self._draw(sample, 1)[0])) / self._step
+        return self._low if read <= self._low else self._high if read >= self._high else round(read)
 
 
 def repeated(conversion: NDArray[np.int64], last: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

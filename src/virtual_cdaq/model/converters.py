@@ -81,11 +81,15 @@ def step(module: Module, chosen: Range) -> float:
     return float(span / 2**module.bits)
 
 
+def code_limits(module: Module) -> tuple[int, int]:
+    """The lowest and the highest code of a converter."""
+    half = 0 if module.resistive else 2 ** (module.bits - 1)
+    return -half, 2**module.bits - half - 1
+
+
 def encode(module: Module, chosen: Range, values: Floats) -> Codes:
     """What the converter makes of `values`, cut at its ends."""
-    half = 0 if module.resistive else 2 ** (module.bits - 1)
-    top = 2**module.bits - half - 1
-    codes: Codes = np.clip(np.rint(values / step(module, chosen)), -half, top).astype(np.int32)
+    codes: Codes = np.clip(np.rint(values / step(module, chosen)), *code_limits(module)).astype(np.int32)
     return codes
 
 

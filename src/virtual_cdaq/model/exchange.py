@@ -80,15 +80,7 @@ def _acquire(chassis: Chassis, task: Task, points: Ticks, edges: Ticks, terminal
         values = chassis.faults.distort(channel, _terminal(terminals, channel), points)[at]
         if channel.module.slow and conversion is not None and owner is not None and starts is not None:
             # A slow module converts when it can, and repeats itself in between.
-            numbers = conversion[starts]
-            first = int(numbers[0]) if numbers.size else 0
-            fresh = (
-                converter.convert(values[starts], first)
-                if _gapless(numbers)
-                else np.concatenate(
-                    [converter.convert(values[starts][k : k + 1], int(n)) for k, n in enumerate(numbers)]
-                )
-            )
+            fresh = converter.convert_at(values[starts], conversion[starts])
             held = np.concatenate((task.held[row], fresh))
             codes[row] = held[owner]
             task.held[row, 0] = held[-1]
@@ -125,8 +117,8 @@ def read_now(chassis: Chassis, task: Task, count: int) -> np.ndarray:
     for k in range(count):
         points, terminals = point(chassis)
         for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
-            values = np.atleast_1d(chassis.faults.distort(channel, _terminal(terminals, channel), points))
-            codes[row, k] = converter.convert(values, task.edges)[0]
+            value = chassis.faults.distort(channel, _terminal(terminals, channel), points)[0]
+            codes[row, k] = converter.convert_one(float(value), task.edges)
         task.edges += 1
     return codes
 
@@ -137,7 +129,3 @@ def write_now(chassis: Chassis, task: Task, volts: Sequence[float]) -> None:
     for channel, level in zip(task.channels, volts, strict=True):
         chassis.set_level(channel.physical, level)
     chassis.show()
-
-
-def _gapless(numbers: Ticks) -> bool:
-    return bool(numbers.size == 0 or numbers[-1] - numbers[0] + 1 == numbers.size)

@@ -72,7 +72,7 @@ class RcPlant:
         name = self._chassis
         applied = outputs[f"{name}Mod2/ao0"]
         # Rounded, so that one sample period gives one and the same step wherever it lies in time.
-        steps = np.round(np.diff(times, prepend=self._time), 10)
+        steps = np.round(times - np.concatenate(([self._time], times[:-1])), 10)
         kept = np.exp(-steps / self._tau)
         volts = np.empty_like(times)
         level = self._volts

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_cdaq.model.buffers import OutputBuffer
-from virtual_cdaq.model.converters import Codes, Floats, decode, encode
+from virtual_cdaq.model.converters import Codes, Floats, encode, step
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.exchange import read_now, write_now
 from virtual_cdaq.model.task import State, Task
@@ -192,7 +192,7 @@ def _write_on_demand(task: Task, codes: Codes, *, auto_start: bool) -> None:
         for column in codes.T:
             task.chassis.pass_time()
             volts = [
-                float(decode(channel.module, channel.chosen, np.array([code]))[0])
+                int(code) * step(channel.module, channel.chosen)
                 for channel, code in zip(task.channels, column, strict=True)
             ]
             write_now(task.chassis, task, volts)
