@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.kernels import admittance_slopes
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -36,7 +38,7 @@ class Elements:
     def is_physical(self) -> bool:
         """Whether every element is finite and above zero (the series resistance may be zero)."""
         values = np.array([self.leak, *self.resistances, *self.capacitances])
-        return bool(self.series >= 0 and np.all(np.isfinite(values)) and np.all(values > 0))
+        return bool(self.series >= 0 and ((values > 0) & (values < np.inf)).all())
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,10 @@ class Admittance:
 def _modes(elements: Elements) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Poles, eigenvectors and inlet weights of the symmetric form, in which w_i = sqrt(C_i) v_i are the states."""
     resistance, capacitance = elements.resistances, elements.capacitances
-    divider = 1.0 / (1.0 + elements.series * (1.0 / elements.leak + np.sum(1.0 / resistance)))
+    divider = 1.0 / (1.0 + elements.series * (1.0 / elements.leak + (1.0 / resistance).sum()))
     inlet = 1.0 / (resistance * np.sqrt(capacitance))
-    system = elements.series * divider * np.outer(inlet, inlet) - np.diag(1.0 / (resistance * capacitance))
+    system = (elements.series * divider * inlet)[:, None] * inlet
+    system.flat[:: len(inlet) + 1] -= 1.0 / (resistance * capacitance)
     poles, vectors = np.linalg.eigh(system)
     return poles, vectors, divider * inlet
 
@@ -75,8 +78,7 @@ def capacitor_voltages(elements: Elements, amplitudes: FloatArray) -> FloatArray
 def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
     """Poles and residues of a circuit (Friend, eqs 4.1 to 4.6), and their derivatives.
 
-    With w_i = sqrt(C_i) v_i as states the system matrix is symmetric, so that poles are real
-    and their derivatives follow from first-order perturbation of its eigenvectors.
+    With w_i = sqrt(C_i) v_i as states the system matrix is symmetric, so that the poles are real.
 
     Returns
     -------
@@ -86,49 +88,20 @@ def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
         Of direct, residues and poles (rows) with respect to the series resistance [1/ohm] and to
         the logarithms of leak, resistances and capacitances (columns).
     """
-    series, resistance, capacitance = elements.series, elements.resistances, elements.capacitances
-    branches = len(resistance)
-    conductance = 1.0 / elements.leak + np.sum(1.0 / resistance)
-    divider = 1.0 / (1.0 + series * conductance)
-    node = series * divider
-    poles, vectors, weighted = _modes(elements)
-    inlet = weighted / divider
-    coupling = vectors.T @ weighted
-
-    parameters = 2 + 2 * branches
-    each = np.arange(branches)
-    d_series = np.zeros(parameters)
-    d_series[0] = 1.0
-    d_conductance = np.zeros(parameters)
-    d_conductance[1] = -1.0 / elements.leak
-    d_conductance[2 + each] = -1.0 / resistance
-    d_divider = -divider * divider * (d_series * conductance + series * d_conductance)
-    d_node = divider * divider * (d_series - series * series * d_conductance)
-    d_inlet = np.zeros((parameters, branches))
-    d_inlet[2 + each, each] = -inlet
-    d_inlet[2 + branches + each, each] = -0.5 * inlet
-    d_system = d_node[:, None, None] * np.outer(inlet, inlet) + node * (
-        d_inlet[:, :, None] * inlet + inlet[:, None] * d_inlet[:, None, :]
+    poles, vectors, _ = _modes(elements)
+    residues = np.empty(len(poles))
+    derivatives = np.empty((1 + 2 * len(poles), 2 + 2 * len(poles)))
+    direct = admittance_slopes(
+        elements.series,
+        elements.leak,
+        elements.resistances,
+        elements.capacitances,
+        poles,
+        vectors,
+        residues,
+        derivatives,
     )
-    rate = 1.0 / (resistance * capacitance)
-    d_system[2 + each, each, each] += rate
-    d_system[2 + branches + each, each, each] += rate
-
-    turned = vectors.T @ d_system @ vectors
-    d_poles = np.diagonal(turned, axis1=1, axis2=2)
-    gap = poles[None, :] - poles[:, None]
-    gap[each, each] = np.inf
-    mixing = turned / gap
-    d_coupling = (d_divider[:, None] * inlet + divider * d_inlet) @ vectors
-    d_coupling += np.einsum("k,pkj->pj", coupling, mixing)
-    derivatives = np.vstack(
-        [
-            divider * divider * (d_conductance - conductance * conductance * d_series),
-            (-2.0 * coupling * d_coupling).T,
-            d_poles.T,
-        ]
-    )
-    return Admittance(conductance * divider, -coupling * coupling, poles), derivatives
+    return Admittance(direct, residues, poles), derivatives
 
 
 def elements(series: float, seen: Admittance) -> Elements:
@@ -145,12 +118,12 @@ def elements(series: float, seen: Admittance) -> Elements:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         remaining = 1.0 - series * seen.direct
-        system = np.diag(seen.poles) + np.outer(seen.residues, np.full(len(seen.poles), series / remaining))
-        if not np.all(np.isfinite(system)):
+        system = np.diag(seen.poles) + (seen.residues * (series / remaining))[:, None]
+        if not np.isfinite(system).all():
             nothing = np.full(len(seen.poles), np.nan)
             return Elements(series, np.nan, nothing, nothing)
         rates = np.linalg.eigvals(system)
-        if np.iscomplexobj(rates) and np.any(rates.imag != 0):
+        if np.iscomplexobj(rates) and (rates.imag != 0).any():
             nothing = np.full(len(seen.poles), np.nan)
             return Elements(series, np.nan, nothing, nothing)
         rates = np.sort(rates.real)

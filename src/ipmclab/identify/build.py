@@ -43,7 +43,7 @@ _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
 def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, findings: tuple[Finding, ...]) -> Fit:
     """Errors, intervals, correlations, diagnosis and the fitted actuator."""
     problem, solution = result.problem, result.solution
-    parameters = actuator.parameters()
+    parameters = result.parameters
     free = {unknown.base for unknown in problem.unknowns}
     stated = {n: p.standard_uncertainty for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0}
     exact = _exact_names(actuator, problem, free | set(stated))
@@ -58,6 +58,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
 
     order = _branch_order(actuator, problem, solution)
+    edges_are_open = _edges_are_open(asked, found)
     fitted: dict[str, FittedParameter] = {}
     for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
         name = _renamed(unknown.name, order)
@@ -66,7 +67,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
         at_bound = (unknown.log or math.isfinite(error)) and _is_at_bound(unknown, float(solution.theta[place]))
         others = [rival[unknown.name] for rival in result.rivals if unknown.name in rival]
-        interval = _interval(problem, solution, unknown, place, found, number, error)
+        interval = _interval(problem, solution, unknown, place, found, number, error, edges_are_open=edges_are_open)
         interval, alone = _with_rivals(unknown, float(solution.theta[place]), interval, others)
         fitted[name] = FittedParameter(
             name=name,
@@ -129,6 +130,8 @@ def _interval(
     found: Uncertainty,
     number: int,
     error: float,
+    *,
+    edges_are_open: bool,
 ) -> tuple[float, float]:
     from scipy.special import stdtrit
 
@@ -139,7 +142,7 @@ def _interval(
         return open_ends
     freedom = max(len(solution.evaluation.residual) - len(solution.theta), 1)
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
-    level = _SURE_AT_LIMITS if unknown.log and _edges_are_open(problem, found) else 0.975
+    level = _SURE_AT_LIMITS if unknown.log and edges_are_open else 0.975
     width = float(stdtrit(freedom, level))
     variance = float(found.covariance[number, number])
     reach = width * math.sqrt(variance)
@@ -153,13 +156,11 @@ def _interval(
     )
 
 
-def _edges_are_open(problem: Problem, found: Uncertainty) -> bool:
+def _edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
     """Whether an edge lies anywhere between its rows for all that the readings show."""
-    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
-    errors = np.sqrt(np.diagonal(found.plain))
     return any(
-        unknown.prior is not None and error > _OPEN_EDGE * unknown.prior[1]
-        for unknown, error in zip(asked, errors, strict=True)
+        unknown.prior is not None and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
+        for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
     )
 
 
@@ -218,12 +219,12 @@ def _file_place(name: str, names: Sequence[str]) -> tuple[int, str]:
 def _correlations(
     names: Sequence[str], found: Uncertainty, relative: FloatArray, beyond: set[str], asked: Sequence[Unknown]
 ) -> dict[str, dict[str, float]]:
-    deviation = np.sqrt(np.maximum(np.diagonal(found.covariance), 1e-300))
-    matrix = found.covariance / np.outer(deviation, deviation)
+    deviation = np.sqrt(np.maximum(found.covariance.diagonal(), 1e-300))
+    matrix = (found.covariance / (deviation[:, None] * deviation)).clip(-1.0, 1.0)
     unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked])
-    matrix = np.where(unknown[:, None] | unknown[None, :], np.nan, np.clip(matrix, -1.0, 1.0))
+    matrix[unknown], matrix[:, unknown] = np.nan, np.nan
     np.fill_diagonal(matrix, 1.0)
-    return {a: {b: float(matrix[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)}
+    return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}
 
 
 def _fitted_actuator(
@@ -344,10 +345,11 @@ def _fit_findings(
     finite = np.array([math.isfinite(fitted[_renamed(u.name, order)].standard_error) for u in asked])
     for name in (*stated, *exact):
         moved = np.where(finite, np.abs(found.leverage[name]), 0.0)
-        if not len(moved) or np.max(moved) < 1e-9:
+        largest = float(moved.max(initial=0.0))
+        if largest < 1e-9:
             continue
-        most = _renamed(asked[int(np.argmax(moved))].name, order)
-        leans = f"1 % of {name} moves {most} by {100.0 * float(np.max(moved)):.2g} %"
+        most = _renamed(asked[int(moved.argmax())].name, order)
+        leans = f"1 % of {name} moves {most} by {100.0 * largest:.2g} %"
         if name in stated:
             findings.append(
                 Finding(
@@ -355,7 +357,7 @@ def _fit_findings(
                     "info",
                     f"the stated uncertainty of {name} is passed on to the errors: {leans}",
                     "",
-                    values={"leverage": float(np.max(moved))},
+                    values={"leverage": largest},
                 )
             )
         else:
@@ -365,7 +367,7 @@ def _fit_findings(
                     "info",
                     f"{name} is taken as exact, because no uncertainty is stated for it: {leans}",
                     'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file',
-                    values={"leverage": float(np.max(moved))},
+                    values={"leverage": largest},
                 )
             )
     return findings

@@ -88,22 +88,16 @@ def uncertainty(
         Fixed parameters without one, whose leverage is to be known.
     """
     nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
-    order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
-    asked = int(np.count_nonzero(~nuisance))
-    first = len(order) - asked
-    # With the others in front, the lower right block is what is left of the asked ones.
-    block = np.asarray(np.linalg.qr(evaluation.triangle[:, :-1][:, order], mode="r"))[first:, first:]
-    # With fewer readings than unknowns the block has too few rows: the rest are zero.
-    block = np.vstack([block, np.zeros((max(0, asked - len(block)), asked))])
-    _, singular, directions = np.linalg.svd(block)
+    singular, directions = _of_the_asked(evaluation, nuisance)
+    asked = len(directions)
     seen = singular > STRUCTURAL * singular[0] if singular[0] > 0 else np.zeros(asked, dtype=bool)
     inverse = directions[seen].T / singular[seen]
     plain = inverse @ inverse.T
 
-    # Columns of the asked unknowns with everything else projected out: J_a - J_n (J_n^+ J_a).
-    own = evaluation.jacobian[:, ~nuisance]
-    if first:
-        others = evaluation.jacobian[:, nuisance]
+    own = evaluation.jacobian
+    if nuisance.any():
+        # With everything else projected out: J_a - J_n (J_n^+ J_a).
+        own, others = own[:, ~nuisance], own[:, nuisance]
         own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
     pieces = problem.pieces
     # At the floor the residuals are rounding of the model itself, which is never white.
@@ -131,6 +125,22 @@ def uncertainty(
             if name in fixed:
                 covariance = covariance + np.outer(answer[:, column], answer[:, column]) * fixed[name] ** 2
     return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured)
+
+
+def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Singular values and directions of the Jacobian of the asked unknowns, the others averaged out."""
+    triangle = evaluation.triangle[:, :-1]
+    asked = int(np.count_nonzero(~nuisance))
+    if asked == len(nuisance) <= len(triangle):
+        return evaluation.spectrum
+    order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
+    first = len(order) - asked
+    # With the others in front, the lower right block is what is left of the asked ones.
+    block = np.asarray(np.linalg.qr(triangle[:, order], mode="r"))[first:, first:]
+    # With fewer readings than unknowns the block has too few rows: the rest are zero.
+    block = np.vstack([block, np.zeros((max(0, asked - len(block)), asked))])
+    _, singular, directions = np.linalg.svd(block)
+    return singular, directions
 
 
 def _long_run(jacobian: FloatArray, residual: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
     value or its scale, whichever is larger.
     """
     size = _sizes(unknowns, values)
-    errors = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0)) / size
+    errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
     moved = np.any(np.abs(found.null / size) > _MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
     return np.where(moved, np.inf, errors)
 
@@ -50,8 +50,8 @@ def directions(
     size = _sizes(unknowns, values)
     known = dict(zip(names, values, strict=True))
     named = [_direction(names, row / size, np.inf, records) for row in found.null]
-    spread, vectors = np.linalg.eigh(found.covariance / np.outer(size, size))
-    errors = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0)) / size
+    spread, vectors = np.linalg.eigh(found.covariance / (size[:, None] * size))
+    errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
     open_ones = errors > DETERMINED
     chosen: set[int] = set()
     for place in np.argsort(-spread):
@@ -60,7 +60,7 @@ def directions(
             break
         if np.any(np.abs(vectors[:, place]) * error > DETERMINED):
             chosen.add(int(place))
-    if np.any(open_ones) and not chosen:
+    if open_ones.any() and not chosen:
         chosen.add(int(np.argmax(spread)))
     for place in sorted(chosen, key=lambda k: -spread[k]):
         named.append(_direction(names, vectors[:, place], float(np.sqrt(spread[place])), records))

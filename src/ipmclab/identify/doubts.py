@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
-
-import numpy as np
 
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.solve import Solution
@@ -23,12 +22,14 @@ def unexplained(problem: Problem, solution: Solution) -> list[Finding]:
     for record in problem.records:
         for output, reading in record.readings.items():
             piece = problem.pieces[record.place, output]
-            exact = reading.exact[reading.used]
-            left = solution.evaluation.residual[piece][exact] * problem.noise[record.place, output]
-            values = reading.values[reading.exact]
+            left, values = solution.evaluation.residual[piece], reading.measured
             if not len(values):
                 continue
-            residual, varies = float(np.sqrt(np.mean(left**2))), float(np.std(values))
+            if reading.has_bounds:
+                left = left[reading.exact[reading.used]]
+            about = values - values.mean()
+            residual = problem.noise[record.place, output] * math.sqrt(float(left @ left) / len(left))
+            varies = math.sqrt(float(about @ about) / len(about))
             is_noise = len(values) >= _ENOUGH and residual <= _NOISE * reading.noise
             if residual < _HALF * varies or is_noise or varies == 0.0:
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -20,6 +21,7 @@ from ipmclab.identify.start import StartingPoint, fastest_rate, leak_shares, oth
 from ipmclab.identify.starts import is_idle, not_at_rest
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.model import Actuator
+from ipmclab.model.actuator import count_branches
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
 
@@ -35,9 +37,11 @@ _RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
 class Estimate:
     """The solved problem, and what was found out about the runs on the way.
 
-    ``rivals`` are other minima, as entries by name, that the readings do not tell from the solution.
+    ``parameters`` are those of the actuator that was given. ``rivals`` are other minima, as entries by name, that the
+    readings do not tell from the solution.
     """
 
+    parameters: Mapping[str, Parameter]
     problem: Problem
     solution: Solution
     rivals: tuple[Mapping[str, float], ...]
@@ -69,7 +73,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     findings = [_not_at_rest(r) for r in problem.records if r.place in given_up and r.start == "free"]
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
-    return Estimate(problem, solution, rivals, tuple(findings))
+    return Estimate(parameters, problem, solution, rivals, tuple(findings))
 
 
 def _is_asked(unknown: Unknown, names: FreeParameters) -> bool:
@@ -175,10 +179,10 @@ def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, 
     errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
     series = {"circuit.sheet_resistance", "circuit.contact_resistance"}
     found: list[Solution] = []
-    shares = leak_shares(actuator, values)
-    if set(shares[0]) <= set(names.shared) and not series & set(names.actuator):
-        circuit = [error for name, error in errors.items() if name.startswith("circuit.")]
-        if max(circuit) > _WEAK:
+    circuit = max((error for name, error in errors.items() if name.startswith("circuit.")), default=0.0)
+    if circuit > _WEAK and not series & set(names.actuator):
+        shares = leak_shares(actuator, values)
+        if set(shares[0]) <= set(names.shared):
             found += _held(problem, solution, "circuit.dc_resistivity", shares)
     if {"coupling.gain", "coupling.zero"} <= set(names.shared) and errors["coupling.zero"] > _WEAK:
         found += _held(problem, solution, "coupling.zero", other_zeros(values, problem.records))
@@ -262,7 +266,7 @@ def found_noise(problem: Problem, solution: Solution) -> dict[tuple[int, str], f
     for key, piece in pieces.items():
         residual = solution.evaluation.residual[piece]
         active = max(int(np.count_nonzero(residual)), 1)  # a bound that holds says nothing about noise
-        sigma = problem.noise[key] * float(np.sqrt(residual @ residual / (active * freedom)))
+        sigma = problem.noise[key] * math.sqrt(float(residual @ residual) / (active * freedom))
         noise[key] = max(sigma, problem.floors[key])
     return noise
 
@@ -323,15 +327,14 @@ def _sensor_error(problem: Problem, unknown: Unknown) -> Finding:
 def _impossible_current(problem: Problem, solution: Solution, record: Record) -> Finding | None:
     """A current that not even a short circuit behind the electrodes could draw."""
     reading = record.readings.get("current")
-    if reading is None or not np.any(reading.exact):
+    if reading is None or not len(reading.measured):
         return None
     values = problem.values(solution.theta, record.place)
-    branches = len({name.split(".")[2] for name in values if name.startswith("circuit.branches.")})
-    series = lumped(branches, values, record.series_resistance).series
+    series = lumped(count_branches(values), values, record.series_resistance).series
     voltage = record.run.voltage
-    most = float(max(np.max(voltage), 0.0) - min(np.min(voltage), 0.0)) / series if series else np.inf
+    most = (max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)) / series if series else np.inf
     noise = problem.noise[record.place, "current"]
-    seen = float(np.max(np.abs(reading.values[reading.exact])))
+    seen = float(np.abs(reading.measured).max())
     if seen <= 1.02 * most or seen <= most + 6.0 * reading.noise or noise <= 0.0:
         return None
     return Finding(

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from ipmclab.errors import InputError
 from ipmclab.identify.build import build_fit
 from ipmclab.identify.estimate import estimate
@@ -15,7 +13,8 @@ from ipmclab.identify.fit import Fit
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
 from ipmclab.model import Actuator
-from ipmclab.quality import check
+from ipmclab.quality.check import check_record
+from ipmclab.quality.record import Record as Checked
 from ipmclab.run import Finding, Run
 
 _ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown"})
@@ -73,10 +72,13 @@ def identify(
     given = _runs(runs)
     names = parse_free(actuator.parameter_values, free, per_run)
     outputs = _outputs(names)
-    found = [check(run) for run in given]
+    checked = [Checked.of(run) for run in given]
+    found = [check_record(record) for record in checked]
     silent = [noise_only(findings) & set(outputs) for findings in found]
     records = [
-        prepare(run, place, [output for output in outputs if output not in silent[place]], found[place])
+        prepare(
+            run, place, [name for name in outputs if name not in silent[place]], found[place], checked[place].channels
+        )
         for place, run in enumerate(given)
     ]
     if labels is not None:
@@ -176,14 +178,14 @@ def _need_readings(names: FreeParameters, records: Sequence[Record], silent: Seq
                 repair="add runs that have it, or fix the parameter",
             )
     for record in records:
-        if not np.any(record.run.voltage):
+        if not record.run.voltage.any():
             raise InputError(
                 "the voltage is zero throughout: nothing answers to it",
                 code="no-excitation",
                 where=record.label,
                 repair="leave the run out, or give the voltage that was applied",
             )
-        if not any(np.any(reading.exact) for reading in record.readings.values()):
+        if not any(reading.exact.any() for reading in record.readings.values()):
             noisy = sorted(silent[record.place])
             because = f": its {' and '.join(noisy)} held nothing but noise" if noisy else ""
             raise InputError(
@@ -195,7 +197,7 @@ def _need_readings(names: FreeParameters, records: Sequence[Record], silent: Seq
 
 
 def _shows(record: Record, channels: Sequence[str]) -> bool:
-    return any(np.any(record.readings[channel].exact) for channel in channels if channel in record.readings)
+    return any(record.readings[channel].exact.any() for channel in channels if channel in record.readings)
 
 
 def _used_findings(records: Sequence[Record], found: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:

@@ -82,7 +82,8 @@ def pole_response(
         state[j, 0] = slope[j, 0] = 0.0
         for k in range(len(kind)):
             m = kind[k]
-            dx = weights[m, 0] * dx + weights[m, 3] * x + (weights[m, 4] * start[k] + weights[m, 5] * end[k])
+            # In this order only one product and one sum wait for the step before.
+            dx = weights[m, 0] * dx + (weights[m, 3] * x + (weights[m, 4] * start[k] + weights[m, 5] * end[k]))
             x = weights[m, 0] * x + (weights[m, 1] * start[k] + weights[m, 2] * end[k])
             state[j, k + 1] = x
             slope[j, k + 1] = dx
@@ -92,15 +93,79 @@ def pole_response(
 def pole_values(
     durations: FloatArray, kind: IndexArray, start: FloatArray, end: FloatArray, poles: FloatArray, state: FloatArray
 ) -> None:
-    """The response of ``pole_response`` without its derivative."""
-    weights = np.empty((len(durations), 3))
-    for j in range(len(poles)):
-        for m in range(len(durations)):
-            decay, first, second, _, _ = ramp_weights(durations[m], poles[j])
-            weights[m, 0], weights[m, 1], weights[m, 2] = decay, first, second
-        x = 0.0
-        state[j, 0] = 0.0
-        for k in range(len(kind)):
-            m = kind[k]
-            x = weights[m, 0] * x + (weights[m, 1] * start[k] + weights[m, 2] * end[k])
-            state[j, k + 1] = x
+    """The response of ``pole_response`` without its derivative; all poles side by side, as they are many."""
+    decay = np.empty((len(durations), len(poles)))
+    first, second = np.empty_like(decay), np.empty_like(decay)
+    for m in range(len(durations)):
+        for j in range(len(poles)):
+            decay[m, j], first[m, j], second[m, j], _, _ = ramp_weights(durations[m], poles[j])
+    state[:, 0] = 0.0
+    for k in range(len(kind)):
+        m = kind[k]
+        for j in range(len(poles)):
+            state[j, k + 1] = decay[m, j] * state[j, k] + (first[m, j] * start[k] + second[m, j] * end[k])
+
+
+@kernel
+def admittance_slopes(
+    series: float,
+    leak: float,
+    resistances: FloatArray,
+    capacitances: FloatArray,
+    poles: FloatArray,
+    vectors: FloatArray,
+    residues: FloatArray,
+    slopes: FloatArray,
+) -> float:
+    """Direct admittance and residues of a circuit, and the derivatives of ``admittance``.
+
+    With w_i = sqrt(C_i) v_i as states the system matrix is M = node b b' - diag(rate), whose poles and residues
+    follow from first-order perturbation of its eigenvectors.
+
+    Parameters
+    ----------
+    series, leak : float [ohm]
+    resistances, capacitances : float array, shape (n,) [ohm, F]
+    poles : float array, shape (n,) [1/s]
+    vectors : float array, shape (n, n)
+        Eigenvectors of M, in columns.
+    residues : float array, shape (n,) [S/s]
+        Where the residues are written.
+    slopes : float array, shape (1 + 2 n, 2 + 2 n)
+        Where the derivatives are written: of direct, residues and poles (rows) with respect to the series
+        resistance and the logarithms of leak, resistances and capacitances (columns).
+    """
+    n = len(poles)
+    conductance = 1.0 / leak + np.sum(1.0 / resistances)
+    divider = 1.0 / (1.0 + series * conductance)
+    node = series * divider
+    inlet = 1.0 / (resistances * np.sqrt(capacitances))
+    seen = np.zeros(n)  # the inlet in the directions of the modes
+    for j in range(n):
+        for i in range(n):
+            seen[j] += vectors[i, j] * inlet[i]
+        residues[j] = -((divider * seen[j]) ** 2)
+    for p in range(2 + 2 * n):
+        branch = (p - 2) % n
+        d_series = 1.0 if p == 0 else 0.0
+        d_conductance = -1.0 / leak if p == 1 else -1.0 / resistances[branch] if 2 <= p < 2 + n else 0.0
+        d_inlet = 0.0 if p < 2 else -inlet[branch] if p < 2 + n else -0.5 * inlet[branch]
+        d_rate = 0.0 if p < 2 else -1.0 / (resistances[branch] * capacitances[branch])
+        d_divider = -divider * divider * (d_series * conductance + series * d_conductance)
+        d_node = divider * divider * (d_series - series * series * d_conductance)
+        slopes[0, p] = divider * divider * (d_conductance - conductance * conductance * d_series)
+        for j in range(n):
+            d_seen = vectors[branch, j] * d_inlet
+            d_coupling = d_divider * seen[j] + divider * d_seen
+            for k in range(n):
+                turned = (
+                    d_node * seen[j] * seen[k]
+                    + node * (d_seen * seen[k] + seen[j] * vectors[branch, k] * d_inlet)
+                    - vectors[branch, j] * vectors[branch, k] * d_rate
+                )
+                if k == j:
+                    slopes[1 + n + j, p] = turned
+                else:
+                    d_coupling += divider * seen[k] * turned / (poles[j] - poles[k])
+            slopes[1 + j, p] = -2.0 * divider * seen[j] * d_coupling
+    return float(conductance * divider)

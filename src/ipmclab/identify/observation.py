@@ -19,6 +19,7 @@ from ipmclab.model.simulate import series_shunt
 from ipmclab.model.timeline import timeline
 from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings
+from ipmclab.quality.record import Channel
 from ipmclab.run import Finding, Hold, Run
 
 FloatArray = npt.NDArray[np.float64]
@@ -109,17 +110,22 @@ class Reading:
     @cached_property
     def complete(self) -> bool:
         """Whether every reading is used."""
-        return bool(np.all(self.used))
+        return bool(self.used.all())
 
     @cached_property
     def has_bounds(self) -> bool:
         """Whether some reading is only a bound."""
-        return bool(np.any(self.side))
+        return bool(self.side.any())
 
     @cached_property
     def exact(self) -> Mask:
         """Readings that are measured, not bounds."""
-        return np.asarray(self.used & (self.side == 0))
+        return np.asarray(self.used & (self.side == 0)) if self.has_bounds else self.used
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """The values of the readings that are measured."""
+        return self.values[self.exact]
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +168,17 @@ class Record:
         return self.run.hold == "unknown" and self.known_delay is None
 
 
-def prepare(run: Run, place: int, outputs: Sequence[str], findings: Sequence[Finding]) -> Record:
-    """Take from a run what a fit needs: usable readings, their noise, and how it starts."""
+def prepare(
+    run: Run,
+    place: int,
+    outputs: Sequence[str],
+    findings: Sequence[Finding],
+    channels: Mapping[str, Channel] | None = None,
+) -> Record:
+    """Take from a run what a fit needs: usable readings, their noise, and how it starts.
+
+    ``channels`` are the run's as the check saw them, with what it computed of them.
+    """
     label, start = label_of(run, place), _start(run)
     shunt = series_shunt(run, where=label)
     masks, bounds = usable(run, findings), censored(run, findings)
@@ -175,7 +190,10 @@ def prepare(run: Run, place: int, outputs: Sequence[str], findings: Sequence[Fin
         side = bounds[output]
         used = masks[output] | (side != 0)
         exact = used & (side == 0)
-        readings[output] = Reading(np.where(used, values, 0.0), used, side, _noise(values[exact]))
+        checked = (channels or {}).get(output)
+        # Where the check saw the same readings, it has told their noise.
+        known = checked.noise if checked is not None and checked.missing is None and exact.all() else None
+        readings[output] = Reading(np.where(used, values, 0.0), used, side, _noise(values[exact], known))
     unsettled = {("offset", output) for output in readings if output != "current"}
     if run.metadata.origin == "simulated":
         unsettled = set()
@@ -207,11 +225,12 @@ def label_of(run: Run, place: int) -> str:
     return run.metadata.source_file or run.metadata.signal or f"run {place}"
 
 
-def _noise(values: FloatArray) -> float:
+def _noise(values: FloatArray, known: float | None = None) -> float:
     """How much neighbouring readings scatter; never nothing, for it is what a fit divides by."""
     if len(values) < 8:
         return float(np.std(values)) if len(values) else 0.0
-    return float(max(noise_of_readings(values), 1e-9 * np.max(np.abs(values))))
+    noise = noise_of_readings(values) if known is None else known
+    return max(noise, 1e-9 * float(np.abs(values).max()))
 
 
 def rest_rows(run: Run) -> int:

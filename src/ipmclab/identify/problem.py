@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,10 +28,25 @@ ROUNDING: Final = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Weighted residuals (model minus reading, over noise) and their derivatives at one vector."""
+    """Weighted residuals (model minus reading, over noise) and their derivatives at one vector.
 
-    residual: FloatArray
-    jacobian: FloatArray
+    Parameters
+    ----------
+    rows : float array, shape (n_unknown + 1, n_residual)
+        The derivative with respect to each unknown, and last the residual.
+    """
+
+    rows: FloatArray
+
+    @property
+    def residual(self) -> FloatArray:
+        """Weighted residuals, shape (n_residual,)."""
+        return np.asarray(self.rows[-1])
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Their derivatives, shape (n_residual, n_unknown)."""
+        return self.rows[:-1].T
 
     @cached_property
     def cost(self) -> float:
@@ -44,19 +60,78 @@ class Evaluation:
         It holds all that a step, a rank or a covariance needs. Where the columns are well apart the Cholesky
         factor of their products is the same in a tenth of the time.
         """
-        columns = self.jacobian.shape[1]
-        products = np.empty((columns + 1, columns + 1))
-        products[:-1, :-1] = self.jacobian.T @ self.jacobian
-        products[:-1, -1] = products[-1, :-1] = self.jacobian.T @ self.residual
+        products = np.empty((len(self.rows), len(self.rows)))
+        products[:-1] = self.rows[:-1] @ self.rows.T
+        products[-1, :-1] = products[:-1, -1]
         products[-1, -1] = self.cost
-        size = np.sqrt(np.maximum(np.diagonal(products), 1e-300))
+        size = np.sqrt(np.maximum(products.diagonal(), 1e-300))
         try:
-            factor = np.linalg.cholesky(products / np.outer(size, size))
+            factor = np.linalg.cholesky(products / (size[:, None] * size))
         except np.linalg.LinAlgError:
             factor = np.zeros_like(products)
-        if np.min(np.diagonal(factor)) > _WELL_APART:
+        if factor.diagonal().min() > _WELL_APART:
             return np.asarray(factor.T * size)
-        return np.asarray(np.linalg.qr(np.column_stack([self.jacobian, self.residual]), mode="r"))
+        return np.asarray(np.linalg.qr(self.rows.T, mode="r"))
+
+    @cached_property
+    def spectrum(self) -> tuple[FloatArray, FloatArray]:
+        """Singular values of the Jacobian, largest first, and the directions that they belong to, one a row."""
+        columns = len(self.rows) - 1
+        _, singular, directions = np.linalg.svd(self.triangle[:columns, :columns])
+        return singular, directions
+
+    @cached_property
+    def scaled_spectrum(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The same with columns of length 1; then the residual, turned as they are, and the lengths of the columns."""
+        columns = len(self.rows) - 1
+        triangle, right = self.triangle[:columns, :columns], self.triangle[:columns, columns]
+        size = np.sqrt((triangle * triangle).sum(axis=0))
+        size[size == 0] = 1.0
+        left, singular, directions = np.linalg.svd(triangle / size)
+        return singular, directions, left.T @ right, size
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Which entries of the vector one run has, and what they are.
+
+    Parameters
+    ----------
+    names : list of str
+        Actuator parameters that are free in this run.
+    columns : list of (int, Unknown)
+        Their entries, in the same order.
+    starts : list of int
+        Entries of its start.
+    delays : list of (int, Unknown)
+        The entry of its delay, where that is free.
+    sensors : mapping of output to list of (int, float or float array)
+        Entries of the zero and the slope of a sensor, and what they add to its readings for each unit.
+    """
+
+    names: list[str]
+    columns: list[tuple[int, Unknown]]
+    starts: list[int]
+    delays: list[tuple[int, Unknown]]
+    sensors: Mapping[str, list[tuple[int, FloatArray | float]]]
+
+    @classmethod
+    def of(cls, record: Record, unknowns: Sequence[Unknown], base: Mapping[str, float]) -> _Place:
+        own = [(column, u) for column, u in enumerate(unknowns) if u.place in (None, record.place)]
+        columns = [(column, unknown) for column, unknown in own if unknown.base in base]
+        sensors: dict[str, list[tuple[int, FloatArray | float]]] = {output: [] for output in record.readings}
+        for column, unknown in own:
+            if unknown.base.startswith(("observation.offset.", "observation.drift.")):
+                what, output = unknown.base.split(".")[1:]
+                since = record.run.time - record.run.time[0] if what == "drift" else 1.0
+                sensors[output].append((column, since * unknown.scale))
+        return cls(
+            names=[unknown.base for _, unknown in columns],
+            columns=columns,
+            starts=[column for column, unknown in own if unknown.nuisance],
+            delays=[(column, unknown) for column, unknown in own if unknown.base == "observation.delay"],
+            sensors=sensors,
+        )
 
 
 class Problem:
@@ -96,20 +171,22 @@ class Problem:
 
     def with_noise(self, noise: Noise) -> Problem:
         """The same problem with other weights."""
-        return Problem(self.base, self.records, self.unknowns, self.responder, noise)
+        other = copy.copy(self)
+        other.noise = dict(noise)  # nothing else depends on it
+        return other
 
     def weighed(self, here: Evaluation, noise: Noise) -> Evaluation:
         """An evaluation of this problem as it is under other weights."""
-        factor = np.ones(len(here.residual))
+        rows = here.rows.copy()
         for key, piece in self.pieces.items():
-            factor[piece] = self.noise[key] / noise[key]
-        return Evaluation(here.residual * factor, here.jacobian * factor[:, None])
+            rows[:, piece] *= self.noise[key] / noise[key]
+        return Evaluation(rows)
 
     @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
         """Noise below which readings cannot be told from the rounding of the model [SI]."""
         return {
-            (record.place, output): max(ROUNDING * float(np.max(np.abs(reading.values), initial=0.0)), 1e-300)
+            (record.place, output): max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), 1e-300)
             for record in self.records
             for output, reading in record.readings.items()
         }
@@ -126,43 +203,36 @@ class Problem:
                 begin = end
         return found
 
+    @cached_property
+    def _places(self) -> dict[int, _Place]:
+        return {record.place: _Place.of(record, self.unknowns, self.base) for record in self.records}
+
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them."""
         found = dict(self.base)
-        for unknown, entry in zip(self.unknowns, theta, strict=True):
-            if unknown.base in found and unknown.place in (None, place):
-                found[unknown.base] = unknown.value(float(entry))
+        for column, unknown in self._places[place].columns:
+            found[unknown.base] = unknown.value(float(theta[column]))
         return found
-
-    def own(self, theta: FloatArray, base: str, place: int) -> float:
-        """An observation's value for one run; 0 where it is not free."""
-        for unknown, entry in zip(self.unknowns, theta, strict=True):
-            if unknown.base == base and unknown.place == place:
-                return unknown.value(float(entry))
-        return 0.0
 
     def delay(self, theta: FloatArray, record: Record) -> float:
         """By how much the edges of a run lie after its rows [s]: found here, or by an earlier fit."""
-        return self.own(theta, "observation.delay", record.place) if record.delay_is_free else record.known_delay or 0.0
+        if not record.delay_is_free:
+            return record.known_delay or 0.0
+        return sum(unknown.value(float(theta[column])) for column, unknown in self._places[record.place].delays)
 
     def start(self, theta: FloatArray, place: int) -> FloatArray:
         """Starting amplitudes of one run; empty for rest."""
-        return np.array(
-            [
-                entry
-                for unknown, entry in zip(self.unknowns, theta, strict=True)
-                if unknown.nuisance and unknown.place == place
-            ]
-        )
+        return theta[self._places[place].starts]
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
-        parts = [self._record(record, theta) for record in self.records]
-        away = theta - self._centred(theta)
-        return Evaluation(
-            np.concatenate([*(part[0] for part in parts), self._prior_jacobian @ away]),
-            np.concatenate([*(part[1] for part in parts), self._prior_jacobian]),
-        )
+        readings = max((piece.stop for piece in self.pieces.values()), default=0)
+        rows = np.empty((len(theta) + 1, readings + len(self._prior_places)))
+        for record in self.records:
+            self._fill(rows, record, theta)
+        rows[:-1, readings:] = self._prior_jacobian.T
+        rows[-1, readings:] = self._prior_jacobian @ (theta - self._centred(theta))
+        return Evaluation(rows)
 
     def spared(self, theta: FloatArray) -> float:
         """The part of the cost with which delays are drawn to the middle of where their rows confine them.
@@ -183,7 +253,7 @@ class Problem:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         parts = []
         for record in self.records:
-            response = self._response(record, theta, names)
+            response = self._response(record, self.values(theta, record.place), theta, names)
             for row, (output, reading) in enumerate(record.readings.items()):
                 columns = response.parameters[row] / self.noise[record.place, output]
                 if reading.has_bounds:
@@ -191,25 +261,16 @@ class Problem:
                 parts.append(columns if reading.complete else columns[reading.used])
         return np.concatenate([*parts, np.zeros((len(self._prior_places), len(names)))])
 
-    def _response(self, record: Record, theta: FloatArray, names: Sequence[str]) -> Response:
-        place = record.place
-        values, start = self.values(theta, place), self.start(theta, place)
+    def _response(
+        self, record: Record, values: Mapping[str, float], theta: FloatArray, names: Sequence[str]
+    ) -> Response:
+        start = self.start(theta, record.place)
         return self.responder.respond(record, values, names, self.delay(theta, record), start)
-
-    def _sensor(self, record: Record, output: str) -> list[tuple[int, FloatArray | float]]:
-        """What the zero and the slope of a sensor add to its readings, for each unit of their entries."""
-        found: list[tuple[int, FloatArray | float]] = []
-        for column, unknown in enumerate(self.unknowns):
-            if unknown.place == record.place and unknown.base == f"observation.offset.{output}":
-                found.append((column, unknown.scale))
-            elif unknown.place == record.place and unknown.base == f"observation.drift.{output}":
-                found.append((column, (record.run.time - record.run.time[0]) * unknown.scale))
-        return found
 
     def _away(self, record: Record, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
         """Model minus reading, the sensor's own part included [SI]."""
         away = values - record.readings[output].values
-        for column, added in self._sensor(record, output):
+        for column, added in self._places[record.place].sensors[output]:
             away += theta[column] * added
         return away
 
@@ -220,34 +281,26 @@ class Problem:
         """
         return np.asarray(self._away(record, output, theta, values) * record.readings[output].side > 0)
 
-    def _record(self, record: Record, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Weighted residuals of one run, and their derivatives."""
-        own = [(column, u) for column, u in enumerate(self.unknowns) if u.place in (None, record.place)]
-        names = list(dict.fromkeys(unknown.base for _, unknown in own if unknown.base in self.base))
-        response = self._response(record, theta, names)
-        values = self.values(theta, record.place)
-        chains = np.zeros((len(names), len(theta)))
-        for column, unknown in own:
-            if unknown.base in names:
-                chains[names.index(unknown.base), column] = unknown.chain(values[unknown.base])
-        starts = [column for column, unknown in own if unknown.nuisance]
-        delays = [(column, unknown.scale) for column, unknown in own if unknown.base == "observation.delay"]
-        residuals, jacobians = [], []
+    def _fill(self, rows: FloatArray, record: Record, theta: FloatArray) -> None:
+        """Write the weighted residuals of one run, and their derivatives, into the rows of an evaluation."""
+        own, values = self._places[record.place], self.values(theta, record.place)
+        response = self._response(record, values, theta, own.names)
+        chains = np.zeros((len(theta), len(own.names)))
+        for number, (column, unknown) in enumerate(own.columns):
+            chains[column, number] = unknown.chain(values[unknown.base])
         for row, (output, reading) in enumerate(record.readings.items()):
             sigma = self.noise[record.place, output]
-            residual = self._away(record, output, theta, response.values[row]) / sigma
-            columns = response.parameters[row] @ (chains / sigma)
-            if starts:
-                columns[:, starts] = response.states[row] / sigma
-            for column, scale in delays:
-                columns[:, column] = response.delay[row] * (scale / sigma)
-            for column, added in self._sensor(record, output):
-                columns[:, column] = added / sigma
+            place = rows[:, self.pieces[record.place, output]]
+            found = place if reading.complete else np.empty((len(rows), len(reading.values)))
+            np.matmul(chains / sigma, response.parameters[row].T, out=found[:-1])
+            if own.starts:
+                found[own.starts] = response.states[row].T / sigma
+            for column, unknown in own.delays:
+                found[column] = response.delay[row] * (unknown.scale / sigma)
+            for column, added in own.sensors[output]:
+                found[column] = added / sigma
+            found[-1] = self._away(record, output, theta, response.values[row]) / sigma
             if reading.has_bounds:
-                quiet = self._quiet(record, output, theta, response.values[row])
-                residual[quiet], columns[quiet] = 0.0, 0.0
+                found[:, self._quiet(record, output, theta, response.values[row])] = 0.0
             if not reading.complete:
-                residual, columns = residual[reading.used], columns[reading.used]
-            residuals.append(residual)
-            jacobians.append(columns)
-        return np.concatenate(residuals), np.concatenate(jacobians)
+                place[:] = found[:, reading.used]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ class Response:
     states : float array, shape (n_output, n_time, n_amplitude)
         For the starting amplitudes of this responder.
     delay : float array, shape (n_output, n_time)
+        For the delay of the run's edges, where that is free.
     """
 
     values: FloatArray
@@ -59,10 +60,10 @@ def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> E
     """The elements of a circuit in numbers, with a further series resistance."""
     parts = Circuit(branches).elements(values)
     return Elements(
-        float(np.real(parts.series)) + series,
-        float(np.real(parts.dc)),
-        np.real(parts.branch_resistances).astype(float),
-        np.real(parts.branch_capacitances).astype(float),
+        parts.series.real + series,
+        parts.dc.real,
+        np.array([resistance.real for resistance in parts.branch_resistances]),
+        np.array([capacitance.real for capacitance in parts.branch_capacitances]),
     )
 
 
@@ -71,14 +72,18 @@ def lumped_derivatives(branches: int, values: Mapping[str, float], names: Sequen
 
     Shape (2 + 2 n_branch, n_name).
     """
-    circuit = Circuit(branches)
-    columns = np.empty((2 + 2 * branches, len(names)))
+    steps = np.array([1e-30 * max(abs(values[name]), 1e-12) for name in names])
+    # All steps at once: each parameter is an array that has moved in its own column only.
+    moved: dict[str, Any] = dict(values)
     for column, name in enumerate(names):
-        step = 1e-30 * max(abs(values[name]), 1e-12)
-        parts = circuit.elements({**values, name: complex(values[name], step)})
-        rest = np.array([parts.dc, *parts.branch_resistances, *parts.branch_capacitances])
-        columns[0, column] = np.imag(parts.series) / step
-        columns[1:, column] = rest.imag / rest.real / step
+        moved[name] = np.full(len(names), complex(values[name]))
+        moved[name][column] += 1j * steps[column]
+    parts = Circuit(branches).elements(moved)
+    elements = np.empty((2 + 2 * branches, len(names)), dtype=np.complex128)
+    for row, element in enumerate([parts.series, parts.dc, *parts.branch_resistances, *parts.branch_capacitances]):
+        elements[row] = element
+    columns: FloatArray = elements.imag / steps
+    columns[1:] /= elements.real[1:]
     return columns
 
 
@@ -139,8 +144,10 @@ class CircuitResponder:
         given, state, slope = self._responses(record, seen.poles, delay)
         current = seen.direct * given.present + seen.residues @ state
         by_pole = seen.residues[:, None] * slope
-        # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
-        by_delay = -(seen.residues @ (seen.poles[:, None] * state + given.present))
+        by_delay = np.zeros_like(current)
+        if record.delay_is_free:
+            # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
+            by_delay -= seen.residues @ (seen.poles[:, None] * state + given.present)
         decay = np.zeros((self._branches, 0))
         if record.start == "free":
             free = start if len(start) else np.zeros(self._branches)
@@ -148,10 +155,12 @@ class CircuitResponder:
             decay = np.exp(np.outer(seen.poles, since))
             current += free @ decay
             by_pole += free[:, None] * since * decay
-            by_delay += record.run.voltage[0] * (seen.residues @ decay)
-        by_coefficient = np.vstack([given.present[None, :], state, by_pole])
-        by_name = by_coefficient.T @ derivatives
-        return Response(current[None], by_name[None], decay.T[None], by_delay[None])
+            if record.delay_is_free:
+                by_delay += record.run.voltage[0] * (seen.residues @ decay)
+        by_coefficient = np.concatenate([given.present[None, :], state, by_pole])
+        # A row for each name, in which the least squares runs fastest.
+        by_name = derivatives.T @ by_coefficient
+        return Response(current[None], by_name.T[None], decay.T[None], by_delay[None])
 
 
 class ActuatorResponder:

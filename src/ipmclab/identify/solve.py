@@ -47,7 +47,7 @@ class Pinned:
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
         full = self._problem.evaluate(np.insert(theta, self._place, self._entry))
-        return Evaluation(full.residual, np.delete(full.jacobian, self._place, axis=1))
+        return Evaluation(np.delete(full.rows, self._place, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None,
     steps : int
         Limit of evaluations.
     """
-    if np.any(theta <= problem.lower) or np.any(theta >= problem.upper):
+    if not _is_inside(problem, theta):
         return None
     spent = 0
     if here is None:
@@ -88,7 +88,7 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None,
         if expected <= max(NEGLIGIBLE, 1e-12 * here.cost):
             return Solution(theta, here, True, _REASONS[1], spent)
         trial = theta + step
-        if np.any(trial <= problem.lower) or np.any(trial >= problem.upper) or np.max(np.abs(step)) > 3.0:
+        if not _is_inside(problem, trial) or np.abs(step).max() > 3.0:
             return None
         there = problem.evaluate(trial)
         spent += 1
@@ -99,19 +99,13 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None,
     return None
 
 
-def _decompose(here: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Singular values and directions of the Jacobian, its turned residual, and the size of its columns."""
-    columns = here.jacobian.shape[1]
-    triangle, right = here.triangle[:columns, :columns], here.triangle[:columns, columns]
-    size = np.linalg.norm(triangle, axis=0)
-    size[size == 0] = 1.0
-    left, singular, directions = np.linalg.svd(triangle / size)
-    return singular, directions, left.T @ right, size
+def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
+    return bool(((problem.lower < theta) & (theta < problem.upper)).all())
 
 
 def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
     """The step, and the decrease of the cost that it promises."""
-    singular, directions, right, size = _decompose(here)
+    singular, directions, right, size = here.scaled_spectrum
     kept = singular > STRUCTURAL * singular[0]
     turned = right[kept]
     return -(directions[kept].T @ (turned / singular[kept])) / size, float(turned @ turned)
@@ -119,10 +113,10 @@ def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
 
 def entry_errors(here: Evaluation) -> FloatArray:
     """Standard error of each entry, infinite where a direction of which the readings say nothing moves it."""
-    singular, directions, _, size = _decompose(here)
+    singular, directions, _, size = here.scaled_spectrum
     kept = singular > STRUCTURAL * singular[0]
-    errors = np.sqrt(np.sum((directions[kept] / singular[kept, None]) ** 2, axis=0)) / size
-    moved = np.any(np.abs(directions[~kept]) > 1e-3, axis=0)
+    errors = np.sqrt(((directions[kept] / singular[kept, None]) ** 2).sum(axis=0)) / size
+    moved = (np.abs(directions[~kept]) > 1e-3).any(axis=0)
     return np.where(moved, np.inf, errors)
 
 
@@ -160,8 +154,7 @@ def _distance(theta: FloatArray, reference: FloatArray) -> float:
 
 def null_directions(here: Evaluation) -> FloatArray:
     """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
-    columns = here.jacobian.shape[1]
-    _, singular, directions = np.linalg.svd(here.triangle[:columns, :columns])
+    singular, directions = here.spectrum
     found: FloatArray = directions[singular <= STRUCTURAL * singular[0]]
     return found
 

@@ -7,9 +7,11 @@ steps. No starting values are needed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from functools import cache
+from itertools import combinations, islice
 from typing import Final
 
 import numpy as np
@@ -23,6 +25,7 @@ GRID_POLES: Final = 10
 _GRID_STARTS: Final = 4
 _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
+_UNSEEN: Final = 1e-4  # of the rounding of a cost: a decrease that could not be told from it
 _EQUAL: Final = 0.05  # of a logarithm: poles nearer than that have met
 
 
@@ -135,8 +138,9 @@ class _Table:
 def pole_grid(series: Sequence[Series], count: int = GRID_POLES) -> FloatArray:
     """Poles from a third of the slowest to the fastest that these records can show, fastest first [1/s]."""
     longest = max(float(run.time[-1] - run.time[0]) for run in series)
-    shortest = min(float(np.max(run.drive.durations)) for run in series)
-    return -np.geomspace(2.0 / shortest, 0.3 / longest, count)
+    shortest = min(float(run.drive.durations.max()) for run in series)
+    grid: FloatArray = -np.exp(np.linspace(math.log(2.0 / shortest), math.log(0.3 / longest), count))
+    return grid
 
 
 def search_poles(series: Sequence[Series], count: int, common: FloatArray, *, tries: int = 3) -> PoleFit:
@@ -160,9 +164,9 @@ def search_poles(series: Sequence[Series], count: int, common: FloatArray, *, tr
     """
     found: list[PoleFit] = []
     table = _Table(series, count, common)
-    for start in _grid_starts(series, count, common)[:tries]:
+    for start in islice(_grid_starts(series, count, common), tries):
         found.append(_descend(table, series, start))
-        if not np.any(np.diff(np.log(-found[-1].poles)) > -_EQUAL):
+        if not (np.diff(np.log(-found[-1].poles)) > -_EQUAL).any():
             break
     return min(found, key=lambda fit: fit.cost)
 
@@ -179,8 +183,16 @@ def all_minima(series: Sequence[Series], count: int, common: FloatArray) -> list
     return kept
 
 
-def _grid_starts(series: Sequence[Series], count: int, common: FloatArray) -> list[FloatArray]:
-    """Sets of grid poles, the best first, no two of the kept ones neighbours in every pole."""
+@cache
+def _choices(grid: int, count: int) -> npt.NDArray[np.intp]:
+    """Every set of so many places in a grid, one a row."""
+    choices = np.array(list(combinations(range(grid), count)), dtype=np.intp)
+    choices.setflags(write=False)
+    return choices
+
+
+def _grid_starts(series: Sequence[Series], count: int, common: FloatArray) -> Iterator[FloatArray]:
+    """A few sets of grid poles, the best first, no two of them neighbours in every pole."""
     grid = pole_grid(series, max(GRID_POLES, 2 * count + 4))
     first, width = len(common), 1 + sum(run.free_start for run in series)
     rows = np.zeros((1 + first + len(grid) * width, sum(len(run.time) for run in series)))
@@ -199,22 +211,22 @@ def _grid_starts(series: Sequence[Series], count: int, common: FloatArray) -> li
         begin = end
     rows *= np.concatenate([run.weight for run in series])
     products = rows[1:] @ rows.T
-    scale = np.sqrt(np.maximum(np.diagonal(products[:, 1:]), 1e-300))
-    gram, right = products[:, 1:] / np.outer(scale, scale), products[:, 0] / scale
-    choices = np.array(list(combinations(range(len(grid)), count)))
-    members = first + width * choices[:, :, None] + np.arange(width)
-    always = np.broadcast_to(np.arange(first), (len(choices), first))
-    index = np.concatenate([always, members.reshape(len(choices), -1)], axis=1)
+    scale = np.sqrt(np.maximum(products[:, 1:].diagonal(), 1e-300))
+    gram, right = products[:, 1:] / (scale[:, None] * scale), products[:, 0] / scale
+    choices = _choices(len(grid), count)
+    index = np.empty((len(choices), first + count * width), dtype=np.intp)
+    index[:, :first] = np.arange(first)
+    index[:, first:] = (first + width * choices[:, :, None] + np.arange(width)).reshape(len(choices), -1)
     # A little of the identity keeps nearly parallel columns from spoiling a choice; the descent is exact.
     matrices = gram[index[:, :, None], index[:, None, :]] + 1e-10 * np.eye(index.shape[1])
     vectors = right[index]
-    gains = np.einsum("ij,ij->i", vectors, np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0])
+    gains = (vectors * np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0]).sum(axis=1)
     left = choices[np.argsort(-gains)]
-    kept: list[FloatArray] = []
-    while len(left) and len(kept) < _GRID_STARTS:
-        kept.append(grid[left[0]])
-        left = left[np.max(np.abs(left - left[0]), axis=1) > 1]
-    return kept
+    for _ in range(_GRID_STARTS):
+        if not len(left):
+            break
+        yield grid[left[0]]
+        left = left[(np.abs(left - left[0]) > 1).any(axis=1)]
 
 
 def _descend(table: _Table, series: Sequence[Series], poles: FloatArray) -> PoleFit:
@@ -222,25 +234,25 @@ def _descend(table: _Table, series: Sequence[Series], poles: FloatArray) -> Pole
     count, first, width = len(poles), table.common, table.width
     span = count * width
     linear_rows, slope_rows = slice(1, 1 + first + span), slice(1 + first + span, 1 + first + 2 * span)
-    fastest = 1000.0 / min(float(np.min(run.drive.durations)) for run in series)
+    fastest = 1000.0 / min(float(run.drive.durations.min()) for run in series)
     slowest = 1e-3 / max(float(run.time[-1] - run.time[0]) for run in series)
-    lower, upper = np.log(slowest), np.log(fastest)
+    lower, upper = math.log(slowest), math.log(fastest)
+    little = 1e-14 * np.eye(first + span)
+    pole, place = np.arange(count)[:, None], np.arange(span).reshape(count, width)
 
     def measure(position: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         found = -np.exp(position)
         products = table.gram(found)
         gram, right = products[linear_rows, linear_rows], products[linear_rows, 0]
-        diagonal = np.diagonal(gram)
+        diagonal = gram.diagonal()
         # A response that no reading sees is a column of zeros.
-        scale = np.sqrt(np.maximum(diagonal, 1e-30 * float(np.max(diagonal)) + 1e-200))
-        sizes = np.outer(scale, scale)
-        inverse = np.linalg.inv(gram / sizes + 1e-14 * np.eye(len(gram))) / sizes
+        scale = np.sqrt(np.maximum(diagonal, 1e-30 * float(diagonal.max()) + 1e-200))
+        sizes = scale[:, None] * scale
+        inverse = np.linalg.inv(gram / sizes + little) / sizes
         linear = inverse @ right
         # How the model moves with the logarithm of each pole: a mix of the slope rows.
         chosen = np.zeros((span, count))
-        for pole in range(count):
-            rows = slice(pole * width, (pole + 1) * width)
-            chosen[rows, pole] = linear[first:][rows] * found[pole]
+        chosen[place, pole] = linear[first:].reshape(count, width) * found[:, None]
         mixed = products[linear_rows, slope_rows] @ chosen
         curvature = chosen.T @ products[slope_rows, slope_rows] @ chosen - mixed.T @ inverse @ mixed
         gradient = chosen.T @ products[slope_rows, 0] - mixed.T @ linear
@@ -252,10 +264,14 @@ def _descend(table: _Table, series: Sequence[Series], poles: FloatArray) -> Pole
     rounding = 1e-13 * float(table.rows[0] @ table.rows[0])
     damping = 1e-3
     for _ in range(60):
-        diagonal = np.maximum(np.diagonal(curvature), 1e-12 * np.max(np.diagonal(curvature)) + 1e-300)
-        step = np.linalg.solve(curvature + damping * np.diag(diagonal), gradient)
-        step *= min(1.0, _LONGEST_STEP / float(np.max(np.abs(step)) + 1e-300))
-        trial = np.clip(position + step, lower, upper)
+        diagonal = curvature.diagonal()
+        damped = curvature.copy()
+        damped.flat[:: count + 1] += damping * np.maximum(diagonal, 1e-12 * float(diagonal.max()) + 1e-300)
+        step = np.linalg.solve(damped, gradient)
+        if abs(float(step @ (2.0 * gradient - curvature @ step))) < _UNSEEN * rounding:
+            break
+        step *= min(1.0, _LONGEST_STEP / (float(np.abs(step).max()) + 1e-300))
+        trial = (position + step).clip(lower, upper)
         new_cost, new_linear, new_curvature, new_gradient = measure(trial)
         gain = cost - new_cost
         if gain > 0:

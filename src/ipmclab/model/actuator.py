@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -36,10 +37,11 @@ OUTPUTS: Final = ("current", "applied_voltage", "displacement", "force")
 _PORTS: Final = {"applied_voltage": "node_voltage"}
 
 
-def declarations(branches: int) -> dict[str, Declaration]:
+@cache
+def declarations(branches: int) -> Mapping[str, Declaration]:
     """Every parameter of an actuator with that many RC branches, by name, in the order of its file."""
     every = (*geometry.DECLARATIONS, *Circuit(branches).declarations, *Coupling.declarations, *Beam.declarations)
-    return {declaration.name: declaration for declaration in every}
+    return MappingProxyType({declaration.name: declaration for declaration in every})
 
 
 @dataclass(frozen=True, eq=False)

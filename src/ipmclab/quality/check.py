@@ -67,7 +67,11 @@ def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
     >>> [(finding.code, finding.samples) for finding in check(run)]
     [('spike', ((200, 201),))]
     """
-    record = Record.of(run)
+    return check_record(Record.of(run), actuator)
+
+
+def check_record(record: Record, actuator: Actuator | None = None) -> tuple[Finding, ...]:
+    """``check``, for a caller that goes on to use what it computes of the record."""
     found = _without_echoes([finding for one in _CHECKS for finding in one(record)])
     if actuator is not None:
         found += predicted_ringing(record, actuator)

@@ -27,6 +27,8 @@ def channel_skew(record: Record) -> list[Finding]:
     for channel in record.channels.values():
         if channel.name == "current":
             edges, moved = _edges_of_current(record, channel)
+            if not len(edges):
+                continue
             leads = _current_leads(channel, moved)
             found += _partial(record, channel, edges, moved)
         else:
@@ -44,11 +46,11 @@ def _edges_of_current(record: Record, channel: Channel) -> tuple[IntArray, Float
     voltage has stood and the current has moved by less than half of what counts as a move.
     """
     edges, size = record.edges, np.abs(record.heights)
-    if not len(edges):
-        return edges, np.zeros((0, 2 * GUARD_ROWS + 1))
+    inside = (edges >= _APART) & (edges < len(record) - _APART)
+    if not inside.any():
+        return edges[:0], np.zeros((0, 2 * GUARD_ROWS + 1))
     gaps = np.diff(edges, prepend=-len(record), append=2 * len(record))
     room = (gaps[:-1] >= _APART) & (gaps[1:] >= _APART)
-    inside = (edges >= _APART) & (edges < len(record) - _APART)
     kept = room & inside & record.constant_after & (size >= 0.3 * size.max())
     edges, heights = edges[kept], size[kept]
     before = edges[:, None] - np.arange(2, _APART + 1)
