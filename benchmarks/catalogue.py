@@ -30,7 +30,7 @@ import numpy as np
 
 from benchmarks.harness import Ratio, finish
 from ipmclab.run import Finding, Run
-from ipmclab.store.catalogue import Catalogue, Range, RunQuery
+from ipmclab.store.catalogue.catalogue import Catalogue, Range, RunQuery
 from ipmclab.store.run_file import write_run
 from tests.store.catalogue.postgres import cluster, programs
 
@@ -47,7 +47,7 @@ WRITER = """
 import sys, time, uuid
 from ipmclab.run import RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store.catalogue import Catalogue
+from ipmclab.store.catalogue.catalogue import Catalogue
 folder, address, rig, count = sys.argv[1:5]
 catalogue = Catalogue(folder, address or None)
 catalogue.begin(str(uuid.uuid4()), RunMetadata(sample=Sample(rig)))

@@ -18,11 +18,11 @@ from uuid import uuid4
 import numpy as np
 
 from benchmarks.harness import finish as publish
-from ipmclab.store.finalise import finish
-from ipmclab.store.frames import EVENT
-from ipmclab.store.journal import Journal, JournalHeader, read_journal
-from ipmclab.store.journal import _Note as Note
-from ipmclab.store.journal import _Rows as Rows
+from ipmclab.store.journal.finalise import finish
+from ipmclab.store.journal.frames import EVENT
+from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
+from ipmclab.store.journal.journal import _Note as Note
+from ipmclab.store.journal.journal import _Rows as Rows
 
 CHANNELS = ("voltage", "current", "displacement", "force")
 COLUMNS = (*CHANNELS, *(f"{name}_raw" for name in CHANNELS), "output_raw")
@@ -76,7 +76,7 @@ def recorded(folder: Path, seconds: float) -> tuple[Path, float]:
 def finished(folder: Path, journal: Path) -> tuple[Path, float, float, float]:
     """The run file; the time and processor time [s] and the peak memory [MB] of the process that made it."""
     code = (
-        "import sys, resource; from ipmclab.store.finalise import main; status = main(sys.argv[1:]);"
+        "import sys, resource; from ipmclab.store.journal.finalise import main; status = main(sys.argv[1:]);"
         "used = resource.getrusage(resource.RUSAGE_SELF);"
         "print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3, file=sys.stderr); sys.exit(status)"
     )

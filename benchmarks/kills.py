@@ -33,9 +33,9 @@ import numpy as np
 from benchmarks.harness import finish
 from ipmclab import read_run
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.client import Recorder, launch
-from ipmclab.store.laboratory import Laboratory
-from ipmclab.store.recover import recover
+from ipmclab.rig.process.client import Recorder, launch
+from ipmclab.store.journal.laboratory import Laboratory
+from ipmclab.store.journal.recover import recover
 
 SEED = 20261121
 RATE = 50.0

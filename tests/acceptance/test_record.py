@@ -25,7 +25,7 @@ import pytest
 from benchmarks.kills import EXPERIMENT, level, prepare, run_kills, stand_in, start
 from ipmclab import read_run
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.client import Recorder
+from ipmclab.rig.process.client import Recorder
 from ipmclab.run import Run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and terminals of POSIX")

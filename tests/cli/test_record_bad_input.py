@@ -13,10 +13,10 @@ from ipmclab.cli.app import run
 from ipmclab.cli.record import _answers
 from ipmclab.cli.recorder import answers_of, plan_of, read_experiment, rig_of, session_of
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig.messages import Message
-from ipmclab.rig.steps import Question
+from ipmclab.rig.experiments.steps import Question
+from ipmclab.rig.process.messages import Message
 from ipmclab.rig.virtual import VirtualBench
-from ipmclab.store.laboratory import Laboratory
+from ipmclab.store.journal.laboratory import Laboratory
 from tests.rig.stand_in import StandIn, serve
 
 GOOD = """

@@ -8,7 +8,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from ipmclab.store.journal import Journal, JournalHeader
+from ipmclab.store.journal.journal import Journal, JournalHeader
 
 
 def cut_off(root: Path) -> Path:

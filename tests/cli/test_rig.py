@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from ipmclab.rig.rig_file import load_rig
-from ipmclab.rig.rig_text import rig_to_text
+from ipmclab.rig.files.rig_file import load_rig
+from ipmclab.rig.files.text import rig_to_text
 from tests.cli.conftest import Command
 
 

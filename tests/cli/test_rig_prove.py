@@ -14,10 +14,10 @@ import pytest
 
 from ipmclab import InputError
 from ipmclab.rig.channels import THESIS_RIG, Converter
-from ipmclab.rig.proof import proof_of, proof_path, read_proof
-from ipmclab.rig.prove import WITHIN, _unplugged, prove
-from ipmclab.rig.rig_file import load_rig
-from ipmclab.rig.rig_text import write_rig
+from ipmclab.rig.checks.proof import proof_of, proof_path, read_proof
+from ipmclab.rig.checks.prove import WITHIN, _unplugged, prove
+from ipmclab.rig.files.rig_file import load_rig
+from ipmclab.rig.files.text import write_rig
 from tests.cli.conftest import Command
 
 pytest.importorskip("nidaqmx")

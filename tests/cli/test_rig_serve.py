@@ -14,8 +14,8 @@ import pytest
 from ipmclab import InputError
 from ipmclab.cli.rig_serve import chassis_of
 from ipmclab.rig.channels import THESIS_RIG, Rig
-from ipmclab.rig.rig_file import load_rig
-from ipmclab.rig.rig_text import write_rig
+from ipmclab.rig.files.rig_file import load_rig
+from ipmclab.rig.files.text import write_rig
 from tests.cli.conftest import Command
 
 pytest.importorskip("nidaqmx")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ipmclab
-from ipmclab.rig.recorder import record
+from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.virtual import VirtualBench
 from tests.independent.thesis import FRIEND_2, respond
 

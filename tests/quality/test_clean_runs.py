@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ipmclab.model import load_actuator
 from ipmclab.quality import censored, check, measure, usable
-from ipmclab.rig.recorder import record
+from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import Run
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
 from ipmclab.report.figures import life as figures
-from ipmclab.store.catalogue_life import Life, life_of
-from ipmclab.store.catalogue_query import CatalogueRow
+from ipmclab.store.catalogue.life import Life, life_of
+from ipmclab.store.catalogue.query import CatalogueRow
 
 START = 1795000000.0
 HOUR = 3600.0

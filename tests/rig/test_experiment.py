@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from ipmclab.errors import InputError
-from ipmclab.rig.experiment import TEMPLATE, experiment_from_table, load_experiment
+from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
 
 GOOD: dict[str, Any] = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
 

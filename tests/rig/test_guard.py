@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ipmclab import IpmclabError
 from ipmclab.rig import THESIS_RIG, Limit, Limits
-from ipmclab.rig.guard import Alarm, Guard
+from ipmclab.rig.safety.guard import Alarm, Guard
 
 NOTHING = Limits(**{field.name: None for field in fields(Limits) if field.name not in ("voltage", "slew")})  # type: ignore[arg-type]
 ELECTRODES = replace(THESIS_RIG, voltage_sensed="electrodes")

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.guardian import Guardian, Target
+from ipmclab.rig.safety.guardian import Guardian, Target
 
 RECORDER = """
 import os, sys, time
-from ipmclab.rig.guardian import Guardian, Target
+from ipmclab.rig.safety.guardian import Guardian, Target
 
 guardian = Guardian(Target("file", sys.argv[1]), log=sys.argv[2])
 guardian.arm()

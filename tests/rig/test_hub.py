@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig.client import Recorder, attach, forget_dead_recorders
-from ipmclab.rig.hub import Hub
-from ipmclab.rig.messages import Message
+from ipmclab.rig.process.client import Recorder, attach, forget_dead_recorders
+from ipmclab.rig.process.hub import Hub
+from ipmclab.rig.process.messages import Message
 
 
 def until(condition: Callable[[], object], seconds: float = 5.0) -> None:

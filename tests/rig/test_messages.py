@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.messages import Message, decode, encode
+from ipmclab.rig.process.messages import Message, decode, encode
 
 TEXT = st.text(max_size=20)
 VALUES = st.dictionaries(

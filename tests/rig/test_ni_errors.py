@@ -12,7 +12,7 @@ from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError, Daq
 
 from ipmclab.errors import InputError
 from ipmclab.rig.bench import BenchError
-from ipmclab.rig.ni_errors import MEANINGS, STATUSES, STATUSES_OF_LOSS, translate
+from ipmclab.rig.daqmx.errors import MEANINGS, STATUSES, STATUSES_OF_LOSS, translate
 
 NAMES = {"cDAQ1Mod1/ai0": "current", "cDAQ1Mod1/ai3": "voltage", "cDAQ1Mod2/ao0": "output"}
 PAGE = Path(__file__).parents[2] / "docs" / "ni.md"

@@ -11,9 +11,9 @@ import pytest
 from ipmclab import load_actuator, signals
 from ipmclab.errors import InputError
 from ipmclab.rig.channels import THESIS_RIG, Converter, Rig
-from ipmclab.rig.experiment import experiment_from_table
-from ipmclab.rig.plan import Plan, check_answers, make_plan, unanswered
-from ipmclab.rig.steps import reversed_signal
+from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.plan import Plan, check_answers, make_plan, unanswered
+from ipmclab.rig.experiments.steps import reversed_signal
 
 GOOD: dict[str, Any] = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
 AIR = {"temperature": "25 degC", "relative_humidity": "80 percent", "settle": "30 min"}

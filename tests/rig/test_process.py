@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.client import Recorder
-from ipmclab.rig.hub import Hub
-from ipmclab.rig.messages import Message
-from ipmclab.rig.process import ClientDesk, ended
-from ipmclab.rig.session import Recorded
-from ipmclab.rig.steps import Question
+from ipmclab.rig.experiments.session import Recorded
+from ipmclab.rig.experiments.steps import Question
+from ipmclab.rig.process.client import Recorder
+from ipmclab.rig.process.hub import Hub
+from ipmclab.rig.process.messages import Message
+from ipmclab.rig.process.server import ClientDesk, ended
 
 CLAMP = Question("clamp", "clamp the strip", ("done", "kept"), "done")
 

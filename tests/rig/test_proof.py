@@ -9,7 +9,7 @@ import pytest
 
 from ipmclab import InputError
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.proof import Item, Proof, proof_of, proof_path, read_proof, rig_fingerprint, write_proof
+from ipmclab.rig.checks.proof import Item, Proof, proof_of, proof_path, read_proof, rig_fingerprint, write_proof
 
 RIG = replace(THESIS_RIG, bench="ni", address="127.0.0.1:1")
 ITEMS = (

@@ -17,8 +17,8 @@ from ipmclab import InputError, IpmclabError, RunMetadata, check, load_actuator
 from ipmclab.model import Actuator
 from ipmclab.rig import THESIS_RIG, Control, Limit, Limits, VirtualBench, record
 from ipmclab.rig.bench import BenchError, Block
-from ipmclab.rig.keeping import Rows
-from ipmclab.rig.recorder import Outcome, capture
+from ipmclab.rig.recording.keeping import Rows
+from ipmclab.rig.recording.recorder import Outcome, capture
 from ipmclab.run import Mark
 from ipmclab.signals import Signal
 
@@ -466,8 +466,8 @@ def test_a_full_disk_ends_the_run_with_the_output_at_0(strip: Actuator) -> None:
 
 def test_a_real_journal_becomes_the_same_run(strip: Actuator, tmp_path: Path) -> None:
     from ipmclab import read_run
-    from ipmclab.store.finalise import finalise
-    from ipmclab.store.journal import Journal as RealJournal
+    from ipmclab.store.journal.finalise import finalise
+    from ipmclab.store.journal.journal import Journal as RealJournal
 
     journals: list[RealJournal] = []
 

@@ -14,10 +14,10 @@ import pytest
 
 from ipmclab import check
 from ipmclab.rig import Control, Limit, Limits
-from ipmclab.rig.guardian import Guardian
-from ipmclab.rig.keeping import Rows
 from ipmclab.rig.ni import NiBench
-from ipmclab.rig.recorder import Outcome, capture
+from ipmclab.rig.recording.keeping import Rows
+from ipmclab.rig.recording.recorder import Outcome, capture
+from ipmclab.rig.safety.guardian import Guardian
 from tests.rig.stand_in import Process, StandIn, serve
 from virtual_cdaq.model.faults import Fault
 
@@ -155,9 +155,9 @@ RECORDER = """
 import sys
 from dataclasses import replace
 from ipmclab.rig import THESIS_RIG
-from ipmclab.rig.guardian import Guardian
+from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.rig.ni import NiBench
-from ipmclab.rig.recorder import capture
+from ipmclab.rig.recording.recorder import capture
 
 rig = replace(THESIS_RIG, bench="ni", address=sys.argv[1])
 told = []

@@ -11,7 +11,7 @@ from ipmclab import signals
 from ipmclab.errors import InputError
 from ipmclab.rig import request
 from ipmclab.rig.channels import THESIS_RIG, Output
-from ipmclab.rig.readback import left_at_output
+from ipmclab.rig.safety.readback import left_at_output
 
 
 def test_two_channels_on_one_input_are_refused() -> None:

@@ -12,7 +12,7 @@ import pytest
 from ipmclab import Finding, load_actuator
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.channels import THESIS_RIG, Converter, Rig, Thermometer
-from ipmclab.rig.rig_check import RigCheck, check_rig
+from ipmclab.rig.checks.check import RigCheck, check_rig
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.signals import Signal
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError
 from ipmclab.rig.channels import THESIS_RIG, Channel, Converter, FourProbe, Output, Rig, Thermometer, VirtualStrip
-from ipmclab.rig.rig_file import NI_9205_NOISE, load_rig, rig_from_text
-from ipmclab.rig.rig_text import rig_to_text, write_rig
+from ipmclab.rig.files.rig_file import NI_9205_NOISE, load_rig, rig_from_text
+from ipmclab.rig.files.text import rig_to_text, write_rig
 
 RIG = """
 name = "bench 1"

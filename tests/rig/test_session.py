@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig import session as session_module
 from ipmclab.rig.bench import Bench, Block
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.earlier import Earlier, earlier_runs
-from ipmclab.rig.experiment import experiment_from_table
-from ipmclab.rig.fingerprint import Fingerprint, fingerprint_finding
-from ipmclab.rig.messages import Message
-from ipmclab.rig.plan import make_plan
-from ipmclab.rig.session import Recorded, Session
-from ipmclab.rig.steps import Question
+from ipmclab.rig.experiments import session as session_module
+from ipmclab.rig.experiments.earlier import Earlier, earlier_runs
+from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.fingerprint import Fingerprint, fingerprint_finding
+from ipmclab.rig.experiments.plan import make_plan
+from ipmclab.rig.experiments.session import Recorded, Session
+from ipmclab.rig.experiments.steps import Question
+from ipmclab.rig.process.messages import Message
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import Finding, Run
-from ipmclab.store import finalise as finalise_module
-from ipmclab.store.laboratory import Laboratory
+from ipmclab.store.journal import finalise as finalise_module
+from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.run_file import read_run
 
 BASE: dict[str, Any] = {

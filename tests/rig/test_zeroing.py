@@ -13,8 +13,8 @@ from ipmclab.quality import usable
 from ipmclab.rig import THESIS_RIG, VirtualBench, record
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Rig, VirtualStrip
-from ipmclab.rig.recorder import capture
-from ipmclab.rig.zeroing import read_rest, read_tare, uncertainties, wait_for_preload
+from ipmclab.rig.recording.recorder import capture
+from ipmclab.rig.recording.zeroing import read_rest, read_tare, uncertainties, wait_for_preload
 from ipmclab.run import QUALITY_FLAGS, ZeroReading
 
 RATE = 50.0

@@ -19,13 +19,13 @@ from ipmclab.errors import IpmclabError
 from ipmclab.quality import check
 from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
-from ipmclab.store import finalise as finalise_module
 from ipmclab.store import read_run
-from ipmclab.store.finalise import Finished, finalise, finish, finish_here
-from ipmclab.store.frames import EVENT, Frame, read_frames
-from ipmclab.store.journal import Journal, JournalHeader, read_journal
-from ipmclab.store.journal_run import layout_of
-from ipmclab.store.laboratory import Laboratory
+from ipmclab.store.journal import finalise as finalise_module
+from ipmclab.store.journal.finalise import Finished, finalise, finish, finish_here
+from ipmclab.store.journal.frames import EVENT, Frame, read_frames
+from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
+from ipmclab.store.journal.laboratory import Laboratory
+from ipmclab.store.journal.run import layout_of
 from ipmclab.store.run_file import CHUNK_ROWS
 
 COLUMNS = ("voltage", "current", "force", "current_quality", "force_quality", "force_raw", "output_raw")
@@ -344,7 +344,7 @@ def test_a_disk_that_takes_no_run_file_keeps_the_journal(tmp_path: Path) -> None
     journal = recorded(tmp_path, values(20000))
     limited = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000));"
-        "from ipmclab.store.finalise import finish; from ipmclab.errors import IpmclabError\n"
+        "from ipmclab.store.journal.finalise import finish; from ipmclab.errors import IpmclabError\n"
         f"try: finish({str(journal)!r}, {str(tmp_path)!r})\n"
         "except IpmclabError as error: print(error)"
     )

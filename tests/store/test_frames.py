@@ -7,7 +7,7 @@ import io
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
-from ipmclab.store.frames import DATA, END, EVENT, HEADER, HEADER_SIZE, MAGIC, Damage, Frame, read_frames
+from ipmclab.store.journal.frames import DATA, END, EVENT, HEADER, HEADER_SIZE, MAGIC, Damage, Frame, read_frames
 
 
 @st.composite

@@ -18,11 +18,11 @@ import pytest
 
 from ipmclab.errors import InputError
 from ipmclab.run import Mark, RunMetadata
-from ipmclab.store import journal as journal_module
-from ipmclab.store.finalise import finalise
-from ipmclab.store.journal import Journal, JournalError, JournalHeader, read_header, read_journal
-from ipmclab.store.laboratory import Laboratory, free_space_needed
-from ipmclab.store.recover import recover
+from ipmclab.store.journal import journal as journal_module
+from ipmclab.store.journal.finalise import finalise
+from ipmclab.store.journal.journal import Journal, JournalError, JournalHeader, read_header, read_journal
+from ipmclab.store.journal.laboratory import Laboratory, free_space_needed
+from ipmclab.store.journal.recover import recover
 from ipmclab.store.run_file import read_run
 
 COLUMNS = ("voltage", "current", "current_quality", "current_raw", "output_raw")

@@ -15,11 +15,11 @@ import pytest
 
 from ipmclab.errors import IpmclabError
 from ipmclab.store import read_run
-from ipmclab.store import recover as recover_module
-from ipmclab.store.finalise import finalise
-from ipmclab.store.journal import Journal, JournalHeader
-from ipmclab.store.laboratory import Laboratory
-from ipmclab.store.recover import ARCHIVE_TIME, recover
+from ipmclab.store.journal import recover as recover_module
+from ipmclab.store.journal.finalise import finalise
+from ipmclab.store.journal.journal import Journal, JournalHeader
+from ipmclab.store.journal.laboratory import Laboratory
+from ipmclab.store.journal.recover import ARCHIVE_TIME, recover
 
 WRITER = Path(__file__).with_name("writer.py")
 
@@ -110,7 +110,7 @@ def test_kills_of_the_recovery_itself(tmp_path: Path) -> None:
     uuid = str(uuid4())
     told = killed_after(writer(tmp_path, uuid, rows=100_000), 0.3)
     (path,) = (tmp_path / "recording").glob("*.runj")
-    command = [sys.executable, "-m", "ipmclab.store.finalise", str(path), str(tmp_path)]
+    command = [sys.executable, "-m", "ipmclab.store.journal.finalise", str(path), str(tmp_path)]
     for _ in range(4):
         child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         time.sleep(random.uniform(0.1, 0.9))
@@ -174,7 +174,7 @@ def test_half_files_and_old_journals_are_removed_and_nothing_else(tmp_path: Path
 def test_two_recoveries_at_once(tmp_path: Path) -> None:
     for _ in range(2):
         cut_off(tmp_path)
-    command = [sys.executable, "-c", f"from ipmclab.store.recover import recover; recover({str(tmp_path)!r})"]
+    command = [sys.executable, "-c", f"from ipmclab.store.journal.recover import recover; recover({str(tmp_path)!r})"]
     both = [subprocess.Popen(command, stderr=subprocess.PIPE) for _ in range(2)]
     for process in both:
         assert process.communicate()[1] == b""

@@ -13,9 +13,9 @@ import time
 import numpy as np
 
 from ipmclab.run import RunMetadata
-from ipmclab.store import journal as journal_module
-from ipmclab.store.finalise import finalise
-from ipmclab.store.journal import Journal, JournalHeader
+from ipmclab.store.journal import journal as journal_module
+from ipmclab.store.journal.finalise import finalise
+from ipmclab.store.journal.journal import Journal, JournalHeader
 
 COLUMNS = ("voltage", "current", "current_raw")
 BLOCK = 40

@@ -19,7 +19,7 @@ def make_bench(rig: Rig) -> Bench:
 
     Examples
     --------
-    >>> from ipmclab.rig.rig_file import load_rig
+    >>> from ipmclab.rig.files.rig_file import load_rig
     >>> make_bench(load_rig("thesis")).description
     "virtual bench, actuator friend-2, rig of Friend's thesis, chapter 3, seed 20261121"
     """

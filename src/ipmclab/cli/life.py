@@ -12,9 +12,9 @@ from ipmclab.cli.run_rows import codes_cell, run_document, state_cell, what_cell
 from ipmclab.units import CAPACITANCE, RELATIVE_HUMIDITY, RESISTANCE, TIME, Quantity
 
 if TYPE_CHECKING:
-    from ipmclab.store.catalogue import Catalogue
-    from ipmclab.store.catalogue_life import Event, Life
-    from ipmclab.store.catalogue_query import CatalogueRow
+    from ipmclab.store.catalogue.catalogue import Catalogue
+    from ipmclab.store.catalogue.life import Event, Life
+    from ipmclab.store.catalogue.query import CatalogueRow
 
 
 def print_life(life: Life) -> None:

@@ -18,8 +18,8 @@ from ipmclab.cli.record_view import View, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
 
 if TYPE_CHECKING:
-    from ipmclab.rig.client import Recorder
-    from ipmclab.rig.messages import Message
+    from ipmclab.rig.process.client import Recorder
+    from ipmclab.rig.process.messages import Message
 
 RECORDER: Final = "ipmclab.cli.recorder"
 """The program of the recorder's own process."""
@@ -64,7 +64,7 @@ def record(
     ipmclab record step.toml
     """
     if template:
-        from ipmclab.rig.experiment import TEMPLATE
+        from ipmclab.rig.experiments.experiment import TEMPLATE
 
         if as_json:
             print_json({"template": TEMPLATE})
@@ -74,7 +74,7 @@ def record(
     keys = sys.stdin.isatty() and sys.stderr.isatty()
     view = View(quiet=as_json, keys=keys)
     if attach is not None:
-        from ipmclab.rig.client import attach as attach_to
+        from ipmclab.rig.process.client import attach as attach_to
 
         recorder = attach_to(attach)
     elif experiment is None:
@@ -87,7 +87,7 @@ def record(
     else:
         if repeats is not None and repeats < 1:
             raise InputError(f"{repeats} repeats", code="out-of-range", where="--repeats", repair="give 1 or more")
-        from ipmclab.rig.client import launch
+        from ipmclab.rig.process.client import launch
 
         job = {
             "experiment": str(experiment),
@@ -292,7 +292,7 @@ class _Terminal:
 
 def _finish(terminal: _Terminal, last: Message, as_json: bool) -> None:
     """Say what came of it, and leave with its status."""
-    from ipmclab.rig.client import error_from
+    from ipmclab.rig.process.client import error_from
 
     values = dict(last.values)
     error: IpmclabError | None = error_from(values["error"]) if values["error"] is not None else None

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.live import Live
     from rich.text import Text
 
-    from ipmclab.rig.messages import Message
+    from ipmclab.rig.process.messages import Message
 
 KEYS: Final = "s stop and keep   a abort   z output to 0 V now   m mark"
 

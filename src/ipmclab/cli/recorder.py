@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ipmclab.rig.channels import Rig
-    from ipmclab.rig.experiment import Experiment
-    from ipmclab.rig.plan import Plan
-    from ipmclab.rig.process import ClientDesk
-    from ipmclab.rig.recorder import Heartbeat
-    from ipmclab.rig.session import Desk, Session
+    from ipmclab.rig.experiments.experiment import Experiment
+    from ipmclab.rig.experiments.plan import Plan
+    from ipmclab.rig.experiments.session import Desk, Session
+    from ipmclab.rig.process.server import ClientDesk
+    from ipmclab.rig.recording.recorder import Heartbeat
     from ipmclab.run import Finding, Run
-    from ipmclab.store.laboratory import Laboratory
+    from ipmclab.store.journal.laboratory import Laboratory
 
 FIRST_CLIENT: Final = 10.0
 """How long [s] a recorder that has ended waits for its first client."""
@@ -35,10 +35,10 @@ def main() -> int:
     """Do one experiment."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ipmclab.errors import IpmclabError
-    from ipmclab.rig.client import forget_dead_recorders
-    from ipmclab.rig.hub import Hub
-    from ipmclab.rig.process import ClientDesk, end_on_signals
-    from ipmclab.store.laboratory import Laboratory
+    from ipmclab.rig.process.client import forget_dead_recorders
+    from ipmclab.rig.process.hub import Hub
+    from ipmclab.rig.process.server import ClientDesk, end_on_signals
+    from ipmclab.store.journal.laboratory import Laboratory
 
     job = json.load(sys.stdin)
     desk = ClientDesk()
@@ -69,7 +69,7 @@ def main() -> int:
 
 def read_experiment(job: Mapping[str, Any]) -> Experiment:
     """The experiment of a job, with what its command line changes."""
-    from ipmclab.rig.experiment import load_experiment
+    from ipmclab.rig.experiments.experiment import load_experiment
 
     experiment = load_experiment(job["experiment"])
     changes = {key: job[key] for key in ("pair", "repeats") if job.get(key) is not None}
@@ -85,7 +85,7 @@ def rig_of(experiment: Experiment) -> Rig:
         With the key of the experiment.
     """
     from ipmclab.errors import InputError
-    from ipmclab.rig.rig_file import load_rig
+    from ipmclab.rig.files.rig_file import load_rig
 
     if isinstance(experiment.rig, Path) and not experiment.rig.is_file():
         raise InputError(
@@ -109,8 +109,8 @@ def plan_of(experiment: Experiment, rig: Rig, laboratory: Laboratory) -> Plan:
         What cannot be done.
     """
     from ipmclab import load_actuator
-    from ipmclab.rig.plan import make_plan
-    from ipmclab.rig.proof import proof_of
+    from ipmclab.rig.checks.proof import proof_of
+    from ipmclab.rig.experiments.plan import make_plan
 
     named = experiment.actuator or (rig.virtual.actuator if rig.bench == "virtual" else None)
     return make_plan(
@@ -131,8 +131,8 @@ def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
         An answer that fits no question, or a question that nobody would be there to answer.
     """
     from ipmclab.errors import InputError
-    from ipmclab.rig.plan import check_answers, unanswered
-    from ipmclab.rig.steps import FINGERPRINT
+    from ipmclab.rig.experiments.plan import check_answers, unanswered
+    from ipmclab.rig.experiments.steps import FINGERPRINT
 
     given: dict[str, str] = dict(job["answers"])
     check_answers(plan, given)
@@ -155,8 +155,8 @@ def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
 
 def recover_first(laboratory: Laboratory) -> Iterator[str]:
     """Make runs of what an earlier crash left in the folder, and tell what became of it."""
-    from ipmclab.store.catalogue import Catalogue, safely
-    from ipmclab.store.recover import recover
+    from ipmclab.store.catalogue.catalogue import Catalogue, safely
+    from ipmclab.store.journal.recover import recover
 
     recovery = recover(laboratory)
     for finished in recovery.finished:
@@ -170,7 +170,7 @@ def recover_first(laboratory: Laboratory) -> Iterator[str]:
 def inspect(run: Run) -> list[Finding]:
     """What is wrong with a run, and what its fingerprint tells."""
     from ipmclab.quality import check
-    from ipmclab.rig.fingerprint import fingerprint_finding
+    from ipmclab.rig.experiments.fingerprint import fingerprint_finding
 
     told = fingerprint_finding(run)
     return [*check(run), *([told] if told is not None else [])]
@@ -179,8 +179,8 @@ def inspect(run: Run) -> list[Finding]:
 def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbeat | None) -> Session:
     """The session of a plan, with its bench."""
     from ipmclab.cli.benches import make_bench
-    from ipmclab.rig.earlier import earlier_runs
-    from ipmclab.rig.session import Session
+    from ipmclab.rig.experiments.earlier import earlier_runs
+    from ipmclab.rig.experiments.session import Session
 
     return Session(
         plan,
@@ -200,7 +200,7 @@ def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
         yield None
         return
     import ipmclab.rig.ni  # noqa: F401  # its imports take a second, which passes before the start
-    from ipmclab.rig.guardian import Guardian
+    from ipmclab.rig.safety.guardian import Guardian
 
     guardian = Guardian(rig, log=log)
     try:
@@ -212,8 +212,8 @@ def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
 def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, desk: ClientDesk) -> int:
     """Plan, wait for the word to start, do it, and tell how it ended."""
     from ipmclab.errors import IpmclabError
-    from ipmclab.rig.messages import Message
-    from ipmclab.rig.process import ended
+    from ipmclab.rig.process.messages import Message
+    from ipmclab.rig.process.server import ended
 
     session = None
     failed: IpmclabError | None = None

@@ -13,7 +13,7 @@ from ipmclab.cli.options import Json
 from ipmclab.cli.output import print_json, print_remarks, progress
 
 if TYPE_CHECKING:
-    from ipmclab.store.finalise import Finished
+    from ipmclab.store.journal.finalise import Finished
 
 _WORDS = {
     "empty": "nothing was recorded",
@@ -35,8 +35,8 @@ def recover(
     \b
     ipmclab recover runs
     """
-    from ipmclab.store.laboratory import Laboratory
-    from ipmclab.store.recover import recover as recover_folder
+    from ipmclab.store.journal.laboratory import Laboratory
+    from ipmclab.store.journal.recover import recover as recover_folder
 
     laboratory = Laboratory.open(folder, create=False)
     recovery = recover_folder(laboratory, on_progress=_tell)
@@ -81,7 +81,7 @@ def _line(finished: Finished, root: Path) -> str:
 
 def _catch_up(root: Path) -> str | None:
     """Take the runs into the catalogue; what is wrong with it does not stop a recovery."""
-    from ipmclab.store.catalogue import Catalogue, safely
+    from ipmclab.store.catalogue.catalogue import Catalogue, safely
 
     error = safely(lambda: Catalogue(root).sweep())
     return str(error) if error else None

@@ -22,7 +22,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS, CURRENT, VOLTAGE
 
 if TYPE_CHECKING:
-    from ipmclab.rig.rig_check import ChannelCheck, RigCheck
+    from ipmclab.rig.checks.check import ChannelCheck, RigCheck
 
 SEVERITIES: Final = ("info", "warning", "error")
 
@@ -72,8 +72,8 @@ def check(
         )
     from ipmclab import load_actuator
     from ipmclab.cli.benches import make_bench
-    from ipmclab.rig.rig_check import check_rig
-    from ipmclab.rig.rig_file import load_rig
+    from ipmclab.rig.checks.check import check_rig
+    from ipmclab.rig.files.rig_file import load_rig
 
     volts = positive(amplitude, VOLTAGE, option="--amplitude")
     loaded = load_rig(rig)

@@ -13,7 +13,7 @@ from ipmclab.cli.output import print_json
 from ipmclab.errors import InputError
 
 if TYPE_CHECKING:
-    from ipmclab.rig.proof import Item
+    from ipmclab.rig.checks.proof import Item
 
 _BEFORE = """Take the strip out and clamp the dummy load: 10 ohm and 100 mF in series. Nothing else may use the chassis.
 It takes about half a minute, and gives out at most 1 V."""
@@ -30,9 +30,9 @@ def prove(
     \b
     ipmclab rig prove rig.toml --operator NN
     """
-    from ipmclab.rig.proof import proof_of, proof_path, write_proof
-    from ipmclab.rig.prove import prove as go_through
-    from ipmclab.rig.rig_file import library_rigs, load_rig
+    from ipmclab.rig.checks.proof import proof_of, proof_path, write_proof
+    from ipmclab.rig.checks.prove import prove as go_through
+    from ipmclab.rig.files.rig_file import library_rigs, load_rig
 
     if rig in library_rigs():
         raise InputError(

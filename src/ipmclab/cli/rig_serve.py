@@ -53,8 +53,8 @@ def serve(
     \b
     ipmclab rig serve rig.toml --port 31763
     """
+    from ipmclab.rig.files.rig_file import load_rig
     from ipmclab.rig.plant import StripPlant
-    from ipmclab.rig.rig_file import load_rig
 
     loaded = load_rig(rig)
     name, modules = chassis_of(loaded)

@@ -10,8 +10,8 @@ from ipmclab.cli.output import print_lines, read, with_unit
 from ipmclab.units import RELATIVE_HUMIDITY, TIME
 
 if TYPE_CHECKING:
-    from ipmclab.store.catalogue import Catalogue
-    from ipmclab.store.catalogue_query import CatalogueRow
+    from ipmclab.store.catalogue.catalogue import Catalogue
+    from ipmclab.store.catalogue.query import CatalogueRow
 
 
 def print_runs(rows: Sequence[CatalogueRow], catalogue: Catalogue) -> None:

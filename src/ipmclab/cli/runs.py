@@ -16,7 +16,7 @@ from ipmclab.cli.plot import SUFFIXES
 from ipmclab.errors import InputError, suggest
 
 if TYPE_CHECKING:
-    from ipmclab.store.catalogue import Catalogue, CatalogueRow, Problem, RunQuery, Sweep
+    from ipmclab.store.catalogue.catalogue import Catalogue, CatalogueRow, Problem, RunQuery, Sweep
 
 PURPOSES: Final = ("signal", "baseline", "fingerprint")
 
@@ -71,8 +71,8 @@ def runs(
     ipmclab runs runs --signal step --amplitude "0.9 V..1.1 V" --humidity "78 percent..82 percent"
     ipmclab runs --sample strip-1 --out life.svg
     """
-    from ipmclab.store.catalogue import Catalogue, RunQuery
-    from ipmclab.store.catalogue_range import parse_moment, parse_range
+    from ipmclab.store.catalogue.catalogue import Catalogue, RunQuery
+    from ipmclab.store.catalogue.range import parse_moment, parse_range
     from ipmclab.units import FREQUENCY, RELATIVE_HUMIDITY, TEMPERATURE, VOLTAGE
 
     query = RunQuery(
@@ -121,7 +121,7 @@ def runs(
 
 def _bring_up_to_date(catalogue: Catalogue, *, rebuild: bool) -> Sweep | None:
     """Look at the files; None where there is nothing to look at, so that no database is left in any folder."""
-    from ipmclab.store.catalogue_sweep import run_files
+    from ipmclab.store.catalogue.sweep import run_files
 
     is_laboratory = (catalogue.root / "recording").is_dir()
     if not catalogue.exists and not is_laboratory and next(run_files(catalogue.root, []), None) is None:
@@ -152,7 +152,7 @@ def _show_life(
     as_json: bool,
 ) -> None:
     from ipmclab.cli.life import draw_life, life_document, print_life
-    from ipmclab.store.catalogue_life import life_of
+    from ipmclab.store.catalogue.life import life_of
 
     if not rows:
         known = catalogue.samples() if catalogue.exists else []
@@ -256,7 +256,7 @@ def _channel(name: str) -> str:
 
 
 def _states() -> tuple[str, ...]:
-    from ipmclab.store.catalogue_query import STATES
+    from ipmclab.store.catalogue.query import STATES
 
     return STATES
 

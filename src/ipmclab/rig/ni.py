@@ -17,11 +17,11 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
-from ipmclab.rig.in_use import Hold
-from ipmclab.rig.ni_driver import Driver
-from ipmclab.rig.ni_tasks import OnDemand, TimedTasks
-from ipmclab.rig.readback import left_at_output
+from ipmclab.rig.daqmx.driver import Driver
+from ipmclab.rig.daqmx.in_use import Hold
+from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
 from ipmclab.rig.request import Feed, check_measured, check_signal, check_voltage
+from ipmclab.rig.safety.readback import left_at_output
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:

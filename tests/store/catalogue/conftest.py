@@ -11,7 +11,7 @@ import pytest
 
 from ipmclab.run import Run, RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store.catalogue import Catalogue
+from ipmclab.store.catalogue.catalogue import Catalogue
 from ipmclab.store.run_file import write_run
 from tests.store.catalogue.postgres import Server, cluster, programs
 

@@ -14,10 +14,10 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.quality import check
 from ipmclab.run import Finding, RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store import catalogue_sweep
-from ipmclab.store.catalogue import Catalogue, CatalogueRow, Range, RunQuery
-from ipmclab.store.journal import Journal
-from ipmclab.store.journal_header import JournalHeader
+from ipmclab.store.catalogue import sweep as catalogue_sweep
+from ipmclab.store.catalogue.catalogue import Catalogue, CatalogueRow, Range, RunQuery
+from ipmclab.store.journal.header import JournalHeader
+from ipmclab.store.journal.journal import Journal
 
 SEED = 20261121
 

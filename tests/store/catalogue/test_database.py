@@ -10,9 +10,9 @@ import pytest
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.run import RunMetadata
-from ipmclab.store import catalogue_database
-from ipmclab.store.catalogue import Catalogue, RunQuery, safely
-from ipmclab.store.catalogue_database import parse_url
+from ipmclab.store.catalogue import database as catalogue_database
+from ipmclab.store.catalogue.catalogue import Catalogue, RunQuery, safely
+from ipmclab.store.catalogue.database import parse_url
 
 
 @pytest.fixture(autouse=True)

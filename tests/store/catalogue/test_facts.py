@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
-from ipmclab.store import catalogue_facts
-from ipmclab.store.catalogue_facts import read_facts, signal_facts, storable
+from ipmclab.store.catalogue import facts as catalogue_facts
+from ipmclab.store.catalogue.facts import read_facts, signal_facts, storable
 from ipmclab.store.run_file import read_run
 
 UUID = "3f2a77c1-0d4b-4a52-8f0e-2f3a51c0ffee"

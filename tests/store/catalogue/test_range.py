@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
-from ipmclab.store.catalogue_range import Range, parse_moment, parse_range, seconds_of
+from ipmclab.store.catalogue.range import Range, parse_moment, parse_range, seconds_of
 from ipmclab.units import CHANNELS, FREQUENCY, RELATIVE_HUMIDITY, VOLTAGE, format_quantity
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ipmclab.run import Finding
-from ipmclab.store.catalogue import Catalogue, RunQuery
+from ipmclab.store.catalogue.catalogue import Catalogue, RunQuery
 
 RUNS = 12
 
@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from ipmclab.run import Finding, RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store.catalogue import Catalogue, RunQuery
+from ipmclab.store.catalogue.catalogue import Catalogue, RunQuery
 folder, address, rig = sys.argv[1:4]
 print("ready", flush=True)
 sys.stdin.readline()  # both start together, also with making the tables
@@ -107,7 +107,7 @@ def test_two_sweeps_and_a_rebuild_at_once(folder: Path, address: str | None, wri
 KILLED = """
 import sys
 from ipmclab.run import RunMetadata
-from ipmclab.store.catalogue import Catalogue
+from ipmclab.store.catalogue.catalogue import Catalogue
 folder, address, name = sys.argv[1:4]
 catalogue = Catalogue(folder, address or None)
 catalogue.begin(name, RunMetadata())

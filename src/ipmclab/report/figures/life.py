@@ -18,8 +18,8 @@ from ipmclab.errors import InputError
 from ipmclab.report.figures.layout import panel_grid
 from ipmclab.report.figures.panels import legend_above, name_panel
 from ipmclab.report.style import COLOURS, label_text, style
-from ipmclab.store.catalogue_life import Event, Life
-from ipmclab.store.catalogue_query import CatalogueRow
+from ipmclab.store.catalogue.life import Event, Life
+from ipmclab.store.catalogue.query import CatalogueRow
 from ipmclab.units import CAPACITANCE, RELATIVE_HUMIDITY, RESISTANCE, VOLTAGE, Quantity
 
 FloatArray = npt.NDArray[np.float64]

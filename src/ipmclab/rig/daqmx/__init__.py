@@ -1,0 +1,1 @@
+"""NI-DAQmx behind the NI bench: its tasks, its errors, its connection."""

@@ -1,0 +1,134 @@
+"""Waiting, at 0 V, until the air around the strip is what it shall be and has been so for long enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.errors import InputError
+from ipmclab.rig.bench import Bench, Block
+from ipmclab.rig.experiments.experiment import TargetEnvironment
+from ipmclab.signals import Step
+from ipmclab.units import CHANNELS
+
+RATE: Final = 2.0
+"""Readings a second [Hz]: the air changes within minutes."""
+
+_SMOOTHED: Final = 10.0
+"""Readings are averaged over so long [s]: a sensor's noise is no change of the air."""
+
+
+@dataclass(frozen=True)
+class Air:
+    """What was read of the air around the strip.
+
+    Parameters
+    ----------
+    time : float [s]
+        Since the waiting began.
+    settled_for : float [s]
+        How long every reading has been within its tolerance.
+    temperature : float [degC], optional
+    relative_humidity : float [percent], optional
+    """
+
+    time: float
+    settled_for: float
+    temperature: float | None = None
+    relative_humidity: float | None = None
+
+    def __str__(self) -> str:
+        """The readings for people."""
+        parts = []
+        if self.temperature is not None:
+            parts.append(f"{self.temperature:.1f} degC")
+        if self.relative_humidity is not None:
+            parts.append(f"{self.relative_humidity:.1f} %RH")
+        return ", ".join(parts) or "no reading yet"
+
+
+def wait_for_equilibrium(
+    bench: Bench,
+    target: TargetEnvironment,
+    watched: Collection[str],
+    on_air: Callable[[Air], bool],
+) -> Air:
+    """Read temperature and humidity until they have been within tolerance for ``target.settle``.
+
+    The output stays at 0 V all the while.
+
+    Parameters
+    ----------
+    bench : Bench
+        Closed.
+    target : TargetEnvironment
+    watched : collection of str
+        ``"temperature"`` and ``"relative_humidity"``, as far as the rig can read them.
+    on_air : callable
+        Called with every reading; true ends the waiting.
+
+    Returns
+    -------
+    air : Air
+        The last reading.
+
+    Raises
+    ------
+    InputError
+        Not settled within ``target.longest_wait``.
+    BenchError
+        The hardware failed.
+    """
+    measured = ["voltage", *(name for name in watched if name != "temperature")]
+    wanted = {name: getattr(target, name) for name in watched}
+    allowed = {"temperature": target.temperature_tolerance, "relative_humidity": target.humidity_tolerance}
+    recent: dict[str, list[tuple[float, float]]] = {name: [] for name in watched}
+    since: float | None = None
+    air = Air(0.0, 0.0)
+    try:
+        bench.open(measured, RATE)
+        for block in bench.apply(Step(0.0), max(1, round(target.longest_wait * RATE))):
+            now = (block.first_row + len(block)) / RATE
+            for name, value in _read(bench, block, watched).items():
+                recent[name].append((now, value))
+            means = {}
+            for name, readings in recent.items():
+                recent[name] = [(when, value) for when, value in readings if when > now - _SMOOTHED]
+                if recent[name]:
+                    means[name] = sum(value for _, value in recent[name]) / len(recent[name])
+            within = len(means) == len(wanted) and all(
+                abs(means[name] - wanted[name]) <= allowed[name] for name in wanted
+            )
+            since = None if not within else now if since is None else since
+            air = Air(now, 0.0 if since is None else now - since, **means)
+            if on_air(air) or (since is not None and air.settled_for >= target.settle):
+                return air
+    finally:
+        bench.close()
+    off = [
+        f"the {CHANNELS[name].name} is {getattr(air, name):.1f} {CHANNELS[name].display_unit}, not {wanted[name]:g} +- "
+        f"{allowed[name]:g}"
+        if getattr(air, name) is not None
+        else f"no reading of the {CHANNELS[name].name} came"
+        for name in wanted
+        if getattr(air, name) is None or abs(getattr(air, name) - wanted[name]) > allowed[name]
+    ]
+    state = "; ".join(off) or f"it has been within tolerance for {air.settled_for:g} s only"
+    raise InputError(
+        f"the environment did not settle within {target.longest_wait:g} s: {state}",
+        code="never-settles",
+        where="equilibrium",
+        repair="see that the chamber is on and closed, allow a wider tolerance, or wait longer (longest_wait)",
+    )
+
+
+def _read(bench: Bench, block: Block, watched: Collection[str]) -> dict[str, float]:
+    """What a block tells of the air."""
+    found = {}
+    if "temperature" in watched and len(block.temperature):
+        found["temperature"] = float(block.temperature.mean())
+    if "relative_humidity" in watched and "relative_humidity" in block.readings:
+        volts = block.readings["relative_humidity"]
+        found["relative_humidity"] = bench.rig["relative_humidity"].to_quantity(float(volts.mean()))
+    return found

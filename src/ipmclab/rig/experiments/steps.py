@@ -1,0 +1,308 @@
+"""The steps of an experiment, in the order of Friend's section 3.5, with what each asks of the operator."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.rig.channels import Rig
+from ipmclab.rig.experiments import fingerprint
+from ipmclab.rig.experiments.experiment import Experiment
+from ipmclab.signals import Samples, Signal, Step
+from ipmclab.signals import Sequence as SignalSequence
+
+MOST_DRIFT: Final = 5e-6
+"""The preload has settled when it drifts by less [N/s]: 0.2 mN in 40 s, against signals of 0.5 to 3.7 mN."""
+
+Purpose = Literal["signal", "baseline", "fingerprint"]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What only an operator can do or decide.
+
+    Parameters
+    ----------
+    step : str
+        Under which an answer may be given beforehand (``--answer STEP=VALUE``).
+    text : str
+    choices : tuple of str
+    default : str
+        What ``--yes`` answers.
+    """
+
+    step: str
+    text: str
+    choices: tuple[str, ...]
+    default: str
+
+    def check(self, value: str) -> str:
+        """An answer in the spelling of the choices.
+
+        Raises
+        ------
+        InputError
+            None of the choices.
+        """
+        answer = value.strip().lower()
+        if answer not in self.choices:
+            raise InputError(
+                f"{value!r} is no answer to {self.step!r}",
+                code="bad-answer",
+                where=f"answer {self.step}",
+                repair=suggest(answer, self.choices),
+            )
+        return answer
+
+
+FINGERPRINT: Final = Question(
+    "fingerprint",
+    "the strip is not as it was: 'continue', 'clamp' it again, or 'hydrate' it and clamp it again",
+    ("continue", "clamp", "hydrate"),
+    "continue",
+)
+"""Asked when a fingerprint is outside the scatter of the earlier ones."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One recording that is going to be made.
+
+    Parameters
+    ----------
+    signal : Signal
+        As it is applied.
+    purpose : "signal", "baseline" or "fingerprint"
+    duration, rest_before, rest_after : float [s]
+    rate : float [Hz]
+    measured : tuple of str
+    zero_before, zero_after : float [s]
+        How long the channels are read at rest before and after it.
+    pair_id : str, optional
+        Shared by the two polarities of one signal.
+    repeat : int
+        Counts from 1.
+    """
+
+    signal: Signal
+    purpose: Purpose
+    duration: float
+    rest_before: float
+    rest_after: float
+    rate: float
+    measured: tuple[str, ...]
+    zero_before: float
+    zero_after: float
+    pair_id: str | None = None
+    repeat: int = 1
+
+    @property
+    def seconds(self) -> float:
+        """How long the record is [s]."""
+        return self.rest_before + self.duration + self.rest_after
+
+    @property
+    def rows(self) -> int:
+        """How many rows it has."""
+        return round(self.seconds * self.rate)
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """One step of the experiment.
+
+    Parameters
+    ----------
+    name : str
+        Of ``experiment.STEPS``, or ``pause`` or ``fingerprint``.
+    text : str
+        What happens, for people.
+    seconds : float [s]
+        At least; 0 for what hands do.
+    question : Question, optional
+        What it asks of the operator.
+    run : PlannedRun, optional
+        What it records.
+    hands : tuple of str
+        What an operator's hands do then, in the words of a virtual rig.
+    """
+
+    name: str
+    text: str
+    seconds: float = 0.0
+    question: Question | None = None
+    run: PlannedRun | None = None
+    hands: tuple[str, ...] = ()
+
+
+def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
+    """Every step of an experiment, in order.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    rig : Rig
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> from ipmclab.rig.experiments.experiment import experiment_from_table
+    >>> table = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
+    >>> [step.name for step in planned_steps(experiment_from_table(table), THESIS_RIG)]
+    ['hydrate', 'clamp', 'fingerprint', 'pause', 'zero', 'preload', 'apply', 'hydrate']
+    """
+    wanted = experiment.steps or _default_steps(experiment)
+    apply_at = wanted.index("apply")
+    steps: list[PlannedStep] = []
+    for name in wanted[:apply_at]:
+        if name not in ("zero", "preload"):
+            steps.append(prepare(name, experiment, rig))
+    runs = list(planned_runs(experiment))
+    pause = PlannedStep("pause", "at 0 V: the strip discharges", experiment.pause)
+    rests = [pause] if experiment.pause else []
+    for place, run in enumerate(runs):
+        steps += rests if place else []
+        if experiment.fingerprint and run.purpose == "signal" and "current" in run.measured:
+            steps += [fingerprint_step(experiment), *rests]
+        for name in ("zero", "preload"):
+            if name in wanted:
+                steps.append(prepare(name, experiment, rig))
+        what = "without voltage" if run.purpose == "baseline" else str(run.signal)
+        of = f" ({place + 1} of {len(runs)})" if len(runs) > 1 else ""
+        text = f"{what}, {run.duration:g} s, with {run.rest_before:g} s and {run.rest_after:g} s at 0 V{of}"
+        steps.append(PlannedStep("apply", text, run.zero_before + run.seconds + run.zero_after, run=run))
+    steps += [prepare(name, experiment, rig) for name in wanted[apply_at + 1 :]]
+    return tuple(steps)
+
+
+def planned_runs(experiment: Experiment) -> Iterator[PlannedRun]:
+    """The recordings of an experiment: baseline, then each signal with its repeats and both its polarities."""
+    template = PlannedRun(
+        signal=Step(0.0),
+        purpose="signal",
+        duration=experiment.duration,
+        rest_before=experiment.rest_before,
+        rest_after=experiment.rest_after,
+        rate=experiment.rate,
+        measured=experiment.measured,
+        zero_before=experiment.zero_time,
+        zero_after=experiment.zero_time,
+    )
+    if experiment.baseline:
+        yield replace(template, purpose="baseline")
+    for signal in experiment.signals:
+        for repeat in range(1, experiment.repeats + 1):
+            if not experiment.pair:
+                yield replace(template, signal=signal, repeat=repeat)
+                continue
+            pair_id = uuid.uuid4().hex[:12]
+            for applied in (signal, reversed_signal(signal)):
+                yield replace(template, signal=applied, repeat=repeat, pair_id=pair_id)
+
+
+def fingerprint_step(experiment: Experiment) -> PlannedStep:
+    """The short run at 0.1 V that tells whether the strip is still as it was."""
+    run = PlannedRun(
+        signal=Step(fingerprint.VOLTAGE),
+        purpose="fingerprint",
+        duration=fingerprint.DURATION,
+        rest_before=fingerprint.REST,
+        rest_after=fingerprint.REST,
+        rate=max(experiment.rate, fingerprint.LEAST_RATE),
+        measured=experiment.measured,
+        zero_before=fingerprint.REST,
+        zero_after=0.0,
+    )
+    return PlannedStep(
+        "fingerprint", f"{fingerprint.VOLTAGE:g} V for {run.duration:g} s", run.zero_before + run.seconds, run=run
+    )
+
+
+def reversed_signal(signal: Signal) -> Signal:
+    """The signal with the other polarity.
+
+    Examples
+    --------
+    >>> from ipmclab.signals import parse
+    >>> print(reversed_signal(parse("sine 1 V 0.1 Hz offset=0.5 V")))
+    sine -1 V 0.1 Hz offset=-0.5 V
+    """
+    if isinstance(signal, SignalSequence):
+        return replace(signal, signals=tuple(reversed_signal(one) for one in signal.signals))
+    if isinstance(signal, Samples):
+        return Samples(signal.times, -signal.values, signal.delay)
+    changed = {}
+    for name in ("amplitude", "offset"):
+        if hasattr(signal, name):
+            changed[name] = -getattr(signal, name)
+    return replace(signal, **changed)
+
+
+def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
+    """A step that makes ready for a run, or ends the experiment."""
+    environment = experiment.environment
+    target = str(environment) if environment is not None else ""
+    force = "force" in experiment.measured
+    if name == "hydrate":
+        text = "the strip in its solvent between experiments; then take it out and tap it dry with tissue"
+        return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=("rest",))
+    if name == "clamp":
+        at = f" at {experiment.clamp_pressure / 1e3:g} kPa" if experiment.clamp_pressure is not None else ""
+        text = f"clamp the strip{at}; 'kept' if it has stayed in the clamp since its last run"
+        return PlannedStep(name, text, question=Question(name, text, ("done", "kept"), "done"))
+    if name == "chamber-on":
+        text = f"chamber on, set to {target}" if target else "chamber on"
+        hands = []
+        if environment is not None and environment.temperature is not None:
+            hands.append(f"temperature {environment.temperature:g} degC")
+        if environment is not None and environment.relative_humidity is not None:
+            hands.append(f"humidity {environment.relative_humidity:g} percent")
+        return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=tuple(hands))
+    if name == "equilibrium":
+        if environment is None:
+            raise InputError(
+                "there is no environment to wait for",
+                code="missing-key",
+                where=f"{experiment.where}: steps",
+                repair="add a table [environment], or leave the step out",
+            )
+        text = f"wait until {target} has held for {environment.settle:g} s, at most {environment.longest_wait:g} s"
+        if watched(experiment, rig):
+            return PlannedStep(name, text, environment.settle)
+        text += "; this rig has no sensor for it, so an operator says when"
+        return PlannedStep(name, text, environment.settle, question=Question(name, text, ("settled",), "settled"))
+    if name == "chamber-off":
+        text = "chamber off: its fan shakes the strip"
+        return PlannedStep(name, text, question=Question(name, text, ("done",), "done"))
+    if name == "zero":
+        seconds = experiment.zero_time
+        if force:
+            text = "tip clear of the load cell: its tare is read"
+            question = Question(name, text + "; 'skip' to go without it", ("done", "skip"), "done")
+            return PlannedStep(name, text, seconds, question, hands=("tip clear",))
+        return PlannedStep(name, f"the channels are read at 0 V for {seconds:g} s before and after the run")
+    text = f"tip on the load cell: the run waits until the preload drifts by less than {1e6 * MOST_DRIFT:g} uN/s"
+    return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=("tip on cell",))
+
+
+def watched(experiment: Experiment, rig: Rig) -> tuple[str, ...]:
+    """What this rig can read of the environment that the experiment asks for."""
+    environment = experiment.environment
+    if environment is None:
+        return ()
+    found = []
+    if environment.temperature is not None and rig.thermometer is not None:
+        found.append("temperature")
+    names = {channel.name for channel in rig.channels}
+    if environment.relative_humidity is not None and "relative_humidity" in names:
+        found.append("relative_humidity")
+    return tuple(found)
+
+
+def _default_steps(experiment: Experiment) -> tuple[str, ...]:
+    chamber = ("chamber-on", "equilibrium", "chamber-off") if experiment.environment is not None else ()
+    preload = ("preload",) if "force" in experiment.measured else ()
+    return ("hydrate", "clamp", *chamber, "zero", *preload, "apply", "hydrate")

@@ -1,0 +1,152 @@
+"""A rig as the text of its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ipmclab.destination import replacing
+from ipmclab.rig.channels import Channel, FourProbe, Output, Rig, Thermometer, VirtualStrip
+from ipmclab.rig.files.rig_file import NI_9205_NOISE
+from ipmclab.units import (
+    CURRENT,
+    FORCE,
+    LENGTH,
+    RELATIVE_HUMIDITY,
+    RESISTANCE,
+    TEMPERATURE,
+    VOLTAGE,
+    Quantity,
+    format_quantity,
+    parse_quantity,
+)
+
+
+def write_rig(rig: Rig, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write a rig to a TOML file, from which ``load_rig`` reads the same rig.
+
+    A scale is written as two points, from which gain and offset are computed again to rounding.
+
+    Raises
+    ------
+    InputError
+        No such folder, or an existing file.
+    IpmclabError
+        The system refuses to write there.
+    """
+    text = rig_to_text(rig)
+    with replacing(path, overwrite=overwrite) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def rig_to_text(rig: Rig) -> str:
+    """The text of a rig's TOML file.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> print(rig_to_text(THESIS_RIG).splitlines()[2])
+    shunt_resistance = "1 ohm"
+    """
+    import tomli_w
+
+    table: dict[str, Any] = {"name": rig.name, "bench": rig.bench}
+    if rig.address is not None:
+        table["address"] = rig.address
+    table["shunt_resistance"] = _text(rig.shunt_resistance, RESISTANCE)
+    if rig.source_resistance:
+        table["source_resistance"] = _text(rig.source_resistance, RESISTANCE)
+    table["voltage_sensed"] = rig.voltage_sensed
+    table["output"] = _output(rig.output)
+    table["channels"] = {channel.name: _channel(channel) for channel in rig.channels}
+    if rig.thermometer is not None:
+        table["thermometer"] = _thermometer(rig.thermometer)
+    if rig.four_probe is not None:
+        table["four_probe"] = _four_probe(rig.four_probe)
+    if rig.bench == "virtual" or rig.virtual != VirtualStrip():
+        table["virtual"] = _virtual(rig.virtual)
+    return tomli_w.dumps(table)
+
+
+def _output(output: Output) -> dict[str, Any]:
+    range_ = [_text(output.low, VOLTAGE), _text(output.high, VOLTAGE)]
+    return {"physical": output.physical, "range": range_} if output.physical else {"range": range_}
+
+
+def _channel(channel: Channel) -> dict[str, Any]:
+    quantity, converter = channel.quantity, channel.converter
+    table: dict[str, Any] = {"physical": channel.physical} if channel.physical else {}
+    if channel.terminal != "differential":
+        table["terminal"] = channel.terminal
+    table["range"] = [_text(converter.low, VOLTAGE), _text(converter.high, VOLTAGE)]
+    if converter.noise != NI_9205_NOISE.get(converter.high):
+        table["noise"] = _text(converter.noise, VOLTAGE)
+    if channel.name != "voltage" or (channel.gain, channel.offset) != (1.0, 0.0):
+        table["scale"] = _points(channel)
+    if channel.sensor_range is not None:
+        table["sensor_range"] = [_text(end, quantity) for end in channel.sensor_range]
+    for key, value in (("sensor_noise", channel.sensor_noise), ("rest", channel.rest)):
+        if value:
+            table[key] = _text(value, quantity)
+    if channel.lost is not None:
+        table["lost"] = _text(channel.lost, VOLTAGE)
+    if channel.zeroed:
+        table["zeroed"] = True
+    if channel.calibrated is not None:
+        table["calibrated"] = channel.calibrated
+    if channel.uncertainty:
+        table["uncertainty"] = _text(channel.uncertainty, quantity)
+    return table
+
+
+def _points(channel: Channel) -> list[list[str]]:
+    """Two points of the scale: the ends of the sensor where that gives gain and offset to the digit."""
+    candidates = [(0.0, 1.0), (0.0, 10.0)]
+    if channel.sensor_range is not None:
+        low, high = ((end - channel.offset) / channel.gain for end in channel.sensor_range)
+        candidates = [(float(f"{low:.12g}"), float(f"{high:.12g}")), *candidates]
+    best, least = candidates[0], float("inf")
+    for v0, v1 in candidates:
+        q0, q1 = channel.gain * v0 + channel.offset, channel.gain * v1 + channel.offset
+        if v0 == v1 or q0 == q1:
+            continue
+        gain = (q1 - q0) / (v1 - v0)
+        error = abs(gain / channel.gain - 1.0) + abs(q0 - gain * v0 - channel.offset)
+        if error < least:
+            best, least = (v0, v1), error
+    return [[_text(v, VOLTAGE), _text(channel.gain * v + channel.offset, channel.quantity)] for v in best]
+
+
+def _thermometer(meter: Thermometer) -> dict[str, Any]:
+    return {
+        **({"physical": meter.physical} if meter.physical else {}),
+        "resistance": _text(meter.resistance, RESISTANCE),
+        "wires": meter.wires,
+        "current": _text(meter.current, CURRENT),
+    }
+
+
+def _four_probe(probe: FourProbe) -> dict[str, Any]:
+    return {
+        **({"physical": probe.physical} if probe.physical else {}),
+        "spacing": _text(probe.spacing, LENGTH),
+        "current": _text(probe.current, CURRENT),
+    }
+
+
+def _virtual(strip: VirtualStrip) -> dict[str, Any]:
+    return {
+        "actuator": strip.actuator,
+        "seed": strip.seed,
+        "temperature": _text(strip.temperature, TEMPERATURE),
+        "relative_humidity": _text(strip.relative_humidity, RELATIVE_HUMIDITY),
+        "load": strip.load,
+        "preload_drift": _text(strip.preload_drift, FORCE),
+    }
+
+
+def _text(value: float, quantity: Quantity) -> str:
+    """In the unit that people read where that gives the same float, else in SI."""
+    readable = f"{quantity.to_display(value):.15g} {quantity.display_unit}"
+    same = parse_quantity(readable, quantity, where="") == value
+    return readable if same else format_quantity(value, quantity)

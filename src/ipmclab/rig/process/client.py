@@ -1,0 +1,178 @@
+"""A client of a recorder that runs in a process of its own: the terminal, the page, a script."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client as connect_to
+from pathlib import Path
+from typing import Any
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import detached
+from ipmclab.rig.process.hub import SUFFIX
+from ipmclab.rig.process.messages import Message, decode, encode
+
+
+class Recorder:
+    """A recorder in its own process, as one of its clients sees it.
+
+    Parameters
+    ----------
+    file : Path
+        What the recorder left in the laboratory folder: its address and its token.
+
+    Raises
+    ------
+    IpmclabError
+        Nothing listens there any more, or the token is not the right one.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        try:
+            told = json.loads(file.read_text(encoding="utf-8"))
+            host, port = str(told["address"]).rsplit(":", 1)
+            token = bytes.fromhex(told["token"])
+            self.process = int(told["process"])
+            self.about: dict[str, Any] = told
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise IpmclabError(
+                "the address of the recorder cannot be read",
+                code="no-recorder",
+                where=str(file),
+                repair="it may have ended just now; ipmclab runs lists what it left",
+            ) from error
+        try:
+            self._connection = connect_to((host, int(port)), authkey=token)
+        except (OSError, EOFError, AuthenticationError) as error:
+            raise IpmclabError(
+                "no recorder answers: its process was ended",
+                code="no-recorder",
+                where=str(file),
+                repair=f"ipmclab recover {file.parent.parent} keeps what it had recorded",
+            ) from error
+
+    def request(self, kind: str, **values: Any) -> None:
+        """Ask for something; a recorder that is gone is noticed by ``next``."""
+        try:
+            self._connection.send_bytes(encode(Message(kind, values)))
+        except OSError:
+            return
+
+    def next(self, within: float | None = None) -> Message | None:
+        """The next message, or None when none came within so many seconds.
+
+        Raises
+        ------
+        IpmclabError
+            The recorder is gone without a last word.
+        """
+        try:
+            if within is not None and not self._connection.poll(within):
+                return None
+            return decode(self._connection.recv_bytes())
+        except (OSError, EOFError) as error:
+            raise IpmclabError(
+                "the recorder's process is gone; its guardian brings the output to 0 V",
+                code="recorder-lost",
+                where=str(self.file.parent.parent),
+                repair=f"ipmclab recover {self.file.parent.parent} keeps what it had recorded",
+            ) from error
+
+    def close(self) -> None:
+        """Leave; the recorder goes on."""
+        self._connection.close()
+
+
+def recorders(folder: Path) -> list[Path]:
+    """The files of the recorders that may be running in a laboratory folder, the newest last."""
+    found = (folder / "recording").glob(f"*{SUFFIX}")
+    return sorted(found, key=lambda file: file.stat().st_mtime)
+
+
+def forget_dead_recorders(folder: Path) -> None:
+    """Remove what recorders that were killed left to be found by."""
+    for file in recorders(folder):
+        try:
+            host, port = str(json.loads(file.read_text(encoding="utf-8"))["address"]).rsplit(":", 1)
+            # No more than a knock: one that hangs would not answer, and must not hold up another rig's recorder.
+            socket.create_connection((host, int(port)), timeout=1.0).close()
+        except (OSError, ValueError, KeyError, TypeError):
+            file.unlink(missing_ok=True)
+            log = file.with_suffix(".log")
+            if log.is_file() and not log.stat().st_size:
+                log.unlink(missing_ok=True)
+
+
+def attach(folder: Path) -> Recorder:
+    """Join the recorder that runs in a laboratory folder, the newest where there are several.
+
+    Raises
+    ------
+    InputError
+        None is running there.
+    """
+    for file in reversed(recorders(folder)):
+        try:
+            return Recorder(file)
+        except IpmclabError:
+            file.unlink(missing_ok=True)  # left by a process that was killed
+    raise InputError(
+        "no recorder is running here",
+        code="no-recorder",
+        where=str(folder),
+        repair=f"ipmclab recover {folder} keeps what an interrupted one had recorded",
+    )
+
+
+def launch(module: str, job: dict[str, Any]) -> Recorder:
+    """Start a recorder in a process of its own and join it.
+
+    Parameters
+    ----------
+    module : str
+        What ``python -m`` runs: it reads the job as JSON from its standard input, and writes the name of the file
+        with its address on its standard output, or ``{"error": ...}``.
+    job : mapping
+
+    Raises
+    ------
+    InputError, IpmclabError
+        What the recorder refuses, or that it did not come up.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, **detached()
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with process.stdin:
+        process.stdin.write(json.dumps(job).encode())
+    with process.stdout:
+        line = process.stdout.readline().decode(errors="replace")
+    try:
+        told = json.loads(line)
+    except ValueError:
+        process.wait()
+        raise IpmclabError(
+            f"the recorder ended at its start with status {process.returncode}",
+            code="no-recorder",
+            where="record",
+            repair="report what it printed",
+        ) from None
+    if "error" in told:
+        process.wait()
+        raise error_from(told["error"])
+    # It may outlive this process; where this one lives longer, somebody has to take note of its end.
+    threading.Thread(target=process.wait, name="recorder process", daemon=True).start()
+    return Recorder(Path(told["file"]))
+
+
+def error_from(document: dict[str, Any]) -> IpmclabError:
+    """The error that a document of ``IpmclabError.as_dict`` tells, with its exit status."""
+    kind = InputError if document.get("exit_status") == InputError.exit_status else IpmclabError
+    return kind(document["message"], code=document["code"], where=document["where"], repair=document["repair"])

@@ -1,0 +1,184 @@
+"""The place where a recorder meets its clients: several at once, none of which can hold it up."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Callable
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Connection, Listener, answer_challenge, deliver_challenge
+from pathlib import Path
+from typing import Any, Final
+
+from ipmclab.errors import IpmclabError
+from ipmclab.platform import write_for_owner_only
+from ipmclab.rig.process.messages import LONGEST_REQUEST, REQUESTS, Message, decode, encode
+
+HOST: Final = "127.0.0.1"
+SUFFIX: Final = ".recorder"
+"""Of the file in the laboratory folder that says where a recorder listens."""
+
+_MOST_CLIENTS: Final = 16
+_LONGEST_QUEUE: Final = 2000
+"""Messages that a client may be behind; one that is further behind is let go."""
+
+_BLOCKS_BEHIND: Final = 200
+"""Messages behind which a client gets no more blocks until it has caught up."""
+
+_LAST_WORDS: Final = 2.0
+"""How long [s] the clients have to take the last message."""
+
+OnRequest = Callable[[Message], None]
+
+
+class _Client:
+    """One client: a thread reads what it asks for, another sends it what it is told."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self.wants_blocks = False
+        self.queue: queue.Queue[bytes | None] = queue.Queue()
+        self.sender = threading.Thread(target=self._send, name="recorder client sender", daemon=True)
+
+    def _send(self) -> None:
+        while (payload := self.queue.get()) is not None:
+            try:
+                self.connection.send_bytes(payload)
+            except (OSError, ValueError):
+                break
+        _hang_up(self.connection)
+
+
+def _hang_up(connection: Connection) -> None:
+    """End a connection for both sides: to close it is not enough while another thread waits for it."""
+    with contextlib.suppress(OSError):
+        there = socket.socket(fileno=connection.fileno())
+        try:
+            there.shutdown(socket.SHUT_RDWR)
+        finally:
+            there.detach()
+
+
+class Hub:
+    """Listens on 127.0.0.1, lets in who knows the token, and tells every client the same.
+
+    A client that comes late is told first what happened before, blocks excepted. A client that is slow misses
+    blocks; one that is gone is forgotten. Nothing that a client does or leaves undone delays ``tell``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the file with the address and the token is put, which only its owner can read.
+    on_request : callable
+        Called with each request, in the thread of the client that made it.
+    about : mapping, optional
+        What else the file says, for people who look for their recorder.
+    """
+
+    def __init__(self, folder: Path, on_request: OnRequest, about: dict[str, Any] | None = None) -> None:
+        self._on_request = on_request
+        self._token = secrets.token_bytes(32)
+        # The token is asked for in a thread of each client: one that never answers must not keep others out.
+        self._listener = Listener((HOST, 0), backlog=8)
+        self._clients: list[_Client] = []
+        self._past: list[Message] = []
+        self._lock = threading.Lock()
+        self._closed = False
+        self.had_clients = threading.Event()
+        self.alone_since = time.monotonic()
+        host, port = self._listener.address
+        self.file = folder / f"{secrets.token_hex(4)}{SUFFIX}"
+        told = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
+        write_for_owner_only(self.file, json.dumps(told) + "\n")
+        threading.Thread(target=self._accept, name="recorder door", daemon=True).start()
+
+    @property
+    def clients(self) -> int:
+        """How many are connected now."""
+        return len(self._clients)
+
+    def tell(self, message: Message) -> None:
+        """Tell all clients, at once and without waiting for any."""
+        is_block = message.kind == "block"
+        payload = encode(message)
+        with self._lock:
+            if message.kind == "progress" and self._past and self._past[-1].kind == "progress":
+                self._past[-1] = message
+            elif not is_block:
+                self._past.append(message)
+            for client in list(self._clients):
+                behind = client.queue.qsize()
+                if is_block and (not client.wants_blocks or behind > _BLOCKS_BEHIND):
+                    continue
+                if behind > _LONGEST_QUEUE:
+                    self._forget(client)
+                    continue
+                client.queue.put(payload)
+
+    def close(self) -> None:
+        """Give the clients what is left to say, and leave."""
+        with self._lock:
+            self._closed = True
+            clients = list(self._clients)
+            for client in clients:
+                client.queue.put(None)
+        until = time.monotonic() + _LAST_WORDS
+        for client in clients:
+            client.sender.join(max(0.0, until - time.monotonic()))
+        self.file.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self._listener.close()
+
+    def _accept(self) -> None:
+        while not self._closed:
+            try:
+                connection = self._listener.accept()
+            except OSError:
+                return
+            with self._lock:
+                crowded = len(self._clients) >= _MOST_CLIENTS
+            if crowded:
+                connection.close()
+                continue
+            threading.Thread(target=self._serve, args=(connection,), name="recorder client", daemon=True).start()
+
+    def _serve(self, connection: Connection) -> None:
+        client = _Client(connection)
+        try:
+            deliver_challenge(connection, self._token)
+            answer_challenge(connection, self._token)
+        except (AuthenticationError, OSError, EOFError):
+            connection.close()
+            return
+        with self._lock:
+            for message in self._past:
+                client.queue.put(encode(message))
+            client.sender.start()
+            self._clients.append(client)
+        self.had_clients.set()
+        try:
+            while True:
+                request = decode(connection.recv_bytes(LONGEST_REQUEST))
+                if request.kind == "subscribe":
+                    client.wants_blocks = bool(request.values.get("blocks", True))
+                elif request.kind in REQUESTS:
+                    self._on_request(request)
+        except (OSError, EOFError, IpmclabError):
+            pass  # it is gone, or speaks another language: the run goes on without it
+        finally:
+            with self._lock:
+                self._forget(client)
+            client.sender.join()
+            connection.close()
+
+    def _forget(self, client: _Client) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+            self.alone_since = time.monotonic()
+        client.queue.put(None)

@@ -1,0 +1,1 @@
+"""The capture of one run: zeros, requests, scaling, where its rows go."""

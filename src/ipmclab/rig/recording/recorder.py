@@ -1,0 +1,671 @@
+"""The recorder: applies a signal at a bench, guards the strip, and makes a run of what the bench reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import TYPE_CHECKING, Final, Protocol
+from uuid import uuid4
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.model.simulate import MOST_ROWS, above_zero, count_rows
+from ipmclab.platform import told_to_end
+from ipmclab.rig.bench import Bench, BenchError, Block, block_rows
+from ipmclab.rig.channels import Rig
+from ipmclab.rig.recording.control import Control
+from ipmclab.rig.recording.keeping import InJournal, InMemory, JournalLike, Keeper, Rows, State
+from ipmclab.rig.recording.scaling import Scaling
+from ipmclab.rig.recording.slow import AirMean
+from ipmclab.rig.recording.zeroing import (
+    LONGEST_WAIT,
+    ZERO_TIME,
+    Rest,
+    contact_levels,
+    read_rest,
+    subtracted,
+    uncertainties,
+    wait_for_preload,
+)
+from ipmclab.rig.request import check_measured, check_signal
+from ipmclab.rig.safety.guard import Alarm, Guard, rows_out_of_order
+from ipmclab.rig.safety.guarded_bench import GuardedBench
+from ipmclab.rig.safety.limits import Limits
+from ipmclab.run import SLOW_CHANNELS, Mark, Run, RunMetadata, ZeroReading
+from ipmclab.signals import Sequence as SignalSequence
+from ipmclab.signals import Signal, Step, parse
+from ipmclab.signals.signal import EDGE
+from ipmclab.version import __version__
+
+if TYPE_CHECKING:
+    from ipmclab.store.journal.header import JournalHeader
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_ROWS_IN_JOURNAL: Final = 1_000_000_000
+"""Rows that a journal takes: a day at 10 kHz. More than memory holds."""
+
+START_TIME: Final = 2.0
+"""How long [s] a bench may take to start a signal, and to end one."""
+
+ZEROING_TIME: Final = 0.5
+"""How long [s] it may take to bring the output to 0 V while a signal is given out."""
+
+DISCHARGE_TIME: Final = 5.0
+"""How long [s] the discharge of the strip is recorded after a limit was passed, or after an emergency zero."""
+
+
+class Heartbeat(Protocol):
+    """Somebody who brings the output to 0 V when this program no longer can: see ``ipmclab.rig.safety.guardian``."""
+
+    def arm(self, block_time: float) -> None:
+        """From now on watch for beats, which come at every block [s]."""
+
+    def beat(self) -> None:
+        """All is well. Raises IpmclabError when nobody watches any more."""
+
+    def hold(self, seconds: float) -> None:
+        """The next beat may take so long [s]."""
+
+    def disarm(self) -> None:
+        """The output is at 0 V."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a recording ended.
+
+    Parameters
+    ----------
+    state : "complete" or "aborted"
+    reason : str
+        Why it was aborted, or stopped.
+    metadata : RunMetadata
+        Of the run.
+    rows : int
+        That were read.
+    alarm : Alarm, optional
+        The limit that ended it.
+    error : IpmclabError, optional
+        What failed: the bench, the journal, the guardian.
+    run : Run, optional
+        Where the rows were kept in memory.
+    """
+
+    state: State
+    reason: str
+    metadata: RunMetadata
+    rows: int
+    alarm: Alarm | None = None
+    error: IpmclabError | None = None
+    run: Run | None = None
+
+
+def record(
+    bench: Bench,
+    signal: Signal | str,
+    *,
+    duration: float,
+    rate: float,
+    measured: Sequence[str] = ("current", "force"),
+    rest_before: float = 0.0,
+    rest_after: float = 0.0,
+    metadata: RunMetadata | None = None,
+    limits: Limits | None = None,
+    control: Control | None = None,
+    heartbeat: Heartbeat | None = None,
+    on_block: Callable[[Rows], None] | None = None,
+    on_mark: Callable[[Mark], None] | None = None,
+    tares: Sequence[ZeroReading] = (),
+    zero_time: float = ZERO_TIME,
+    zero_after: float = 0.0,
+) -> Run:
+    """Apply a signal at a bench and record the response, in memory.
+
+    Before the record the channels are read at rest: what the laser and the load cell tell then (its
+    preload) is subtracted from every reading. Each row is read just before the output changes, so
+    that a signal which acts from row 0 shows from row 1 on, and the run has the hold ``zero-before``.
+    The output is brought to 0 V at the end, also after an error, and when a limit is passed; the run is
+    ``aborted`` then, and its ``state_reason`` says why.
+
+    Parameters
+    ----------
+    bench : Bench
+    signal : Signal or str
+        Applied for ``duration``.
+    duration : float [s]
+    rate : float [Hz]
+    measured : sequence of str
+        ``"current"`` and ``"displacement"`` or ``"force"``; the voltage and the current are always read, and so is
+        the air where the rig has sensors for it.
+    rest_before, rest_after : float [s]
+        Time at 0 V that is recorded before and after the signal.
+    metadata : RunMetadata, optional
+        What is to be kept with the run: mounting, operator, notes... The recorder fills in what it knows.
+    limits : Limits, optional
+        What the guard watches; the defaults of ``Limits`` where it is left out.
+    control : Control, optional
+        Ends the run, or marks it, from another thread.
+    heartbeat : Heartbeat, optional
+        Armed while the output may differ from 0 V.
+    on_block : callable of Rows, optional
+        Called with the rows of each block, after the guard has seen them.
+    on_mark : callable of Mark, optional
+        Called with what happens: limits, gaps, notes.
+    tares : sequence of ZeroReading, optional
+        Readings of the load cell with the tip clear of it.
+    zero_time, zero_after : float [s]
+        How long the channels are read at rest before and after the record; 0 after it reads nothing.
+
+    Returns
+    -------
+    run : Run
+        With ``round((rest_before + duration + rest_after) * rate)`` rows, fewer when it was ended before. A lost
+        reading is NaN and flagged, as is a reading at the limit of its converter.
+
+    Raises
+    ------
+    InputError
+        A signal that is longer than the duration, larger than the output gives or than the strip stands,
+        displacement and force at once, an unknown channel, fewer than 2 rows or more than 20 million.
+    IpmclabError
+        The bench failed. The exception has what was recorded as ``run``, and so has a KeyboardInterrupt.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> from ipmclab.rig import VirtualBench
+    >>> run = record(VirtualBench(load_actuator("friend-2")), "step 1 V", duration=2.0, rate=50.0)
+    >>> len(run), run.hold, run.metadata.state, [name for name in run.channels if name in ("current", "force")]
+    (100, 'zero-before', 'complete', ['current', 'force'])
+    """
+    outcome = capture(
+        bench,
+        signal,
+        duration=duration,
+        rate=rate,
+        measured=measured,
+        rest_before=rest_before,
+        rest_after=rest_after,
+        metadata=metadata,
+        limits=limits,
+        control=control,
+        heartbeat=heartbeat,
+        on_block=on_block,
+        on_mark=on_mark,
+        tares=tares,
+        zero_time=zero_time,
+        zero_after=zero_after,
+    )
+    if outcome.error is not None:
+        raise _with_run(outcome.error, outcome.run)
+    if outcome.run is None:
+        raise IpmclabError(
+            f"it was ended after {outcome.rows} rows: {outcome.reason}",
+            code="too-short",
+            where="recording",
+            repair="record again",
+        )
+    return outcome.run
+
+
+def capture(
+    bench: Bench,
+    signal: Signal | str,
+    *,
+    duration: float,
+    rate: float,
+    measured: Sequence[str] = ("current", "force"),
+    rest_before: float = 0.0,
+    rest_after: float = 0.0,
+    metadata: RunMetadata | None = None,
+    limits: Limits | None = None,
+    journal: Callable[[JournalHeader], JournalLike] | None = None,
+    control: Control | None = None,
+    heartbeat: Heartbeat | None = None,
+    on_block: Callable[[Rows], None] | None = None,
+    on_mark: Callable[[Mark], None] | None = None,
+    tares: Sequence[ZeroReading] = (),
+    zero_time: float = ZERO_TIME,
+    zero_after: float = ZERO_TIME,
+    most_drift: float | None = None,
+    longest_wait: float = LONGEST_WAIT,
+    on_preload: Callable[[ZeroReading], None] | None = None,
+    finish: Callable[[Bench], Sequence[ZeroReading]] | None = None,
+    discharge: float = DISCHARGE_TIME,
+) -> Outcome:
+    """Record one run, and say how it ended: ``record`` for those who keep runs in a laboratory.
+
+    Parameters
+    ----------
+    bench, signal, duration, rate, measured, rest_before, rest_after, metadata, limits, control, heartbeat
+        As for ``record``, and so ``on_block``, ``on_mark``, ``tares``, ``zero_time`` and ``zero_after``.
+    journal : callable of JournalHeader, optional
+        Makes the journal, once the zeros are read and before the first volt; every row goes there, and
+        ``Outcome.run`` is None. Without it everything stays in memory.
+    most_drift : float [N/s], optional
+        The preload is read again until it drifts no faster.
+    longest_wait : float [s]
+        For that.
+    on_preload : callable of ZeroReading, optional
+        Called with each reading of the preload.
+    finish : callable of Bench, optional
+        Called with the output at 0 V after the zeros are read again; gives further readings, such as the tare.
+    discharge : float [s]
+        How long is recorded after a limit was passed, or after an emergency zero.
+
+    Returns
+    -------
+    outcome : Outcome
+        Also when the bench or the journal failed once rows were coming: ``error`` is that failure.
+
+    Raises
+    ------
+    InputError, IpmclabError
+        What cannot be recorded, before a volt was given out. A KeyboardInterrupt, a request to end (SystemExit) or a
+        fault of a callback goes on to the caller, with the output at 0 V and what was kept marked as aborted.
+    """
+    duration = above_zero("duration", duration, "s")
+    for name, value in (("rest_before", rest_before), ("rest_after", rest_after)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"{name} is {value:g}", code="out-of-range", where=name, repair="give 0 s or more")
+    most = MOST_ROWS if journal is None else MOST_ROWS_IN_JOURNAL
+    rows, rate = count_rows(rest_before + duration + rest_after, rate, most=most)
+    commanded = _with_rest(parse(signal) if isinstance(signal, str) else signal, rest_before, duration, rest_after)
+    limits = limits or Limits()
+    check_measured(bench.rig, measured)
+    check_signal(bench.rig, commanded, rows, rate)
+    limits.refuse(commanded, rows / rate, rate)
+    names = _names(bench.rig, measured)
+    guarded = GuardedBench(bench, limits)
+    recording = _Recording(guarded, limits, rate, names, control or Control(), on_block, on_mark, heartbeat)
+    recording.rest_rows = round(rest_after * rate)
+    recording.discharge_rows = round(discharge * rate)
+    with told_to_end(bench.zero), _closing(guarded) as closed:
+        guarded.open(names, rate)
+        try:
+            if most_drift is not None and "force" in names:
+                rest = wait_for_preload(
+                    guarded,
+                    names,
+                    rate,
+                    most_drift=most_drift,
+                    duration=zero_time,
+                    longest_wait=longest_wait,
+                    on_reading=on_preload,
+                    on_block=recording.leave_early,
+                )
+            else:
+                early = recording.leave_early
+                rest = read_rest(guarded, names, rate, when="before", duration=zero_time, on_block=early)
+        except _EndedEarly as ended:
+            return Outcome("aborted", str(ended), metadata or RunMetadata(), 0)
+        about = recording.prepare(rest, tares, metadata or RunMetadata(), str(commanded), limits)
+        recording.keep_in(journal, about)
+        outcome = recording.run(commanded, rows, about, zero_after, finish)
+    return outcome if outcome.error or not closed else replace(outcome, error=closed[0])
+
+
+class _EndedEarly(Exception):
+    """It was asked to end before the signal began."""
+
+
+@contextmanager
+def _closing(bench: GuardedBench) -> Iterator[list[IpmclabError]]:
+    """Close the bench at the end; what fails then goes into the list, so that it hides no earlier failure."""
+    failures: list[IpmclabError] = []
+    try:
+        yield failures
+    finally:
+        try:
+            bench.close()
+        except IpmclabError as error:
+            failures.append(error)
+
+
+class _Recording:
+    """One recording: what its steps share."""
+
+    def __init__(
+        self,
+        bench: GuardedBench,
+        limits: Limits,
+        rate: float,
+        names: tuple[str, ...],
+        control: Control,
+        on_block: Callable[[Rows], None] | None,
+        on_mark: Callable[[Mark], None] | None,
+        heartbeat: Heartbeat | None,
+    ) -> None:
+        self._bench = bench
+        self._heartbeat = heartbeat
+        self._rate = rate
+        self._names = names
+        self._fast = tuple(name for name in names if name not in SLOW_CHANNELS)
+        self._channels = [bench.rig[name] for name in names]
+        self._control = control
+        self._on_block = on_block
+        self._on_mark = on_mark
+        self._guard = Guard(limits, rate, bench.rig)
+        air = [name for name in names if name in SLOW_CHANNELS]
+        if bench.rig.thermometer is not None and "temperature" not in air:
+            air.append("temperature")
+        self._air_names = tuple(air)
+        self._air = AirMean(self._air_names, rate)
+        self._scaling = Scaling(self._channels, {})
+        self._keeper: Keeper = InMemory(rate)
+        self.rest_rows = 0
+        self.discharge_rows = 0
+        self.read = 0
+        self._rows = 0
+        self._next_row = 0
+        self._last_row: int | None = None
+        self._early: list[str] = []
+        self._hurried = False
+        self.state: State = "complete"
+        self.reason = ""
+        self.alarm: Alarm | None = None
+
+    def leave_early(self) -> None:
+        """Look at the requests before the signal: any but a mark ends it all."""
+        for request in self._control.take():
+            if request.kind != "mark":
+                raise _EndedEarly(f"{request.text or request.kind}, before the signal began")
+            self._early.append(request.text)
+
+    def prepare(
+        self, rest: Rest, tares: Sequence[ZeroReading], about: RunMetadata, signal: str, limits: Limits
+    ) -> RunMetadata:
+        """Set the zeros, and say what is known before the first row."""
+        rig = self._bench.rig
+        self._scaling = Scaling(self._channels, subtracted(rig, rest), contact_levels(rig, rest, tares))
+        texts = limits.as_text()
+        for name, reason in limits.unwatched(rig, self._names).items():
+            texts[name] += f" ({reason})"
+        zeros = (*about.zeros, *tares, *rest.zeros)
+        fast = [channel for channel in self._channels if channel.name in self._fast]
+        return replace(
+            about,
+            origin=self._bench.origin,
+            sample=about.sample or self._bench.sample,
+            signal=signal,
+            voltage_sensed=rig.voltage_sensed,
+            shunt_resistance=rig.shunt_resistance,
+            source_resistance=rig.source_resistance,
+            starts_from_rest=True,
+            ranges={name: limits for name, limits in self._scaling.ranges.items() if name in self._fast},
+            calibrations=self._scaling.calibrations,
+            bench=self._bench.description,
+            rig=rig.name,
+            software_version=__version__,
+            uuid=about.uuid or str(uuid4()),
+            recorded_at=datetime.now().astimezone().isoformat("T", "milliseconds"),
+            zeros=zeros,
+            uncertainties=uncertainties(fast, zeros),
+            limits=texts,
+        )
+
+    def keep_in(self, journal: Callable[[JournalHeader], JournalLike] | None, about: RunMetadata) -> None:
+        """Make the journal, where there is to be one."""
+        if journal is not None:
+            from ipmclab.store.journal.header import JournalHeader
+
+            columns = [
+                *self._fast,
+                *(f"{name}_quality" for name in self._fast),
+                *(f"{name}_raw" for name in self._names),
+            ]
+            assert about.uuid is not None
+            header = JournalHeader(about.uuid, self._rate, (*columns, "output_raw"), metadata=about)
+            self._keeper = InJournal(journal(header), header)
+
+    def run(
+        self,
+        signal: Signal,
+        rows: int,
+        about: RunMetadata,
+        zero_after: float,
+        finish: Callable[[Bench], Sequence[ZeroReading]] | None,
+    ) -> Outcome:
+        """Apply the signal, and whatever happens end with the output at 0 V and the rows kept."""
+        error: IpmclabError | None = None
+        try:
+            try:
+                if self._heartbeat is not None:
+                    self._heartbeat.arm(block_rows(self._rate) / self._rate)
+                self._hold(START_TIME)
+                self._apply(signal, rows)
+            except IpmclabError as failure:
+                error = failure
+                if self._on_mark is not None:  # at once: a chassis that is frozen takes long to be brought to 0 V
+                    self._on_mark(Mark(self._time, str(error), "bench"))
+            finally:
+                told, error = error, self._zero(error)
+            if error is not None:
+                self._fail(str(error))
+                with suppress(IpmclabError):  # it may be the journal that failed
+                    self._keeper.mark(Mark(self._time, str(error), "bench"))
+                if told is None and self._on_mark is not None:
+                    self._on_mark(Mark(self._time, str(error), "bench"))
+            elif not self._hurried:
+                about = self._after(about, zero_after, finish)
+        except BaseException as fault:
+            self._fail(_why(fault))
+            self._end(about)
+            _with_run(fault, self._kept)
+            raise
+        error = self._end(about) or error
+        return Outcome(self.state, self.reason, about, self.read, self.alarm, error, self._kept)
+
+    def _apply(self, signal: Signal, rows: int) -> None:
+        self._rows = rows
+        for text in self._early:
+            self._mark(Mark(0.0, text, "note"))
+        more = max(self.rest_rows, self.discharge_rows)
+        # A generator that is closed stops the clock of the bench.
+        with closing(_generator(self._bench.apply(signal, rows, more=more))) as blocks:
+            for block in blocks:
+                self._take(block)
+                if self._heartbeat is not None:
+                    self._heartbeat.beat()
+                if self._next_row >= self._stop:
+                    self._hold(START_TIME)
+                    break
+            for air in self._air.rest():
+                self._keeper.air(air)
+
+    @property
+    def _stop(self) -> int:
+        """The row before which the record ends."""
+        return self._rows if self._last_row is None else self._last_row
+
+    @property
+    def _time(self) -> float:
+        """Of the next row [s]."""
+        return self._next_row / self._rate
+
+    def _take(self, block: Block) -> None:
+        """A block: first the guard, then the rows are kept, then those who listen."""
+        missing = block.first_row - self._next_row
+        count = min(len(block), self._stop - block.first_row)
+        if missing < 0:
+            raise rows_out_of_order(block.first_row, self._next_row)
+        if missing > 0:
+            self._mark(Mark(self._time, f"{missing} rows were lost before row {block.first_row}", "gap"))
+        self._next_row = block.first_row + len(block)
+        if count <= 0:
+            return
+        readings = {name: volts[:count] for name, volts in block.readings.items()}
+        values = self._scaling.values(readings)
+        flags = self._scaling.flags(readings)
+        rows = Rows(
+            block.first_row,
+            {name: values[name] for name in self._fast},
+            {name: flags[name] for name in self._fast},
+            {**readings, "output": block.output[:count]},
+        )
+        try:
+            for alarm in self._guard.look(block.first_row, values, block.temperature):
+                self._alarm(alarm)
+            for request in self._control.take():
+                self._ask(request.kind, request.text)
+        finally:  # also when the output could not be brought to 0 V
+            self._keep(rows, block.temperature, values)
+        if self._on_block is not None:
+            self._on_block(rows)
+
+    def _keep(self, rows: Rows, temperature: FloatArray, values: Mapping[str, FloatArray]) -> None:
+        self._keeper.rows(rows)
+        self.read += len(rows)
+        slow = {name: values[name] for name in self._names if name in SLOW_CHANNELS}
+        if len(temperature) and "temperature" not in slow:
+            slow["temperature"] = temperature
+        for air in self._air.add(rows.first_row, slow, len(rows)):
+            self._keeper.air(air)
+
+    def _alarm(self, alarm: Alarm) -> None:
+        if alarm.kind == "stuck":
+            raise BenchError(str(alarm), code="output-stuck", where="voltage", repair="switch the output amplifier off")
+        if alarm.action == "zero" and not self._guard.is_zeroed:
+            self.alarm = alarm
+            self._fail(str(alarm))
+            self._zero_and_go_on(self.discharge_rows)
+        self._mark(Mark(alarm.time, str(alarm), "limit"))
+
+    def _ask(self, kind: str, text: str) -> None:
+        if kind == "mark":
+            self._mark(Mark(self._time, text, "note"))
+            return
+        self._hurried = self._hurried or kind in ("abort", "zero")
+        if kind == "abort":
+            self._fail(text)
+            self._zero_and_go_on(0)
+            self._last_row = self._next_row  # also while a discharge is being recorded
+        elif self._guard.is_zeroed:
+            return
+        elif kind == "zero":
+            self._fail("emergency zero by the operator")
+            self._zero_and_go_on(self.discharge_rows)
+        else:
+            self.reason = f"stopped by the operator at {self._time:.6g} s"
+            self._zero_and_go_on(self.rest_rows)
+        self._mark(Mark(self._time, self.reason, "stop"))
+
+    def _zero_and_go_on(self, more: int) -> None:
+        """Bring the output to 0 V, and record so many rows more."""
+        self._hold(ZEROING_TIME)
+        self._bench.zero()
+        if not self._guard.is_zeroed:
+            self._guard.zeroed(self._next_row)
+            self._last_row = min(self._next_row + more, self._rows + max(self.rest_rows, self.discharge_rows))
+
+    def _fail(self, reason: str) -> None:
+        """Keep the first reason."""
+        if self.state == "complete":
+            self.state, self.reason = "aborted", reason
+
+    def _mark(self, mark: Mark) -> None:
+        self._keeper.mark(mark)
+        if self._on_mark is not None:
+            self._on_mark(mark)
+
+    def _hold(self, seconds: float) -> None:
+        if self._heartbeat is not None:
+            self._heartbeat.hold(seconds)
+
+    def _zero(self, error: IpmclabError | None) -> IpmclabError | None:
+        """Bring the output to 0 V; the first failure is the one that is told.
+
+        The guardian is let go of only when that succeeded: otherwise the silence makes it act.
+        """
+        try:
+            self._bench.zero()
+        except IpmclabError as failure:
+            return failure if error is None or failure.code == "output-not-zero" else error
+        if self._heartbeat is not None and (error is None or error.code not in ("output-stuck", "output-not-zero")):
+            self._heartbeat.disarm()
+        return error
+
+    def _after(
+        self, about: RunMetadata, zero_after: float, finish: Callable[[Bench], Sequence[ZeroReading]] | None
+    ) -> RunMetadata:
+        """Read the zeros again. What fails here does not spoil the run."""
+        found: list[ZeroReading] = []
+        try:
+            if zero_after > 0.0:
+                rest = read_rest(self._bench, self._names, self._rate, when="after", duration=zero_after)
+                found += rest.zeros
+            if finish is not None:
+                found += finish(self._bench)
+        except IpmclabError as error:
+            with suppress(IpmclabError):
+                self._mark(Mark(self._time, f"the zeros could not be read after the run: {error}", "bench"))
+        zeros = (*about.zeros, *found)
+        fast = [channel for channel in self._channels if channel.name in self._fast]
+        return replace(about, zeros=zeros, uncertainties=uncertainties(fast, zeros))
+
+    def _end(self, about: RunMetadata) -> IpmclabError | None:
+        try:
+            self._keeper.end(self.state, self.reason, about)
+        except IpmclabError as error:
+            return error
+        return None
+
+    @property
+    def _kept(self) -> Run | None:
+        return self._keeper.run if isinstance(self._keeper, InMemory) else None
+
+
+def _names(rig: Rig, measured: Sequence[str]) -> tuple[str, ...]:
+    """What is read: what was asked for, what the guard needs, and the air."""
+    known = [channel.name for channel in rig.channels]
+    always = [name for name in ("current", *SLOW_CHANNELS) if name in known]
+    return tuple(dict.fromkeys(["voltage", *measured, *always]))
+
+
+def _generator(blocks: Iterator[Block]) -> Generator[Block, None, None]:
+    """The blocks, with a ``close`` whatever the bench gives."""
+    try:
+        yield from blocks
+    finally:
+        close = getattr(blocks, "close", None)
+        if close is not None:
+            close()
+
+
+def _with_rest(signal: Signal, before: float, duration: float, after: float) -> Signal:
+    """The signal in the time of the record."""
+    signal.check_fits(duration)
+    if not before and not after:
+        return signal
+    parts: tuple[Signal, ...] = (signal,)
+    lasts: tuple[float, ...] = ()
+    if isinstance(signal, SignalSequence):
+        parts, lasts = signal.signals, signal.durations
+    shown: list[tuple[Signal, float]] = [(Step(0.0), before)] if before else []
+    left = duration
+    for part, last in zip(parts, (*lasts, math.inf), strict=False):
+        if left > EDGE:
+            shown.append((part, min(last, left)))
+        left -= last
+    return SignalSequence(tuple(part for part, _ in shown), tuple(last for _, last in shown))
+
+
+def _why(fault: BaseException) -> str:
+    """Why a recording ended, for its state."""
+    if isinstance(fault, KeyboardInterrupt):
+        return "interrupted from the keyboard"
+    if isinstance(fault, SystemExit):
+        return "the system asked the recorder to end"
+    return f"{type(fault).__name__}: {fault}"
+
+
+def _with_run(fault: BaseException, run: Run | None) -> BaseException:
+    """The exception, with what was recorded as its ``run``."""
+    fault.__dict__["run"] = run
+    return fault

@@ -1,0 +1,497 @@
+"""The guardian: a process of its own that brings the output to 0 V when the recorder no longer can.
+
+``python -m ipmclab.rig.safety.guardian TARGET`` is started by the recorder and connected to it by a pipe. It
+connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder was
+killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection, and
+tries until that succeeds. Nothing that ends the recorder ends the guardian: it is in no group and at no console of the recorder's.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import IO, Any, Final, Literal, Protocol
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import detached
+from ipmclab.rig.channels import Output, Rig
+
+SILENCE: Final = 0.5
+"""The guardian acts when the recorder has been silent for so long [s]."""
+
+ATTEMPT_TIME: Final = 1.5
+"""A reset that takes longer [s] has failed: the next one goes through a new connection."""
+
+GIVE_UP: Final = 600.0
+"""How long [s] it goes on trying."""
+
+LOUD: Final = 3.0
+"""After so long [s] without success it says so, loudly."""
+
+_PAUSE: Final = 0.1  # s between two attempts
+_ALIVE: Final = 0.5  # s between two signs of life while armed
+_GRACE: Final = 0.03  # s for the thread that reads, before silence is believed
+_LOST: Final = 3.0  # s without one: the guardian hangs itself
+_START: Final = 30.0  # s to start Python and to connect
+_ANSWER: Final = 2.0  # s for an answer to a word
+_OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the guardian brings to 0 V.
+
+    Parameters
+    ----------
+    kind : "ni" or "file"
+        A module of a chassis; or, to try the guardian without hardware, a file that gets a line for each reset.
+    place : str
+        The physical output, such as ``"cDAQ1Mod2/ao0"``; the path of the file.
+    address : str, optional
+        ``host:port`` of a gRPC server.
+    """
+
+    kind: Literal["ni", "file"]
+    place: str
+    address: str | None = None
+
+    @classmethod
+    def of(cls, rig: Rig) -> Target:
+        """The output of a rig."""
+        return cls("ni", rig.output.physical, rig.address)
+
+
+class Connection(Protocol):
+    """How the output is reached."""
+
+    def reset(self) -> None:
+        """Bring it to 0 V."""
+
+    def close(self) -> None:
+        """Let go."""
+
+
+class Guardian:
+    """The guardian process, as the recorder holds it.
+
+    Parameters
+    ----------
+    target : Rig or Target
+    log : path, optional
+        A file that gets a line, with the time, for everything that happens.
+    silence : float [s]
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     guardian = Guardian(Target("file", f"{folder}/output.txt"))
+    ...     guardian.arm()
+    ...     guardian.beat()
+    ...     guardian.disarm()
+    ...     guardian.close()
+    ...     Path(folder, "output.txt").exists()
+    False
+    """
+
+    def __init__(self, target: Rig | Target, *, log: str | Path | None = None, silence: float = SILENCE) -> None:
+        self._target = Target.of(target) if isinstance(target, Rig) else target
+        self._silence = silence
+        command = [sys.executable, "-m", "ipmclab.rig.safety.guardian", json.dumps(asdict(self._target))]
+        if log is not None:
+            command.append(str(log))
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, **detached()
+        )
+        self._told = threading.Condition()
+        self._state: Literal["starting", "ready", "armed", "acted", "gone"] = "starting"
+        self._text = ""
+        self._sign = time.monotonic()
+        self._progress = 0.0
+        self._longest = 0.0
+        self._held_until = 0.0
+        self._beating: threading.Event | None = None
+        self._listener = threading.Thread(target=self._listen, name="guardian", daemon=True)
+        self._listener.start()
+
+    @property
+    def acted(self) -> str:
+        """Why it brought the output to 0 V since it was armed; empty when it did not."""
+        return self._text if self._state == "acted" else ""
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def wait(self, timeout: float = _START) -> None:
+        """Wait until it is connected.
+
+        Raises
+        ------
+        IpmclabError
+            It could not connect to what it has to guard.
+        """
+        with self._told:
+            self._told.wait_for(lambda: self._state != "starting", timeout)
+            if self._state in ("starting", "gone"):
+                raise self._lost(self._text or f"it was not ready within {timeout:g} s")
+
+    def arm(self, block_time: float = 0.0) -> None:
+        """From now on it acts when there are no beats.
+
+        Parameters
+        ----------
+        block_time : float [s]
+            Between two beats. Where that is more than 0.2 s, a thread beats in between for three of these times.
+
+        Raises
+        ------
+        IpmclabError
+            It is not there: nothing may be given out.
+        """
+        self.wait()
+        self._progress = time.monotonic()
+        self._longest = 3.0 * block_time if block_time > _OFTEN else 0.0
+        self._send(f"arm {self._silence}")
+        self._beating = threading.Event()
+        threading.Thread(target=self._beat_on, args=(self._beating,), name="heartbeat", daemon=True).start()
+        with self._told:
+            self._told.wait_for(lambda: self._state in ("armed", "gone"), _ANSWER)
+            if self._state != "armed":
+                raise self._lost(self._text or "it does not answer")
+
+    def beat(self) -> None:
+        """All is well. It never waits.
+
+        Raises
+        ------
+        IpmclabError
+            The guardian is gone, or hangs, or has brought the output to 0 V.
+        """
+        self._progress = now = time.monotonic()
+        self._held_until = 0.0
+        if self._state == "acted":
+            raise IpmclabError(
+                f"the guardian brought the output to 0 V: {self._text}",
+                code="guardian-acted",
+                where="guardian",
+                repair="give this computer less to do beside the recording, and record again",
+            )
+        if self._state != "armed":
+            raise self._lost(self._text or "it is not armed")
+        if now - self._sign > _LOST:
+            raise self._lost(f"it has given no sign of life for {now - self._sign:.1f} s")
+        self._send("beat")
+
+    def hold(self, seconds: float) -> None:
+        """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
+
+        A process that is stopped or killed is noticed all the same.
+        """
+        self._held_until = time.monotonic() + seconds
+
+    def disarm(self) -> None:
+        """The output is at 0 V: silence is allowed again."""
+        if self._beating is not None:
+            self._beating.set()
+            self._beating = None
+        if self._state in ("starting", "ready", "gone"):
+            return
+        with suppress(IpmclabError):
+            self._send("disarm")
+            with self._told:
+                self._told.wait_for(lambda: self._state in ("ready", "gone"), _ANSWER)
+
+    def close(self) -> None:
+        """Let it go. One that is armed brings the output to 0 V first. May be called twice."""
+        if self._beating is not None:
+            self._beating.set()
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(2.0 * _LOST)
+        except subprocess.TimeoutExpired:
+            return  # it is still trying to bring the output to 0 V
+        self._listener.join(_ANSWER)
+        self._process.stdout.close()
+
+    def __enter__(self) -> Guardian:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _send(self, word: str) -> None:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{word}\n".encode())
+        except (OSError, ValueError) as error:
+            raise self._lost(str(error)) from error
+
+    def _beat_on(self, ended: threading.Event) -> None:
+        """Beat where the recorder is known to have other things to do, but not for ever."""
+        while not ended.wait(_OFTEN / 2.0):
+            now = time.monotonic()
+            if self._state == "armed" and (now < self._held_until or now - self._progress < self._longest):
+                with suppress(IpmclabError):
+                    self._send("beat")
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in iter(self._process.stdout.readline, b""):
+            word, _, text = line.decode(errors="replace").strip().partition(" ")
+            with self._told:
+                self._sign = time.monotonic()
+                if word in ("ready", "armed", "disarmed", "acted"):
+                    self._state = "ready" if word == "disarmed" else word
+                    self._text = text
+                elif word == "failed":
+                    self._text = text
+                self._told.notify_all()
+        with self._told:
+            self._state = "gone"
+            self._text = self._text or "it has ended"
+            self._told.notify_all()
+
+    def _lost(self, text: str) -> IpmclabError:
+        return IpmclabError(
+            f"there is no guardian: {text}",
+            code="guardian-lost",
+            where="guardian",
+            repair="without it nothing is given out: see its log and the connection to the chassis, then record again",
+        )
+
+
+class _FileConnection:
+    """Writes a line for each reset: a guardian to try."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def reset(self) -> None:
+        """Write the line."""
+        try:
+            with open(self._path, "a", encoding="utf-8") as stream:  # a path that may be a pipe
+                stream.write(f"0 V at {time.time():.6f}\n")
+        except OSError as error:
+            raise IpmclabError(str(error), code="unwritable", where=self._path, repair="make its folder") from error
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def connect(target: Target) -> Connection:
+    """Reach what is to be guarded.
+
+    Raises
+    ------
+    InputError
+        An unknown kind of target.
+    IpmclabError
+        It cannot be reached.
+    """
+    if target.kind == "file":
+        return _FileConnection(target.place)
+    if target.kind == "ni":
+        from ipmclab.rig.ni import Resetter
+
+        output = Output(-10.0, 10.0, target.place)
+        return Resetter(Rig("guarded", (), 0.0, "electrodes", output, bench="ni", address=target.address))
+    raise InputError(
+        f"unknown target {target.kind!r}", code="unknown-target", where="guardian", repair="use ni or file"
+    )
+
+
+class _Watch:
+    """What the guardian process does."""
+
+    def __init__(self, target: Target, log: Path | None, tell: IO[str], connection: Connection) -> None:
+        self._target = target
+        self._log = log
+        self._tell = tell
+        self._connection: Connection | None = connection
+        self._words: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._silence = SILENCE
+        self._armed = False
+        self._deadline = 0.0
+        self._next_sign = 0.0
+
+    def hear(self, word: str | None) -> None:
+        """A word of the recorder; None when it is gone. From any thread, and from signal handlers."""
+        self._words.put(word)
+
+    def run(self) -> int:
+        """Watch until the recorder lets go, or is gone."""
+        self.say("ready")
+        while True:
+            try:
+                word = self._words.get(timeout=self._patience() if self._armed else None)
+            except queue.Empty:
+                self._sign()
+                if time.monotonic() >= self._deadline:
+                    self._look_again()
+                continue
+            if word is None:
+                if self._armed and not self._act("the recorder is gone"):
+                    return 1
+                self.log("the recorder has ended")
+                return 0
+            self._obey(word)
+
+    def _patience(self) -> float:
+        """How long to wait for the next word [s]."""
+        return max(0.0, min(self._deadline, self._next_sign) - time.monotonic())
+
+    def _look_again(self) -> None:
+        """Act on silence, unless a word waits that this process, held up itself, had no time to read."""
+        try:
+            word = self._words.get(timeout=_GRACE)
+        except queue.Empty:
+            self._act(f"the recorder was silent for {self._silence:g} s")
+        else:
+            if word is None:
+                self.hear(None)  # for the loop, which ends by it
+            else:
+                self._obey(word)
+
+    def _obey(self, word: str) -> None:
+        what, _, value = word.partition(" ")
+        if what == "arm":
+            self._silence, self._armed = float(value), True
+            self.log("armed")
+            self.say("armed")
+        elif what == "disarm":
+            self._armed = False
+            self.log("disarmed")
+            self.say("disarmed")
+        self._deadline = time.monotonic() + self._silence
+        if self._armed:
+            self._sign()
+
+    def _sign(self) -> None:
+        """Show the recorder that this process lives, now and then."""
+        now = time.monotonic()
+        if now >= self._next_sign:
+            self._next_sign = now + _ALIVE
+            self.say("alive")
+
+    def _act(self, why: str) -> bool:
+        """Bring the output to 0 V, and say whether that succeeded."""
+        self._armed = False
+        self.say(f"acted {why}")
+        self.log(f"{why}: bringing the output {self._target.place} to 0 V")
+        begun, told = time.monotonic(), False
+        while True:
+            failure = self._attempt()
+            lasted = time.monotonic() - begun
+            if failure is None:
+                self.log(f"the output {self._target.place} is at 0 V, {lasted:.3f} s after that")
+                return True
+            self.log(f"it failed: {failure}")
+            if lasted > LOUD and not told:
+                told = True
+                self.shout(f"the output {self._target.place} could NOT be brought to 0 V so far: {failure}")
+                self.say(f"failed the output could not be brought to 0 V: {failure}")
+            if lasted > GIVE_UP:
+                self.shout(f"the output {self._target.place} could NOT be brought to 0 V: {failure}")
+                return False
+            time.sleep(_PAUSE if lasted < LOUD else 10.0 * _PAUSE)
+
+    def _attempt(self) -> str | None:
+        """Reset once; what went wrong, or None. A reset that hangs is left behind, with its connection."""
+        done: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+
+        def reset() -> None:
+            try:
+                if self._connection is None:
+                    self._connection = connect(self._target)
+                self._connection.reset()
+                done.put(None)
+            except Exception as error:  # whatever it is, the next attempt is due
+                done.put(f"{type(error).__name__}: {error}")
+
+        threading.Thread(target=reset, daemon=True).start()
+        try:
+            return done.get(timeout=ATTEMPT_TIME)
+        except queue.Empty:
+            self._connection = None
+            return f"no answer within {ATTEMPT_TIME:g} s"
+
+    def say(self, text: str) -> None:
+        """To the recorder, which may be gone."""
+        with suppress(OSError, ValueError):
+            self._tell.write(f"{text}\n")
+            self._tell.flush()
+
+    def log(self, text: str) -> None:
+        """Into the log, with the time."""
+        if self._log is not None:
+            with suppress(OSError), self._log.open("a", encoding="utf-8") as stream:
+                stream.write(f"{datetime.now().astimezone().isoformat('T', 'milliseconds')} {text}\n")
+
+    def shout(self, text: str) -> None:
+        """What somebody must do something about at once."""
+        text = f"SWITCH THE AMPLIFIER OFF, or take the strip off its leads: {text}"
+        self.log(text)
+        with suppress(OSError, ValueError):
+            sys.stderr.write(f"\aipmclab guardian: {text}\n")
+            sys.stderr.flush()
+
+
+def main(arguments: list[str]) -> int:
+    """The guardian process.
+
+    Parameters
+    ----------
+    arguments : list of str
+        The target as JSON, and the log.
+    """
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    target = Target(**json.loads(arguments[0]))
+    log = Path(arguments[1]) if len(arguments) > 1 else None
+    try:
+        connection = connect(target)
+    except IpmclabError as error:
+        with suppress(OSError):
+            sys.stdout.write(f"failed {error}\n")
+            sys.stdout.flush()
+        return 1
+    watch = _Watch(target, log, sys.stdout, connection)
+    signal.signal(signal.SIGTERM, _then(watch.hear))
+    threading.Thread(target=_read, args=(sys.stdin.buffer, watch.hear), daemon=True).start()
+    return watch.run()
+
+
+def _then(hear: Callable[[str | None], None]) -> Callable[[int, Any], None]:
+    """Asked to end, an armed guardian does what it would do if the recorder were gone."""
+    return lambda _number, _frame: hear(None)
+
+
+def _read(stream: IO[bytes], hear: Callable[[str | None], None]) -> None:
+    with suppress(OSError):
+        for line in iter(stream.readline, b""):
+            hear(line.decode(errors="replace").strip())
+    hear(None)
+
+
+if __name__ == "__main__":
+    import os
+
+    status = main(sys.argv[1:])
+    sys.stdout.flush()
+    os._exit(status)  # a reset that hangs in its thread must not hold the process

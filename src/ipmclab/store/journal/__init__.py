@@ -1,0 +1,1 @@
+"""Runs while they are recorded: the journal, and how it becomes a run file."""
