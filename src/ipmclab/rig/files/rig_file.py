@@ -28,7 +28,7 @@ from ipmclab.units import (
 if TYPE_CHECKING:
     from ipmclab.rig.files.tables import ChannelTable, RigTable, TextPair, VirtualTable
 
-_LIBRARY: Final = resources.files("ipmclab.rig") / "library"
+_LIBRARY: Final = resources.files("ipmclab.rig.files") / "library"
 _ALIASES: Final = {"virtual": "thesis"}
 """``rig = "virtual"`` is the rig that needs nothing."""
 

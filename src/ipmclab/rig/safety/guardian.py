@@ -3,7 +3,8 @@
 ``python -m ipmclab.rig.safety.guardian TARGET`` is started by the recorder and connected to it by a pipe. It
 connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder was
 killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection, and
-tries until that succeeds. Nothing that ends the recorder ends the guardian: it is in no group and at no console of the recorder's.
+tries until that succeeds. Nothing that ends the recorder ends the guardian: it is in no group and at no console of
+the recorder's.
 """
 
 from __future__ import annotations
