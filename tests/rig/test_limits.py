@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, signals
 from ipmclab.rig import THESIS_RIG, Limit, Limits, VirtualBench
-from ipmclab.rig.safety.guarded_bench import Clamped, GuardedBench
+from ipmclab.rig.safety.clamped import Clamped
+from ipmclab.rig.safety.guarded_bench import GuardedBench
 from ipmclab.signals import Signal
 
 RATE = 50.0

@@ -19,7 +19,7 @@ from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.in_use import Hold
-from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
+from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks, rows_ahead
 from ipmclab.rig.request import Feed, check_measured, check_signal, check_voltage
 from ipmclab.rig.safety.readback import left_at_output
 from ipmclab.signals import Signal
@@ -227,24 +227,25 @@ class NiBench:
         """Give a signal out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
         self._opened()
         check_signal(self.rig, signal, rows, self._rate)
-        return self._blocks(signal, rows)
+        feed = Feed(signal, rows, self._rate)
+        feed.prepare(rows_ahead(self._rate, self._ahead))
+        return self._blocks(feed, rows)
 
-    def _blocks(self, signal: Signal, rows: int) -> Iterator[Block]:
+    def _blocks(self, feed: Feed, rows: int) -> Iterator[Block]:
         if rows < 1:
             return
-        given, reported = Feed(signal, rows, self._rate), Feed(signal, rows, self._rate)
         told, stuck = 0, 0
         timed: TimedTasks | None = None
         try:
-            timed = self._start(given)
+            timed = self._start(feed)
             before = self._output
             while told < rows:
                 count = min(block_rows(self._rate), rows - told)
                 with self._lock:
-                    timed.feed(given, told + count)
+                    timed.feed(feed, told + count)
                 # No block for this long means that the chassis stands still.
                 readings = timed.read(count, max(1.0, 5.0 * block_rows(self._rate) / self._rate))
-                output = np.concatenate([[before], reported.take(count)])
+                output = np.concatenate([[before], feed.again(count)])
                 before = float(output[-1])
                 block = self._block(timed, told, readings, output)
                 told += count
@@ -258,9 +259,9 @@ class NiBench:
             raise self._failed(error) from error.__cause__
         finally:
             if timed is not None and self._timed is timed:
-                self._abandon(reported, told)
+                self._abandon(feed, told)
 
-    def _start(self, given: Feed) -> TimedTasks:
+    def _start(self, feed: Feed) -> TimedTasks:
         driver = self._opened()
         with self._lock:
             if self._timed is not None:
@@ -272,7 +273,7 @@ class NiBench:
             timed = TimedTasks(driver, self._measured, self._rate, self._ahead)
             self._timed, self._zero_from, self._safe = timed, None, False
             try:
-                timed.start(given)
+                timed.start(feed)
             except BaseException:
                 self._abandon()
                 raise
@@ -303,7 +304,7 @@ class NiBench:
             timed.close()
             self._timed = None
 
-    def _abandon(self, reported: Feed | None = None, told: int = 0) -> None:
+    def _abandon(self, feed: Feed | None = None, told: int = 0) -> None:
         """Leave a signal that did not end; the output keeps what it gives by now."""
         with self._lock:
             timed, self._timed = self._timed, None
@@ -312,8 +313,8 @@ class NiBench:
             with suppress(IpmclabError):
                 unread = timed.sampled() - told
                 timed.stop_clock()
-                if reported is not None and self._zero_from is None and unread > 0:
-                    self._output = float(reported.take(unread)[-1])
+                if feed is not None and self._zero_from is None and unread > 0:
+                    self._output = float(feed.again(unread)[-1])
             timed.close()
 
     def exchange(self, voltage: float) -> dict[str, float]:

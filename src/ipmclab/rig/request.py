@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection, Iterator
 from typing import Final
 
@@ -10,12 +11,17 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.safety.clamped import Clamped
 from ipmclab.signals import Signal
 
 FloatArray = npt.NDArray[np.float64]
 
 _CHUNK: Final = 2**18
-"""Rows of a signal that are held at once: a signal may last for hours."""
+"""Rows of a signal that are looked at at once: a signal may last for hours."""
+
+SLOWEST: Final = 25.0
+"""Lowest rate [Hz] on a chassis: with fewer rows a second a block lasts longer than 40 ms, and with it the time
+until the guard, a request or the guardian can act."""
 
 
 def check_measured(rig: Rig, measured: Collection[str]) -> None:
@@ -72,6 +78,23 @@ def check_voltage(rig: Rig, voltage: float) -> None:
         )
 
 
+def check_rate(rig: Rig, rate: float) -> None:
+    """Refuse a rate [Hz] at which what protects the strip would come too late.
+
+    Raises
+    ------
+    InputError
+        Below ``SLOWEST`` on a chassis; a virtual bench, whose time passes as it is asked for, can do any.
+    """
+    if rig.bench == "ni" and rate < SLOWEST:
+        raise InputError(
+            f"{rate:g} Hz is asked for, on a chassis it is {SLOWEST:g} Hz at least: the guard looks at every block",
+            code="bad-rate",
+            where="rate",
+            repair=f"record at {SLOWEST:g} Hz or more",
+        )
+
+
 def check_signal(rig: Rig, signal: Signal, rows: int, rate: float) -> None:
     """Refuse a signal of which a row is beyond what the output can give.
 
@@ -81,6 +104,8 @@ def check_signal(rig: Rig, signal: Signal, rows: int, rate: float) -> None:
         With the first such row.
     """
     low, high = rig.output.low, rig.output.high
+    if isinstance(signal, Clamped) and low <= -signal.most and signal.most <= high:
+        return
     for first, voltage in chunks(signal, rows, rate):
         beyond = np.flatnonzero(~((voltage >= low) & (voltage <= high)))
         if len(beyond):
@@ -103,6 +128,8 @@ def chunks(signal: Signal, rows: int, rate: float) -> Iterator[tuple[int, FloatA
 class Feed:
     """A signal that is taken row by row, and goes on with its last voltage for as long as it is asked for.
 
+    It is computed as it is taken, once: what was taken can be had once more, in the same order.
+
     Parameters
     ----------
     signal : Signal
@@ -112,9 +139,28 @@ class Feed:
     """
 
     def __init__(self, signal: Signal, rows: int, rate: float) -> None:
-        self._chunks = chunks(signal, rows, rate)
-        self._left = np.empty(0)
+        self._signal = signal
+        self._rows = rows
+        self._rate = rate
+        self._computed = 0
+        self._ready = np.empty(0)
         self._last = 0.0
+        self._taken: deque[FloatArray] = deque()
+        self._told = 0.0
+
+    def prepare(self, count: int) -> None:
+        """Compute the next ``count`` voltages, before time is short."""
+        parts, missing = [self._ready], count - len(self._ready)
+        while missing > 0 and self._computed < self._rows:
+            stop = min(self._computed + min(missing, _CHUNK), self._rows)
+            parts.append(self._signal.voltage(np.arange(self._computed, stop) / self._rate))
+            missing -= stop - self._computed
+            self._computed = stop
+            self._last = float(parts[-1][-1])
+        if missing > 0:
+            parts.append(np.full(missing, self._last))
+        if len(parts) > 1:
+            self._ready = np.concatenate(parts)
 
     def take(self, count: int) -> FloatArray:
         """The next ``count`` voltages [V].
@@ -125,17 +171,25 @@ class Feed:
         >>> feed = Feed(Square(amplitude=1.0, frequency=1.0), rows=4, rate=4.0)
         >>> feed.take(3).tolist(), feed.take(3).tolist()
         ([1.0, 1.0, -1.0], [-1.0, -1.0, -1.0])
+        >>> feed.again(2).tolist(), feed.again(3).tolist()
+        ([1.0, 1.0], [-1.0, -1.0, -1.0])
         """
-        parts = [self._left[:count]]
-        self._left = self._left[count:]
-        missing = count - len(parts[0])
-        while missing:
-            _, chunk = next(self._chunks, (0, None))
-            if chunk is None:
-                parts.append(np.full(missing, self._last))
-                break
-            self._last = float(chunk[-1])
-            parts.append(chunk[:missing])
-            self._left = chunk[missing:]
-            missing -= len(parts[-1])
-        return np.concatenate(parts)
+        self.prepare(count)
+        found, self._ready = self._ready[:count], self._ready[count:]
+        self._taken.append(found)
+        return found
+
+    def again(self, count: int) -> FloatArray:
+        """The next ``count`` voltages [V] of those that were taken; from their end on the last of them."""
+        parts, missing = [], count
+        while missing and self._taken:
+            part = self._taken.popleft()
+            if len(part) > missing:
+                self._taken.appendleft(part[missing:])
+                part = part[:missing]
+            missing -= len(part)
+            parts.append(part)
+        found = np.concatenate([*parts, np.empty(0)])
+        if len(found):
+            self._told = float(found[-1])
+        return np.concatenate([found, np.full(missing, self._told)])

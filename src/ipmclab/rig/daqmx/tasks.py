@@ -28,8 +28,16 @@ RATE_TOLERANCE: Final = 50e-6
 _SLOW: Final = 100.0
 """A rate [Hz] that every module can do."""
 
+_AT_ONCE: Final = 1024
+"""Rows that the output is fed at once where a block is shorter: a signal may take long to compute."""
+
 _QUICK: Final = 1.0
 """Timeout [s] of calls that wait for nothing."""
+
+
+def rows_ahead(rate: float, ahead: float) -> int:
+    """How many rows the output is given before its clock starts, at a rate [Hz] and for a time [s]."""
+    return math.ceil(ahead * rate) + block_rows(rate)
 
 
 class TimedTasks:
@@ -58,7 +66,7 @@ class TimedTasks:
     def __init__(self, driver: Driver, names: Sequence[str], rate: float, ahead: float) -> None:
         self._driver = driver
         self._rate = rate
-        self._ahead = math.ceil(ahead * rate) + block_rows(rate)
+        self._ahead = rows_ahead(rate, ahead)
         self._fed = 0
         self._polled = 0
         self._output: Any = None
@@ -129,8 +137,10 @@ class TimedTasks:
         """Give the output what it needs until ``ahead`` after a row; nothing once it was stopped."""
         missing = row + self._ahead - self._fed
         # Not at every block: a quarter of what it holds may be used up first.
-        if self._output is None or missing < max(1, self._ahead // 4):
+        if self._output is None or missing < max(1, min(self._ahead // 4, _AT_ONCE)):
             return
+        if row > 0:  # before the clock starts there is time
+            missing = min(missing, max(_AT_ONCE, 2 * block_rows(self._rate)))
         task = self._output
         try:
             with self._driver.translated():

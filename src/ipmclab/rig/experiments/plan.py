@@ -12,7 +12,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.experiments.steps import FINGERPRINT, PlannedRun, PlannedStep, planned_steps, watched
-from ipmclab.rig.request import check_measured, check_signal
+from ipmclab.rig.request import check_measured, check_rate, check_signal
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.store.journal.laboratory import BALLAST, free_space_needed
 from ipmclab.units import CURRENT
@@ -179,6 +179,7 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
             where=f"{where}: duration",
             repair="record at another rate, or for another time",
         )
+    check_rate(rig, run.rate)
     try:
         check_signal(rig, run.signal, max(1, round(run.duration * run.rate)), run.rate)
         limits.refuse(run.signal, run.duration, run.rate)

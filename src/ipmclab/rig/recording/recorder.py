@@ -27,12 +27,13 @@ from ipmclab.rig.recording.zeroing import (
     ZERO_TIME,
     Rest,
     contact_levels,
+    is_discharged,
     read_rest,
     subtracted,
     uncertainties,
     wait_for_preload,
 )
-from ipmclab.rig.request import check_measured, check_signal
+from ipmclab.rig.request import check_measured, check_rate
 from ipmclab.rig.safety.guard import Alarm, Guard, rows_out_of_order
 from ipmclab.rig.safety.guarded_bench import GuardedBench
 from ipmclab.rig.safety.limits import Limits
@@ -279,10 +280,10 @@ def capture(
     commanded = _with_rest(parse(signal) if isinstance(signal, str) else signal, rest_before, duration, rest_after)
     limits = limits or Limits()
     check_measured(bench.rig, measured)
-    check_signal(bench.rig, commanded, rows, rate)
-    limits.refuse(commanded, rows / rate, rate)
-    names = _names(bench.rig, measured)
+    check_rate(bench.rig, rate)
     guarded = GuardedBench(bench, limits)
+    guarded.check(commanded, rows, rate)
+    names = _names(bench.rig, measured)
     recording = _Recording(guarded, limits, rate, names, control or Control(), on_block, on_mark, heartbeat)
     recording.rest_rows = round(rest_after * rate)
     recording.discharge_rows = round(discharge * rate)
@@ -397,7 +398,7 @@ class _Recording:
             voltage_sensed=rig.voltage_sensed,
             shunt_resistance=rig.shunt_resistance,
             source_resistance=rig.source_resistance,
-            starts_from_rest=True,
+            starts_from_rest=is_discharged(rig, rest),
             ranges={name: limits for name, limits in self._scaling.ranges.items() if name in self._fast},
             calibrations=self._scaling.calibrations,
             bench=self._bench.description,
@@ -436,10 +437,13 @@ class _Recording:
         error: IpmclabError | None = None
         try:
             try:
+                # Before the guardian waits for beats: this computes what the output is given first.
+                more = max(self.rest_rows, self.discharge_rows)
+                blocks = self._bench.apply(signal, rows, more=more)
                 if self._heartbeat is not None:
                     self._heartbeat.arm(block_rows(self._rate) / self._rate)
                 self._hold(START_TIME)
-                self._apply(signal, rows)
+                self._apply(blocks, rows)
             except IpmclabError as failure:
                 error = failure
                 if self._on_mark is not None:  # at once: a chassis that is frozen takes long to be brought to 0 V
@@ -462,13 +466,12 @@ class _Recording:
         error = self._end(about) or error
         return Outcome(self.state, self.reason, about, self.read, self.alarm, error, self._kept)
 
-    def _apply(self, signal: Signal, rows: int) -> None:
+    def _apply(self, given: Iterator[Block], rows: int) -> None:
         self._rows = rows
         for text in self._early:
             self._mark(Mark(0.0, text, "note"))
-        more = max(self.rest_rows, self.discharge_rows)
         # A generator that is closed stops the clock of the bench.
-        with closing(_generator(self._bench.apply(signal, rows, more=more))) as blocks:
+        with closing(_generator(given)) as blocks:
             for block in blocks:
                 self._take(block)
                 if self._heartbeat is not None:

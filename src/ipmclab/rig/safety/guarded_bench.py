@@ -2,64 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
-
-import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.rig.bench import Bench, Block
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.request import check_signal
+from ipmclab.rig.safety.clamped import Clamped
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.signals import Signal
-from ipmclab.signals.signal import EDGE
 
 if TYPE_CHECKING:
     from ipmclab.sample import Sample
-
-FloatArray = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Clamped(Signal):
-    """A signal that cannot leave its limits, and ends at 0 V.
-
-    Parameters
-    ----------
-    signal : Signal
-    most : float [V]
-        Largest magnitude; what is no number becomes 0 V.
-    end : float [s]
-        From here on it is 0 V.
-
-    Examples
-    --------
-    >>> from ipmclab.signals import Step
-    >>> Clamped(Step(35.0), most=3.5, end=2.0).voltage([0.0, 1.0, 2.0]).tolist()
-    [3.5, 3.5, 0.0]
-    """
-
-    signal: Signal
-    most: float
-    end: float = math.inf
-
-    def __post_init__(self) -> None:
-        """Nothing to check: its numbers are no parameters of a signal."""
-
-    def voltage(self, time: npt.ArrayLike) -> FloatArray:
-        """The voltage at each time: see ``Signal.voltage``."""
-        times = np.asarray(time, dtype=np.float64)
-        wanted = np.nan_to_num(self.signal.voltage(times), nan=0.0)
-        return np.where(times < self.end - EDGE, np.clip(wanted, -self.most, self.most), 0.0)
-
-    def _shape(self, time: FloatArray) -> FloatArray:
-        return self.voltage(time)
-
-    def __str__(self) -> str:
-        return str(self.signal)
 
 
 class GuardedBench:
@@ -88,6 +43,7 @@ class GuardedBench:
         self._bench = bench
         self._limits = limits
         self._rate = 0.0
+        self._checked: tuple[Signal, int, float] | None = None
         self.rig: Rig = bench.rig
 
     @property
@@ -110,6 +66,24 @@ class GuardedBench:
         self._bench.open(measured, rate)
         self._rate = rate
 
+    def check(self, signal: Signal, rows: int, rate: float) -> None:
+        """Refuse a signal before anything moves: looking at hours of it takes seconds, so ``apply`` does not again.
+
+        Parameters
+        ----------
+        signal : Signal
+        rows : int
+        rate : float [Hz]
+
+        Raises
+        ------
+        InputError
+            A voltage beyond the limit, or beyond what the output can give.
+        """
+        check_signal(self.rig, signal, rows, rate)
+        self._limits.refuse(signal, rows / rate, rate)
+        self._checked = (signal, rows, rate)
+
     def apply(self, signal: Signal, rows: int, *, more: int = 0) -> Iterator[Block]:
         """Give a signal out, and read: see ``Bench.apply``.
 
@@ -126,7 +100,9 @@ class GuardedBench:
         InputError
             A voltage beyond the limit: nothing is given out then.
         """
-        self._limits.refuse(signal, rows / self._rate, self._rate)
+        checked = self._checked
+        if checked is None or checked[0] is not signal or checked[1:] != (rows, self._rate):
+            self._limits.refuse(signal, rows / self._rate, self._rate)
         clamped = Clamped(signal, self._limits.voltage.most, rows / self._rate)
         return self._bench.apply(clamped, rows + more)
 
