@@ -210,6 +210,14 @@ def test_a_heading_names_columns_and_units(tmp_path: Path) -> None:
     path.write_text("# by hand\nVoltage [mV]\tcurrent (mA)\ttime (ms)\n\n500\t3\t0\n-500\t\t20\n", encoding="utf-8-sig")
     signal = signals.parse(f"file {path}")
     assert signal == signals.Samples([0.0, 0.02], [0.5, -0.5], path=str(path))
+    assert signals.parse(f"file {path.name}", folder=path.parent) == signal
+    assert isinstance(signal, signals.Samples)
+    other = signal.reversed()
+    assert other.values.tolist() == [-0.5, 0.5]
+    assert str(other) == f"{signal} gain=-1"
+    assert signals.parse(str(other)) == other
+    assert other.reversed() == signal
+    assert signals.parse(f"{signal} gain=-0.5 delay=1 s").voltage([1.0, 1.02]).tolist() == [-0.25, 0.25]
     assert str(signal) == f"file {path}"
 
 

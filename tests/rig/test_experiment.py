@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from ipmclab.errors import InputError
+from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
+from ipmclab.rig.experiments.plan import make_plan
 
 GOOD: dict[str, Any] = {"sample": "strip-1", "signal": "step 1 V", "rate": "50 Hz", "duration": "40 s"}
 
@@ -32,6 +34,21 @@ def test_what_it_names_is_looked_for_beside_it(tmp_path: Path) -> None:
     experiment = load_experiment(path)
     assert (experiment.rig, experiment.folder) == (tmp_path / "rig.toml", tmp_path / "lab")
     assert experiment.title == "step"
+
+
+def test_a_signal_from_a_file_lies_beside_it_and_is_reversed_by_name(tmp_path: Path) -> None:
+    (tmp_path / "sweep.csv").write_text("".join(f"{k / 50},{k % 7 / 7}\n" for k in range(2000)))
+    experiment = experiment_from_table(
+        GOOD | {"signal": "file sweep.csv", "pair": True, "fingerprint": False}, folder=tmp_path
+    )
+    plan = make_plan(experiment, THESIS_RIG, bytes_free=10**9)
+    assert [str(run.signal) for run in plan.runs] == [
+        f"file {tmp_path / 'sweep.csv'}",
+        f"file {tmp_path / 'sweep.csv'} gain=-1",
+    ]
+    written = "samples " + " ".join(f"{k / 50} s {k % 7 / 7} V" for k in range(2000))
+    plan = make_plan(experiment_from_table(GOOD | {"signal": written}), THESIS_RIG, bytes_free=10**9)
+    assert max(len(step.text) for step in plan.steps) < 300
 
 
 def test_a_sample_comes_from_its_table_or_from_its_actuator() -> None:

@@ -29,6 +29,8 @@ class Samples(Signal):
     delay : float [s]
     path : str
         The file that they came from, for the text; empty when they came from arrays.
+    gain : float
+        What the samples of the file are multiplied by; ``values`` holds the product.
 
     Raises
     ------
@@ -48,8 +50,11 @@ class Samples(Signal):
     values: FloatArray
     delay: float = 0.0
     path: str = field(default="", metadata={"unnamed": True})
+    gain: float = 1.0
 
-    def __init__(self, time: npt.ArrayLike, voltage: npt.ArrayLike, delay: float = 0.0, path: str = "") -> None:
+    def __init__(
+        self, time: npt.ArrayLike, voltage: npt.ArrayLike, delay: float = 0.0, path: str = "", gain: float = 1.0
+    ) -> None:
         columns = {"times": _samples("time", time), "values": _samples("voltage", voltage)}
         if columns["times"].shape != columns["values"].shape:
             raise InputError(
@@ -68,10 +73,29 @@ class Samples(Signal):
                 where="time",
                 repair="give times that increase from 0 s or later",
             )
+        checked = float(check_value("gain", gain, where="gain"))
+        if checked != 1.0:
+            columns["values"] = _samples("voltage", checked * columns["values"])
         for name, value in columns.items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "delay", check_value("delay", delay, where="delay"))
         object.__setattr__(self, "path", str(path))
+        # Without a file the text states the samples themselves, the gain included.
+        object.__setattr__(self, "gain", checked if path else 1.0)
+
+    def reversed(self) -> Samples:
+        """The same with the other polarity; its text names the same file.
+
+        Examples
+        --------
+        >>> print(Samples([0.0, 1.0], [0.5, 1.0], path="sweep.csv").reversed())
+        file sweep.csv gain=-1
+        """
+        other = Samples(self.times, -self.values, self.delay)
+        if self.path:
+            object.__setattr__(other, "path", self.path)
+            object.__setattr__(other, "gain", -self.gain)
+        return other
 
     @property
     def duration(self) -> float:
@@ -88,11 +112,11 @@ class Samples(Signal):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Samples):
             return NotImplemented
-        same = self.delay == other.delay and self.path == other.path
+        same = (self.delay, self.path, self.gain) == (other.delay, other.path, other.gain)
         return same and np.array_equal(self.times, other.times) and np.array_equal(self.values, other.values)
 
     def __hash__(self) -> int:
-        return hash((self.times.tobytes(), self.values.tobytes(), self.delay, self.path))
+        return hash((self.times.tobytes(), self.values.tobytes(), self.delay, self.path, self.gain))
 
     def __repr__(self) -> str:
         return f"<Samples: {len(self.times)} to {self.times[-1]:g} s{', ' + self.path if self.path else ''}>"
@@ -106,6 +130,8 @@ class Samples(Signal):
             words = [self.word]
             for time, value in zip(self.times.tolist(), self.values.tolist(), strict=True):
                 words += [write_value("time", time), write_value("voltage", value)]
+        if self.gain != 1.0:
+            words.append(f"gain={write_value('gain', self.gain)}")
         if self.delay:
             words.append(f"delay={write_value('delay', self.delay)}")
         return " ".join(words)

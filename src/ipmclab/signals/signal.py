@@ -37,6 +37,7 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "voltage": VOLTAGE,
     "order": NUMBER,
     "seed": NUMBER,
+    "gain": NUMBER,
 }
 """The quantity of each number in a signal."""
 
@@ -116,7 +117,18 @@ def write_value(name: str, value: float | int | str) -> str:
         if parse_quantity(degrees, ANGLE, where=name) == value:
             return degrees
     number, _, unit = format_quantity(value, QUANTITIES[name]).partition(" ")
-    return f"{number.removesuffix('.0')} {unit}"
+    return f"{number.removesuffix('.0')} {unit}".rstrip()
+
+
+def shortened(text: str, most: int = 100) -> str:
+    """A text of a signal for people: one with many samples is cut.
+
+    Examples
+    --------
+    >>> shortened("samples 0 s 1 V 1 s -1 V", 20)
+    'samples 0 s 1 V 1...'
+    """
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def whole_periods(time: FloatArray, period: float) -> npt.NDArray[np.int64]:
@@ -189,11 +201,10 @@ class Signal(ABC):
         signal 'step 1 V delay=50 s': it reaches to 50 s, the record to 40 s; record longer, or shorten the signal
         """
         if self.reach > duration * (1.0 + 1e-9) + EDGE:
-            text = str(self)
             raise InputError(
                 f"it reaches to {self.reach:.9g} s, the record to {duration:.9g} s",
                 code="signal-too-long",
-                where=f"signal {text if len(text) <= 100 else text[:97] + '...'!r}",
+                where=f"signal {shortened(str(self))!r}",
                 repair="record longer, or shorten the signal",
             )
 

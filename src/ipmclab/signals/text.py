@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Final, NoReturn
 
 from ipmclab.errors import InputError, suggest
@@ -40,7 +41,7 @@ _PATH: Final = re.compile(r"""\s*("[^"]*"|'[^']*'|\S+)""")
 _BARE_NUMBER: Final = re.compile(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
 
 
-def parse(text: str) -> Signal:
+def parse(text: str, *, folder: str | Path = "") -> Signal:
     """Read a signal from text.
 
     Parameters
@@ -48,6 +49,8 @@ def parse(text: str) -> Signal:
     text : str
         For example ``"sine 1 V 0.1 Hz phase=90 deg for 20 s then step 0.5 V"``; the package's own
         documentation lists every form.
+    folder : str or Path
+        Where a file is looked for that is named without its own; the current one where it is left out.
 
     Returns
     -------
@@ -70,7 +73,7 @@ def parse(text: str) -> Signal:
     """
     if not isinstance(text, str):
         raise InputError(f"{text!r} is not a text", code="bad-signal", where="signal", repair="give 'step 1 V'")
-    reader = _Reader(text)
+    reader = _Reader(text, folder=Path(folder))
     signals: list[Signal] = []
     durations: list[float] = []
     while True:
@@ -101,6 +104,8 @@ class _Reader:
     """Where the next word starts to be looked for."""
     begin: int = 0
     """Where the words that an error is about begin."""
+    folder: Path = Path()
+    """Where files are looked for."""
 
     def next(self, pattern: re.Pattern[str] = _WORD) -> str | None:
         """The next word, or None at the end."""
@@ -223,12 +228,14 @@ def _read_file(reader: _Reader) -> Samples:
     if quoted is None:
         reader.fail("the path of the file is missing", "missing-word", "write for example 'file voltage.csv'")
     path = quoted[1:-1] if quoted[0] in "\"'" and quoted[-1] == quoted[0] and len(quoted) > 1 else quoted
+    path = path if reader.folder == Path() else str(reader.folder / path)
     begin = reader.begin
     try:
         time, voltage = read_samples(path)
         values: dict[str, float | int | str] = {}
-        _read_options(reader, "file", {"delay": False}, values)
-        return Samples(time, voltage, delay=float(values.get("delay", 0.0)), path=path)
+        _read_options(reader, "file", {"delay": False, "gain": False}, values)
+        delay, gain = float(values.get("delay", 0.0)), float(values.get("gain", 1.0))
+        return Samples(time, voltage, delay=delay, path=path, gain=gain)
     except InputError as error:
         if error.where.startswith("signal "):
             raise

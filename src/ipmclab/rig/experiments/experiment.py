@@ -283,7 +283,7 @@ def experiment_from_table(
     def place(key: str) -> str:
         return f"{where}: {key}"
 
-    signals = _signals(read, place)
+    signals = _signals(read, folder, place)
     duration = _quantity(read.duration, TIME, place("duration"), above_zero=True)
     for key, signal in signals:
         try:
@@ -339,7 +339,7 @@ def _quantity(text: str, quantity: Quantity, where: str, *, above_zero: bool = F
     return value
 
 
-def _signals(read: _Table, place: Any) -> list[tuple[str, Signal]]:
+def _signals(read: _Table, folder: Path, place: Any) -> list[tuple[str, Signal]]:
     """The signals with the key where each stands."""
     if (read.signal is None) == (read.signals is None):
         raise InputError(
@@ -361,7 +361,7 @@ def _signals(read: _Table, place: Any) -> list[tuple[str, Signal]]:
     for key, text in texts:
         assert text is not None
         try:
-            found.append((key, parse(text)))
+            found.append((key, parse(text, folder=folder)))
         except InputError as error:
             raise InputError(
                 f"{error.where}: {error.message}", code=error.code, where=place(key), repair=error.repair

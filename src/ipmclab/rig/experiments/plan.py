@@ -14,6 +14,7 @@ from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.experiments.steps import FINGERPRINT, PlannedRun, PlannedStep, planned_steps, watched
 from ipmclab.rig.request import check_measured, check_rate, check_signal
 from ipmclab.rig.safety.limits import Limits
+from ipmclab.signals.signal import shortened
 from ipmclab.store.journal.laboratory import BALLAST, free_space_needed
 from ipmclab.units import CURRENT
 
@@ -185,10 +186,13 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
         limits.refuse(run.signal, run.duration, run.rate)
     except InputError as error:
         raise InputError(
-            f"{run.signal}: {error.message}", code=error.code, where=f"{where}: signal", repair=error.repair
+            f"{shortened(str(run.signal))}: {error.message}",
+            code=error.code,
+            where=f"{where}: signal",
+            repair=error.repair,
         ) from error
     told = limits.remarks(run.signal, run.duration, run.rate)
-    return [f"{run.signal}: {text}" for text in told if run.purpose == "signal"]
+    return [f"{shortened(str(run.signal))}: {text}" for text in told if run.purpose == "signal"]
 
 
 def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator: Actuator) -> list[str]:
@@ -209,10 +213,10 @@ def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator:
             continue  # a signal that reaches beyond the look: its start says too little
         assert run.current is not None
         peak = float(np.max(np.abs(run.current)))
-        shown = f"{CURRENT.to_display(peak):.3g} mA"
+        named, shown = shortened(str(signal)), f"{CURRENT.to_display(peak):.3g} mA"
         if limits.current is not None and peak > limits.current.most:
             raise InputError(
-                f"{signal} is expected to draw {shown} (by {actuator.name}), "
+                f"{named} is expected to draw {shown} (by {actuator.name}), "
                 f"the limit is {CURRENT.to_display(limits.current.most):.3g} mA",
                 code="beyond-limit",
                 where=f"{experiment.where}: signal",
@@ -220,7 +224,7 @@ def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator:
             )
         if peak > most:
             found.append(
-                f"{signal} is expected to draw {shown}: more than {100 * USABLE:.0f} % of what the channel of the "
+                f"{named} is expected to draw {shown}: more than {100 * USABLE:.0f} % of what the channel of the "
                 f"current reads ({CURRENT.to_display(min(-low, high)):.3g} mA); give it a wider range"
             )
     return found

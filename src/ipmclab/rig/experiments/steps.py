@@ -13,6 +13,7 @@ from ipmclab.rig.experiments import fingerprint
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
+from ipmclab.signals.signal import shortened
 
 MOST_DRIFT: Final = 5e-6
 """The preload has settled when it drifts by less [N/s]: 0.2 mN in 40 s, against signals of 0.5 to 3.7 mN."""
@@ -170,7 +171,7 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
         for name in ("zero", "preload"):
             if name in wanted:
                 steps.append(prepare(name, experiment, rig))
-        what = "without voltage" if run.purpose == "baseline" else str(run.signal)
+        what = "without voltage" if run.purpose == "baseline" else shortened(str(run.signal))
         of = f" ({place + 1} of {len(runs)})" if len(runs) > 1 else ""
         text = f"{what}, {run.duration:g} s, with {run.rest_before:g} s and {run.rest_after:g} s at 0 V{of}"
         steps.append(PlannedStep("apply", text, run.zero_before + run.seconds + run.zero_after, run=run))
@@ -233,7 +234,7 @@ def reversed_signal(signal: Signal) -> Signal:
     if isinstance(signal, SignalSequence):
         return replace(signal, signals=tuple(reversed_signal(one) for one in signal.signals))
     if isinstance(signal, Samples):
-        return Samples(signal.times, -signal.values, signal.delay)
+        return signal.reversed()
     changed = {}
     for name in ("amplitude", "offset"):
         if hasattr(signal, name):
