@@ -150,7 +150,7 @@ class RunMetadata:
     clamp_pressure : float [Pa], optional
     chamber : "on" or "off", optional
     temperature : float [degC], relative_humidity : float [percent], optional
-        The environment as set or noted.
+        The environment of the run: the mean of what was read, or as set or noted.
     operator, notes : str, optional
     marks : tuple of Mark
     starts_from_rest : bool, optional

@@ -179,11 +179,36 @@ def test_the_seed_decides_the_noise(strip: Actuator) -> None:
     assert recorded(SEED).content_sha256 != recorded(SEED + 1).content_sha256
     bench = VirtualBench(strip, seed=SEED)
     first = record(bench, "step 1 V", duration=2.0, rate=50.0)
+    bench.hands("rest")
     second = record(bench, "step 1 V", duration=2.0, rate=50.0)
     assert first.content_sha256 == recorded(SEED).content_sha256
     assert first.content_sha256 != second.content_sha256
-    # The second record starts from rest as well: it differs by noise alone.
+    # The second record starts from rest as well, for the strip was left alone: it differs by noise alone.
     assert first.current == pytest.approx(second.current, abs=1e-4)
+
+
+def test_a_strip_that_was_just_driven_does_not_start_from_rest(strip: Actuator) -> None:
+    bench = VirtualBench(strip)
+
+    def recorded(text: str, zero_time: float = 10.0) -> Run:
+        return record(bench, text, duration=20.0, rate=50.0, zero_time=zero_time, measured=["current"])
+
+    assert recorded("step 1 V").metadata.starts_from_rest is True
+    driven = recorded("step -1 V", zero_time=1.0)
+    assert driven.current is not None
+    assert driven.current[0] < -2e-3
+    assert driven.metadata.starts_from_rest is False
+    bench.hands("rest")
+    assert recorded("step 1 V").metadata.starts_from_rest is True
+
+
+def test_a_current_that_stands_still_may_be_an_offset_or_a_charge(strip: Actuator) -> None:
+    # 0.1 mA are 16 steps of the converter.
+    current = replace(THESIS_RIG["current"], rest=1e-4)
+    channels = tuple(current if one.name == "current" else one for one in THESIS_RIG.channels)
+    bench = VirtualBench(strip, rig=replace(THESIS_RIG, channels=channels))
+    run = record(bench, "step 1 V", duration=1.0, rate=50.0)
+    assert run.metadata.starts_from_rest is None
 
 
 @pytest.mark.parametrize(("rate", "rows"), [(10.0, 1), (50.0, 2), (1000.0, 40)])
@@ -258,6 +283,8 @@ def test_a_run_says_how_it_was_recorded(strip: Actuator) -> None:
     assert about.origin == "virtual bench"
     assert about.signal == "step 1 V"
     assert about.starts_from_rest
+    assert about.temperature == pytest.approx(22.0, abs=0.1)
+    assert about.relative_humidity == pytest.approx(45.0, abs=0.5)
     assert about.bench == "virtual bench, actuator friend-2, rig of Friend's thesis, chapter 3, seed 20261121"
     assert about.calibrations["current"] == "raw [V] x 1 A/V"
     assert about.calibrations["force"].startswith("raw [V] x 0.00980665 N/V, zeroed at 0.0044")

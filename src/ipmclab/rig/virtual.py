@@ -95,10 +95,12 @@ class VirtualBench:
         handle(self.plant, words)
 
     def open(self, measured: Collection[str], rate: float) -> None:
-        """Take a strip that has been left alone until it was discharged, with the output at 0 V: see ``Bench.open``."""
+        """Take the strip as it was left, with the output at 0 V: see ``Bench.open``.
+
+        No time passes between two openings: ``hands("rest")`` lets the strip discharge.
+        """
         rate = above_zero("rate", rate, "Hz")
         check_measured(self.rig, measured)
-        self.plant.rest()
         self._opened = True
         self._measured = tuple(measured)
         self._rate = rate

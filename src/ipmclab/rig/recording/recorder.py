@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Final, Protocol
 from uuid import uuid4
 
@@ -21,7 +21,7 @@ from ipmclab.rig.channels import Rig
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import InJournal, InMemory, JournalLike, Keeper, Rows, State
 from ipmclab.rig.recording.scaling import Scaling
-from ipmclab.rig.recording.slow import AirMean
+from ipmclab.rig.recording.slow import Air, AirMean
 from ipmclab.rig.recording.zeroing import (
     LONGEST_WAIT,
     ZERO_TIME,
@@ -368,6 +368,8 @@ class _Recording:
         self._last_row: int | None = None
         self._early: list[str] = []
         self._hurried = False
+        self._began: datetime | None = None
+        self._air_readings: dict[str, list[float]] = {}
         self.state: State = "complete"
         self.reason = ""
         self.alarm: Alarm | None = None
@@ -450,6 +452,7 @@ class _Recording:
                     self._on_mark(Mark(self._time, str(error), "bench"))
             finally:
                 told, error = error, self._zero(error)
+                about = self._seen(about)
             if error is not None:
                 self._fail(str(error))
                 with suppress(IpmclabError):  # it may be the journal that failed
@@ -470,9 +473,14 @@ class _Recording:
         self._rows = rows
         for text in self._early:
             self._mark(Mark(0.0, text, "note"))
+        begun = datetime.now().astimezone()
         # A generator that is closed stops the clock of the bench.
         with closing(_generator(given)) as blocks:
             for block in blocks:
+                if self._began is None:
+                    # The block has only just been read; a simulated bench does not take the time for it.
+                    read_for = timedelta(seconds=(block.first_row + len(block)) / self._rate)
+                    self._began = max(begun, datetime.now().astimezone() - read_for)
                 self._take(block)
                 if self._heartbeat is not None:
                     self._heartbeat.beat()
@@ -480,7 +488,18 @@ class _Recording:
                     self._hold(START_TIME)
                     break
             for air in self._air.rest():
-                self._keeper.air(air)
+                self._keep_air(air)
+
+    def _seen(self, about: RunMetadata) -> RunMetadata:
+        """What was known beforehand, with the time of row 0 and the air of this run."""
+        air = {name: round(float(np.mean(values)), 3) for name, values in self._air_readings.items()}
+        moment = self._began.isoformat("T", "milliseconds") if self._began is not None else about.recorded_at
+        return replace(
+            about,
+            recorded_at=moment,
+            temperature=air.get("temperature", about.temperature),
+            relative_humidity=air.get("relative_humidity", about.relative_humidity),
+        )
 
     @property
     def _stop(self) -> int:
@@ -529,7 +548,13 @@ class _Recording:
         if len(temperature) and "temperature" not in slow:
             slow["temperature"] = temperature
         for air in self._air.add(rows.first_row, slow, len(rows)):
-            self._keeper.air(air)
+            self._keep_air(air)
+
+    def _keep_air(self, air: Air) -> None:
+        self._keeper.air(air)
+        for name, value in air.values.items():
+            if math.isfinite(value):
+                self._air_readings.setdefault(name, []).append(value)
 
     def _alarm(self, alarm: Alarm) -> None:
         if alarm.kind == "stuck":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
@@ -49,10 +49,13 @@ class Rest:
         One for each channel that was read.
     noise : mapping of channel to float [SI unit of the channel]
         Standard deviation of a single reading around its drift.
+    ends : mapping of channel to (first, last, deviation) [SI unit of the channel]
+        Its means over the first and the last fifth of the reading, and the standard deviation of such a mean.
     """
 
     zeros: tuple[ZeroReading, ...]
     noise: Mapping[str, float]
+    ends: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __getitem__(self, channel: str) -> ZeroReading:
         return next(zero for zero in self.zeros if zero.channel == channel)
@@ -102,7 +105,7 @@ def read_rest(
         blocks.append(block)
         if on_block is not None:
             on_block()
-    zeros, noise = [], {}
+    zeros, noise, ends = [], {}, {}
     for name in names:
         if name in SLOW_CHANNELS:
             continue
@@ -111,7 +114,8 @@ def read_rest(
         kind: Kind = force if name == "force" else "zero"
         zero, noise[name] = _summary(channel, volts, rate, kind, when)
         zeros.append(zero)
-    return Rest(tuple(zeros), noise)
+        ends[name] = _ends(channel, volts)
+    return Rest(tuple(zeros), noise, ends)
 
 
 def read_tare(bench: Bench, rate: float, *, when: When, duration: float = ZERO_TIME) -> ZeroReading:
@@ -202,6 +206,31 @@ def wait_for_preload(
             )
 
 
+def is_discharged(rig: Rig, rest: Rest) -> bool | None:
+    """Whether the strip was discharged when its reading at rest ended.
+
+    Parameters
+    ----------
+    rig : Rig
+    rest : Rest
+
+    Returns
+    -------
+    discharged : bool or None
+        True where the current ended within its noise and one step of its converter of zero; False where it was
+        larger at the beginning, as that of a discharge is. None where it stands still beside zero, which may as well
+        be an offset of the converter, and where no current was read.
+    """
+    if "current" not in rest.ends:
+        return None
+    channel = rig["current"]
+    first, last, deviation = rest.ends["current"]
+    doubt = NOISE_MARGIN * deviation + channel.converter.step * abs(channel.gain)
+    if abs(last) <= doubt:
+        return True
+    return False if math.copysign(1.0, last) * (first - last) > doubt else None
+
+
 def subtracted(rig: Rig, rest: Rest) -> dict[str, float]:
     """What is subtracted from each channel [SI]: its reading at rest where it is zeroed, else nothing."""
     return {zero.channel: zero.value if rig[zero.channel].zeroed else 0.0 for zero in rest.zeros}
@@ -273,6 +302,17 @@ def uncertainties(channels: Iterable[Channel], zeros: Iterable[ZeroReading]) -> 
         if combined > 0.0:
             found[channel.name] = combined
     return found
+
+
+def _ends(channel: Channel, volts: FloatArray) -> tuple[float, float, float]:
+    """Means over the first and the last fifth, and the standard deviation of one, from the scatter in both."""
+    told = channel.gain * volts + channel.offset
+    count = max(1, len(told) // 5)
+    first, last = told[:count], told[-count:]
+    # Of neighbours, so that a discharge does not count as noise.
+    steps = np.concatenate([np.diff(first), np.diff(last)])
+    deviation = math.sqrt(float(np.mean(steps**2)) / 2.0 / count) if len(steps) else 0.0
+    return float(first.mean()), float(last.mean()), deviation
 
 
 def _summary(channel: Channel, volts: FloatArray, rate: float, kind: Kind, when: When) -> tuple[ZeroReading, float]:
