@@ -16,6 +16,7 @@ from ipmclab.run import Finding, RunMetadata
 from ipmclab.sample import Sample
 from ipmclab.store.catalogue import sweep as catalogue_sweep
 from ipmclab.store.catalogue.catalogue import Catalogue, CatalogueRow, Range, RunQuery
+from ipmclab.store.journal.finalise import finish
 from ipmclab.store.journal.header import JournalHeader
 from ipmclab.store.journal.journal import Journal
 
@@ -186,6 +187,21 @@ def test_a_recording_that_the_catalogue_did_not_hear_of(catalogue: Catalogue, fo
     journal.path.unlink()
     catalogue.sweep()
     assert [row.state for row in catalogue.query()] == ["missing"]
+
+
+def test_nothing_is_left_of_a_recording_without_rows(catalogue: Catalogue, folder: Path) -> None:
+    for dealt_with in (False, True):
+        header = JournalHeader(new_uuid(), 50.0, ("voltage",), metadata=RunMetadata(sample=Sample("S9")))
+        journal = Journal.create(folder, header, ballast=0)
+        catalogue.begin(header.uuid, header.metadata)
+        journal.end("aborted", "the guardian is gone")
+        assert [row.state for row in catalogue.query()] == ["recording"]
+        assert finish(journal.path, folder).outcome == "empty"
+        if dealt_with:
+            catalogue.discard(header.uuid)
+        else:
+            catalogue.sweep()
+        assert catalogue.query() == []
 
 
 def test_only_files_of_the_folder_are_added(catalogue: Catalogue, tmp_path: Path, write) -> None:

@@ -61,6 +61,8 @@ class Catalogue:
     url : str, optional
         ``postgresql://USER@HOST/NAME`` for a group, or the path of an SQLite file. Without it the environment
         variable IPMCLAB_CATALOGUE is used, then ``catalogue.db`` in the folder.
+    patience : float, optional [s]
+        How long it waits for a server, or for another program that writes.
 
     Raises
     ------
@@ -81,7 +83,7 @@ class Catalogue:
     [('sine.nc', 1.0, ('current', 'displacement', 'force', 'applied_voltage'))]
     """
 
-    def __init__(self, root: str | os.PathLike[str], url: str | None = None) -> None:
+    def __init__(self, root: str | os.PathLike[str], url: str | None = None, *, patience: float | None = None) -> None:
         self.root = Path(os.path.realpath(root))
         if not self.root.is_dir():
             raise InputError(
@@ -92,7 +94,7 @@ class Catalogue:
             )
         url = url or os.environ.get(ENVIRONMENT_VARIABLE) or None
         self._own = url is None
-        self._database = Database(url_beside(self.root) if url is None else parse_url(url))
+        self._database = Database(url_beside(self.root) if url is None else parse_url(url), patience)
         self.laboratory = "" if url is None else storable(f"{socket.gethostname()}:{self.root.as_posix()}")
         """What the folder is called in the catalogue: nothing in its own, computer and folder in one that others
         use too."""
@@ -119,6 +121,23 @@ class Catalogue:
         columns |= {"state": "recording", "home": self.laboratory}
         with self._database.write() as connection:
             put_new_run(connection, columns)
+
+    def discard(self, uuid: str) -> None:
+        """Forget a run that was begun and of which nothing was recorded; one that has a file stays.
+
+        Raises
+        ------
+        IpmclabError
+            The catalogue cannot be written.
+        """
+        from sqlalchemy import delete, select
+
+        from ipmclab.store.catalogue.tables import file, run
+
+        filed = select(file.c.run_id).where(file.c.run_id.is_not(None))
+        begun = (run.c.uuid == uuid) & (run.c.state == "recording") & (run.c.home == self.laboratory)
+        with self._database.write() as connection:
+            connection.execute(delete(run).where(begun, run.c.id.not_in(filed)))
 
     def add(self, path: str | os.PathLike[str], findings: Sequence[Finding] | None = None) -> None:
         """Take a run file into the catalogue, or look at it again.
@@ -336,13 +355,17 @@ class Catalogue:
 
         journals = {path.stem: path for path in (self.root / "recording").glob("*.runj")}
         with self._database.read() as connection:
-            begun = select(run.c.id, run.c.uuid).where(run.c.state == "recording", run.c.home == self.laboratory)
-            rows = connection.execute(begun).all()
-        gone = [row_id for row_id, uuid in rows if uuid not in journals]
+            begun = select(run.c.uuid).where(run.c.state == "recording", run.c.home == self.laboratory)
+            known = set(connection.execute(begun).scalars())
+        gone = sorted(known - journals.keys())
+        for uuid in gone:
+            if (self.root / "journal-archive" / f"{uuid}.runj").exists():  # put away, and no run was made of it
+                self.discard(uuid)
         if gone:
             with self._database.write() as connection:
-                connection.execute(update(run).where(run.c.id.in_(gone), run.c.state == "recording").values(state=None))
-        for uuid in sorted(journals.keys() - {uuid for _, uuid in rows}):
+                lost = run.c.uuid.in_(gone) & (run.c.state == "recording") & (run.c.home == self.laboratory)
+                connection.execute(update(run).where(lost).values(state=None))
+        for uuid in sorted(journals.keys() - known):
             # One that cannot be read is for `recover`, or on Windows in use by its recorder, which wrote its row.
             with suppress(InputError):
                 header = read_header(journals[uuid])

@@ -7,7 +7,7 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -76,8 +76,9 @@ def parse_url(text: str) -> URL:
 class Database:
     """One database with the catalogue's tables. Nothing stays open between transactions."""
 
-    def __init__(self, url: URL) -> None:
+    def __init__(self, url: URL, patience: float | None = None) -> None:
         self.url = url
+        self._patience = PATIENCE if patience is None else patience
         self.where = (url.database or "") if self.is_sqlite else url.render_as_string(hide_password=True)
         self._prepared = False
 
@@ -175,15 +176,15 @@ class Database:
         from sqlalchemy.pool import NullPool
 
         if self.is_sqlite:
-            engine = create_engine(self.url, poolclass=NullPool, connect_args={"timeout": PATIENCE})
-            event.listen(engine, "connect", _set_up_sqlite)
+            engine = create_engine(self.url, poolclass=NullPool, connect_args={"timeout": self._patience})
+            event.listen(engine, "connect", partial(_set_up_sqlite, patience=self._patience))
             event.listen(engine, "begin", _begin_sqlite)
             return engine
         arguments: dict[str, Any] = {}
         if "connect_timeout" not in self.url.query:
-            arguments["connect_timeout"] = 5
+            arguments["connect_timeout"] = max(2, min(5, round(self._patience)))  # 2 s is the least of libpq
         if "options" not in self.url.query:
-            arguments["options"] = f"-c lock_timeout={int(1000 * PATIENCE)}"
+            arguments["options"] = f"-c lock_timeout={int(1000 * self._patience)}"
         try:
             return create_engine(self.url, poolclass=NullPool, connect_args=arguments)
         except ImportError as error:
@@ -217,7 +218,7 @@ class Database:
         kinds: dict[str, tuple[str, str, str]] = {
             "SQLITE_BUSY": (
                 "catalogue-busy",
-                f"another program has held the catalogue for {PATIENCE:g} s",
+                f"another program has held the catalogue for {self._patience:g} s",
                 "see which other ipmclab hangs, end it and try again",
             ),
             "SQLITE_READONLY": (
@@ -251,7 +252,7 @@ class Database:
             )
         if state == "55P03":
             return IpmclabError(
-                f"another program has held the catalogue for {PATIENCE:g} s ({reason})",
+                f"another program has held the catalogue for {self._patience:g} s ({reason})",
                 code="catalogue-busy",
                 where=self.where,
                 repair="see which other ipmclab hangs, end it and try again",
@@ -281,9 +282,9 @@ def url_beside(root: Path) -> URL:
     return URL.create("sqlite", database=os.fspath(root / FILE_NAME))
 
 
-def _set_up_sqlite(connection: sqlite3.Connection, record: object) -> None:  # noqa: ARG001  # SQLAlchemy gives both
+def _set_up_sqlite(connection: sqlite3.Connection, record: object, *, patience: float) -> None:  # noqa: ARG001  # SQLAlchemy gives both
     connection.isolation_level = None  # transactions begin where _begin_sqlite says, not where Python guesses
-    patience = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + patience
     while True:
         try:
             # What was committed survives a power cut. The change to WAL does not wait for other programs by itself.
@@ -291,7 +292,7 @@ def _set_up_sqlite(connection: sqlite3.Connection, record: object) -> None:  # n
             connection.execute("PRAGMA synchronous=FULL")
             connection.execute("PRAGMA foreign_keys=ON")
         except sqlite3.OperationalError as error:
-            if not error.sqlite_errorname.startswith("SQLITE_BUSY") or time.monotonic() > patience:
+            if not error.sqlite_errorname.startswith("SQLITE_BUSY") or time.monotonic() > deadline:
                 raise
             time.sleep(0.02)
         else:
