@@ -6,6 +6,8 @@ from ipmclab.quality.check import check as check
 from ipmclab.quality.metrics import Metric as Metric
 from ipmclab.quality.metrics import measure as measure
 from ipmclab.quality.noise import noise_level as noise_level
+from ipmclab.quality.pair import PairedRuns as PairedRuns
+from ipmclab.quality.pair import pair as pair
 from ipmclab.quality.period import period_of as period_of
 from ipmclab.quality.together import check_together as check_together
 from ipmclab.quality.usable import censored as censored
