@@ -114,6 +114,23 @@ def test_the_start(desk: ClientDesk, kind: str, starts: bool) -> None:
     client.close()
 
 
+def test_what_is_asked_before_there_is_a_session_is_not_lost(desk: ClientDesk) -> None:
+    client = Recorder(file_of(desk))
+    client.request("mark", text="early")
+    client.request("start")
+    assert desk.wait_for_start()
+    client.request("abort", text="smoke")
+    client.request("zero")
+    end = time.monotonic() + 5.0
+    while len(desk._before) < 3:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    steered = Steered()
+    desk.steer(steered)
+    assert steered.asked == ["mark: early", "abort: smoke", "zero"]
+    client.close()
+
+
 def test_requests_reach_the_session(desk: ClientDesk) -> None:
     steered = Steered()
     desk.steer(steered)
@@ -134,5 +151,7 @@ def test_the_last_message(tmp_path: Path) -> None:
     assert ended((kept,), "stop", None)["status"] == 0
     last = ended((kept, cut), "abort", None)
     assert (last["status"], last["error"]["message"], len(last["runs"])) == (1, "too much current", 2)
+    early = ended((), "abort", None, "the recorder was told to end (SIGTERM)")
+    assert (early["status"], early["error"]["message"]) == (1, "the recorder was told to end (SIGTERM)")
     failed = ended((), None, IpmclabError("no chassis", code="bench-lost", where="cDAQ1", repair="plug it in"))
     assert (failed["status"], failed["error"]["code"]) == (1, "bench-lost")

@@ -230,9 +230,10 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
             # While the plan is being read: the guardian, and what drives the bench, take a moment to be ready.
             with guardian_of(rig, laboratory.root / "guardian.log") as guardian:
                 session = session_of(plan, laboratory, desk, guardian)
-                if desk.wait_for_start():
-                    desk.steer(session)
-                    session.run()
+                started = desk.wait_for_start()
+                desk.steer(session)
+                if started or session.ended_early in ("abort", "zero"):
+                    session.run()  # one that was aborted before it began does no step: the output goes to 0 V
                 else:
                     how = "declined"
     except IpmclabError as error:
@@ -245,7 +246,8 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
             where="recorder",
             repair=f"this is a fault in ipmclab: please report it with the newest .log in {laboratory.recording}",
         )
-    last = ended(session.recorded if session else (), how or (session.ended_early if session else None), failed)
+    how = how or (session.ended_early if session else None)
+    last = ended(session.recorded if session else (), how, failed, session.reason if session else None)
     desk.tell(last)
     return int(last["status"])
 

@@ -149,6 +149,11 @@ class Session:
         """How the operator ended it before its last step."""
         return self._ending
 
+    @property
+    def reason(self) -> str:
+        """Why it was ended early; empty when it was not."""
+        return self._reason
+
     def stop(self) -> None:
         """End the run now, keep it as it is, and do nothing more."""
         self._end("stop", "stopped by the operator")
@@ -179,9 +184,9 @@ class Session:
         """
         try:
             for step in self._plan.steps:
-                self._do(step)
                 if self._over():
                     break
+                self._do(step)
         finally:
             self._safe()
         return self.recorded

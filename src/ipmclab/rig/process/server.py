@@ -63,7 +63,7 @@ class ClientDesk:
         self._answer: str | None = None
         self._started = False
         self._steered: Steered | None = None
-        self._before: list[str] = []
+        self._before: list[tuple[str, str]] = []
         self.hub: Hub | None = None
 
     def answer_beforehand(self, answers: Mapping[str, str]) -> None:
@@ -76,9 +76,12 @@ class ClientDesk:
             self.hub.tell(message)
 
     def steer(self, steered: Steered) -> None:
-        """Let requests act upon a session from now on."""
+        """Let requests act upon a session from now on, and first those that came before it was there."""
         with self._changed:
             self._steered = steered
+            for kind, text in self._before:
+                _act(steered, kind, text)
+            self._before.clear()
 
     def on_request(self, request: Message) -> None:
         """What a client asks for, in its thread."""
@@ -90,36 +93,32 @@ class ClientDesk:
                     self._changed.notify_all()
             case "answer":
                 self._take_answer(request)
-            case "mark":
-                if self._steered is not None:
-                    self._steered.mark(text)
-            case "stop" | "abort" | "zero" as kind:
+            case "mark" | "stop" | "abort" | "zero" as kind:
                 self.end(kind, text)
 
-    def end(self, kind: str, reason: str = "") -> None:
-        """End what is going on, or what would begin."""
+    def end(self, kind: str, text: str = "") -> None:
+        """End what is going on, or what would begin; a mark ends nothing.
+
+        Nothing is lost between two states: what comes before there is a session is handed to it by ``steer``.
+        """
         with self._changed:
-            steered = self._steered
-            if steered is None:
-                self._before.append(kind)
+            if self._steered is None:
+                self._before.append((kind, text))
+            else:
+                _act(self._steered, kind, text)
             self._changed.notify_all()
-        if steered is None:
-            return
-        if kind == "stop":
-            steered.stop()
-        elif kind == "zero":
-            steered.zero()
-        else:
-            steered.abort(reason or "aborted by the operator")
 
     def wait_for_start(self) -> bool:
         """Whether a client agrees to the plan; False when it is declined, or nobody is there to agree."""
         with self._changed:
-            while not self._started and not self._before:
+            while not self._started and not self._is_ended_before():
                 self._changed.wait(_LOOK)
                 if self._alone_too_long():
                     return False
-            return not self._before
+            return not self._is_ended_before()
+
+    def _is_ended_before(self) -> bool:
+        return any(kind != "mark" for kind, _ in self._before)
 
     def ask(self, question: Question, ended: Callable[[], bool]) -> str:
         """The answer to a question: see ``session.Desk``."""
@@ -173,6 +172,19 @@ class ClientDesk:
         return time.monotonic() - self.hub.alone_since > self._patience
 
 
+def _act(steered: Steered, kind: str, text: str) -> None:
+    """Ask a session for what a client, or the system, wants."""
+    match kind:
+        case "mark":
+            steered.mark(text)
+        case "stop":
+            steered.stop()
+        case "zero":
+            steered.zero()
+        case _:
+            steered.abort(text or "aborted by the operator")
+
+
 def end_on_signals(desk: ClientDesk) -> None:
     """Let every signal that ends a process end the run first, with the output at 0 V. Of the main thread."""
 
@@ -186,7 +198,9 @@ def end_on_signals(desk: ClientDesk) -> None:
             signal.signal(getattr(signal, name), on_signal)
 
 
-def ended(recorded: tuple[Recorded, ...], how: str | None, error: IpmclabError | None) -> Message:
+def ended(
+    recorded: tuple[Recorded, ...], how: str | None, error: IpmclabError | None, why: str | None = None
+) -> Message:
     """The last message of an experiment.
 
     Parameters
@@ -196,6 +210,8 @@ def ended(recorded: tuple[Recorded, ...], how: str | None, error: IpmclabError |
         As the operator, or the guard, ended it before its last step.
     error : IpmclabError, optional
         What failed.
+    why : str, optional
+        It was aborted, where no run says it.
     """
     status = 0
     document = None
@@ -206,10 +222,10 @@ def ended(recorded: tuple[Recorded, ...], how: str | None, error: IpmclabError |
         status = FAILED
         reason = next((run.state_reason for run in reversed(recorded) if run.state == "aborted"), None)
         document = {
-            "message": reason or "aborted by the operator",
+            "message": reason or why or "aborted by the operator",
             "code": "aborted",
             "where": "record",
-            "repair": "what was recorded is kept, marked as aborted",
+            "repair": "what was recorded is kept, marked as aborted" if recorded else "nothing was recorded",
             "exit_status": FAILED,
         }
     values: dict[str, Any] = {
