@@ -13,6 +13,10 @@ _MOST: Final = 20
 """Fingerprints that are looked at, the newest ones: a strip ages."""
 
 
+PATIENCE: Final = 1.0
+"""How long [s] a run waits for the catalogue: the sweep after it catches up from the files."""
+
+
 @dataclass(frozen=True)
 class Earlier:
     """What earlier runs tell of a sample.
@@ -34,7 +38,7 @@ def earlier_runs(laboratory: Laboratory, sample: str) -> Earlier:
     found: dict[str, Any] = {}
 
     def look() -> None:
-        catalogue = Catalogue(laboratory.root)
+        catalogue = Catalogue(laboratory.root, patience=PATIENCE)
         rows = catalogue.query(RunQuery(sample=sample))
         found["mounting"] = next((row.mounting for row in reversed(rows) if row.mounting), None)
         taken = [row for row in rows if row.purpose == "fingerprint" and row.state == "complete"][-_MOST:]

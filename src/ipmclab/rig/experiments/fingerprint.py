@@ -84,6 +84,8 @@ class Fingerprint:
 def read_fingerprint(run: Run) -> Fingerprint | None:
     """The fingerprint in a run that applied a step, or None where it shows none.
 
+    A strip that was still discharging when it began shows none: what is left of its charge counts as capacitance.
+
     Parameters
     ----------
     run : Run
@@ -97,7 +99,7 @@ def read_fingerprint(run: Run) -> Fingerprint | None:
     >>> f"{found.series_resistance:.1f} ohm"
     '16.6 ohm'
     """
-    if run.current is None:
+    if run.current is None or run.metadata.starts_from_rest is False:
         return None
     # The first and the last row at more than half of the largest voltage bound the step.
     largest = float(np.max(np.abs(run.voltage)))

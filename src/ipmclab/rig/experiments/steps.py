@@ -33,12 +33,15 @@ class Question:
     choices : tuple of str
     default : str
         What ``--yes`` answers.
+    again : bool
+        It is asked once more in the same step: an answer given beforehand has been used up.
     """
 
     step: str
     text: str
     choices: tuple[str, ...]
     default: str
+    again: bool = False
 
     def check(self, value: str) -> str:
         """An answer in the spelling of the choices.
@@ -253,7 +256,7 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
     if name == "clamp":
         at = f" at {experiment.clamp_pressure / 1e3:g} kPa" if experiment.clamp_pressure is not None else ""
         text = f"clamp the strip{at}; 'kept' if it has stayed in the clamp since its last run"
-        return PlannedStep(name, text, question=Question(name, text, ("done", "kept"), "done"))
+        return PlannedStep(name, text, question=Question(name, text, ("done", "kept"), "done"), hands=("rest",))
     if name == "chamber-on":
         text = f"chamber on, set to {target}" if target else "chamber on"
         hands = []

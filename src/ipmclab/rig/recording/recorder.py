@@ -61,6 +61,10 @@ DISCHARGE_TIME: Final = 5.0
 """How long [s] the discharge of the strip is recorded after a limit was passed, or after an emergency zero."""
 
 
+NO_CHARGE: Final = 0.01
+"""A current at rest below this share of the run's largest is no reason to doubt that the strip was at rest."""
+
+
 class Heartbeat(Protocol):
     """Somebody who brings the output to 0 V when this program no longer can: see ``ipmclab.rig.safety.guardian``."""
 
@@ -369,6 +373,8 @@ class _Recording:
         self._early: list[str] = []
         self._hurried = False
         self._began: datetime | None = None
+        self._left = 0.0
+        self._peak = 0.0
         self._air_readings: dict[str, list[float]] = {}
         self.state: State = "complete"
         self.reason = ""
@@ -387,6 +393,7 @@ class _Recording:
         """Set the zeros, and say what is known before the first row."""
         rig = self._bench.rig
         self._scaling = Scaling(self._channels, subtracted(rig, rest), contact_levels(rig, rest, tares))
+        self._left = rest.ends["current"][1] if "current" in rest.ends else 0.0
         texts = limits.as_text()
         for name, reason in limits.unwatched(rig, self._names).items():
             texts[name] += f" ({reason})"
@@ -493,10 +500,14 @@ class _Recording:
     def _seen(self, about: RunMetadata) -> RunMetadata:
         """What was known beforehand, with the time of row 0 and the air of this run."""
         air = {name: round(float(np.mean(values)), 3) for name, values in self._air_readings.items()}
+        rest = about.starts_from_rest
+        if rest is False and abs(self._left) <= NO_CHARGE * self._peak:
+            rest = None  # too little to matter, too much to call it rest
         moment = self._began.isoformat("T", "milliseconds") if self._began is not None else about.recorded_at
         return replace(
             about,
             recorded_at=moment,
+            starts_from_rest=rest,
             temperature=air.get("temperature", about.temperature),
             relative_humidity=air.get("relative_humidity", about.relative_humidity),
         )
@@ -525,6 +536,8 @@ class _Recording:
         readings = {name: volts[:count] for name, volts in block.readings.items()}
         values = self._scaling.values(readings)
         flags = self._scaling.flags(readings)
+        if "current" in values:
+            self._peak = max(self._peak, float(np.max(np.abs(np.nan_to_num(values["current"])))))
         rows = Rows(
             block.first_row,
             {name: values[name] for name in self._fast},
