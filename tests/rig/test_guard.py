@@ -51,9 +51,11 @@ def test_a_break_begins_the_duration_anew() -> None:
     current = np.array([0.2, 0.2, 0.2, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
     limits = replace(NOTHING, current=Limit(0.15, 0.06))
     assert [alarm.row for alarm in look(limits, 50.0, current=current)] == [7]
-    # A warning comes once each time.
+    # A warning comes once each time,
     limits = replace(NOTHING, current=Limit(0.15, 0.02, "warn"))
-    assert [alarm.row for alarm in look(limits, 50.0, current=current)] == [1, 5]
+    assert [alarm.row for alarm in look(limits, 50.0, current=np.repeat(current, 50), cuts=[70, 260])] == [1, 201]
+    # and once a second at most.
+    assert [alarm.row for alarm in look(limits, 50.0, current=np.tile(current, 15), cuts=[7, 33])] == [1, 55, 105]
 
 
 @pytest.mark.parametrize("rate", [50.0, 1000.0])

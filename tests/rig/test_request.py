@@ -10,7 +10,9 @@ import pytest
 from ipmclab import signals
 from ipmclab.errors import InputError
 from ipmclab.rig import request
+from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import THESIS_RIG, Output
+from ipmclab.rig.daqmx.in_use import Hold
 from ipmclab.rig.safety.readback import left_at_output
 
 
@@ -62,3 +64,20 @@ def test_a_discharging_strip_does_not_look_like_a_stuck_output() -> None:
     # Without the current nobody can tell.
     assert left_at_output(at_strip, {"voltage": 2.0}) is None
     assert left_at_output(THESIS_RIG, {"current": 0.2}) is None
+
+
+def test_a_chassis_is_recorded_at_25_hz_or_more() -> None:
+    request.check_rate(replace(THESIS_RIG, bench="ni"), 25.0)
+    request.check_rate(replace(THESIS_RIG, bench="virtual"), 1.0)
+    with pytest.raises(InputError, match="rate: 10 Hz is asked for, on a chassis it is 25 Hz at least") as told:
+        request.check_rate(replace(THESIS_RIG, bench="ni"), 10.0)
+    assert (told.value.code, told.value.repair) == ("bad-rate", "record at 25 Hz or more")
+
+
+def test_a_chassis_under_two_names_is_one() -> None:
+    held = Hold("127.0.0.1:31799", ["test module"])
+    with pytest.raises(BenchError, match="another run is being recorded on it"):
+        Hold("localhost:31799", ["test module"])
+    Hold("localhost:31798", ["test module"]).release()
+    held.release()
+    Hold("localhost:31799", ["test module"]).release()

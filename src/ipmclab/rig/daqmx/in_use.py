@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import ipaddress
 import os
+import socket
 import tempfile
 from collections.abc import Collection
 from contextlib import suppress
@@ -34,7 +36,7 @@ class Hold:
     def __init__(self, address: str | None, modules: Collection[str]) -> None:
         self._files: list[int] = []
         for module in modules:
-            name = hashlib.sha256(f"{address or ''}|{module}".encode()).hexdigest()[:16]
+            name = hashlib.sha256(f"{_place(address)}|{module}".encode()).hexdigest()[:16]
             path = Path(tempfile.gettempdir()) / f"ipmclab-module-{name}.lock"
             try:
                 descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -60,3 +62,17 @@ class Hold:
         files, self._files = self._files, []
         for descriptor in files:
             os.close(descriptor)
+
+
+def _place(address: str | None) -> str:
+    """An address in one spelling: the host as a number, so that a name of it is the same chassis."""
+    host, _, port = (address or "").rpartition(":")
+    if not host:
+        return address or ""
+    try:
+        found = sorted({str(entry[4][0]) for entry in socket.getaddrinfo(host.strip("[]"), None)})
+    except OSError:
+        return f"{host}:{port}"  # a name that only a server knows is taken as it is
+    if any(ipaddress.ip_address(one.partition("%")[0]).is_loopback for one in found):
+        return f"127.0.0.1:{port}"
+    return f"{found[0]}:{port}"

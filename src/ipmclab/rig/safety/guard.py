@@ -242,7 +242,9 @@ class Guard:
         beyond: BoolArray,
         kind: Literal["limit", "blind", "stuck"] = "limit",
     ) -> list[Alarm]:
-        watch = self._watches.setdefault(f"{name} {kind}", _Watch(math.ceil(limit.duration * self._rate - 1e-9)))
+        wait = math.ceil(limit.duration * self._rate - 1e-9)
+        between = math.ceil(self._rate) if limit.action == "warn" else 0
+        watch = self._watches.setdefault(f"{name} {kind}", _Watch(wait, between))
         return [
             Alarm(
                 name,
@@ -273,10 +275,14 @@ class _Watch:
     ----------
     rows : int
         From the first row at which it is seen to the row at which the watch acts.
+    between : int
+        Rows from one time that it acts to the next, at least: noise about a limit passes it thousands of times.
     """
 
-    def __init__(self, rows: int) -> None:
+    def __init__(self, rows: int, between: int) -> None:
         self._rows = rows
+        self._between = between
+        self._last: int | None = None
         self._since: int | None = None
         self._acted = False
 
@@ -293,7 +299,12 @@ class _Watch:
         found = np.flatnonzero(reached & ~before)
         self._since = int(np.maximum.accumulate(begins)[-1]) if beyond[-1] else None
         self._acted = bool(reached[-1])
-        return [int(place) for place in found]
+        places = []
+        for place in found:
+            if self._last is None or rows[place] - self._last >= self._between:
+                self._last = int(rows[place])
+                places.append(int(place))
+        return places
 
 
 class _Mean:
