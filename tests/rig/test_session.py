@@ -135,7 +135,8 @@ def test_every_step_of_the_thesis(tmp_path: Path) -> None:
 
 
 def test_pairs_repeats_and_the_baseline(tmp_path: Path) -> None:
-    session = make(tmp_path, Desk(), pair=True, repeats=2, baseline=True, pause="1 s")
+    desk = Desk()
+    session = make(tmp_path, desk, pair=True, repeats=2, baseline=True, pause="10 min")
     recorded = session.run()
     assert [one.purpose for one in recorded] == ["baseline"] + 4 * ["signal"]
     baseline, plus, minus, _, last = runs_of(recorded)
@@ -146,6 +147,9 @@ def test_pairs_repeats_and_the_baseline(tmp_path: Path) -> None:
     assert minus.current is not None
     # Half the sum of a pair has no response of a linear strip: noise and zeros are left of some 60 mA.
     assert np.max(np.abs(plus.current + minus.current)) < 3e-4 < 0.04 < np.max(np.abs(plus.current))
+    assert plus.metadata.starts_from_rest
+    assert minus.metadata.starts_from_rest
+    assert sum("current: half the difference of the pair peaks at 5" in text for text in desk.texts()) == 2
 
 
 def test_a_new_mounting_at_every_clamping_unless_it_was_kept(tmp_path: Path) -> None:
@@ -165,7 +169,7 @@ def test_a_new_mounting_at_every_clamping_unless_it_was_kept(tmp_path: Path) -> 
 def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -> None:
     """Three alike, then a bad contact: the operator clamps again, a new fingerprint is taken, and all of it is kept."""
     for _ in range(3):
-        make(tmp_path, Desk(), fingerprint=True, pause="0 s").run()
+        make(tmp_path, Desk(), fingerprint=True, pause="5 min").run()
     earlier = earlier_runs(Laboratory.open(tmp_path / "laboratory"), "friend-2")
     assert len(earlier.fingerprints) == 3
     # Circuit: 1 ohm of the shunt, 16.0 ohm of the strip (twice 8 ohm of its electrodes) and its first branch.
@@ -181,7 +185,7 @@ def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -
         return asked(question, ended)
 
     desk.ask = clamp_well  # type: ignore[method-assign]
-    recorded = make(tmp_path, desk, bench, fingerprint=True, pause="0 s").run()
+    recorded = make(tmp_path, desk, bench, fingerprint=True, pause="5 min").run()
     assert desk.asked == ["fingerprint", "clamp"]
     assert [one.purpose for one in recorded] == ["fingerprint", "fingerprint", "signal"]
     first, second, run = runs_of(recorded)
@@ -192,7 +196,7 @@ def test_a_fingerprint_outside_the_earlier_ones_is_asked_about(tmp_path: Path) -
     # The bad one is among the earlier ones now: one outlier does not excuse the next.
     going_on = Desk(fingerprint="continue")
     bench.hands("contact bad")
-    recorded = make(tmp_path, going_on, bench, fingerprint=True, pause="0 s").run()
+    recorded = make(tmp_path, going_on, bench, fingerprint=True, pause="5 min").run()
     assert [one.purpose for one in recorded] == ["fingerprint", "signal"]
     assert "continue" in (read_run(recorded[-1].path).metadata.notes or "")
 
@@ -278,3 +282,52 @@ def test_what_is_known_of_a_sample_without_a_catalogue(tmp_path: Path) -> None:
     (laboratory.root / "catalogue.db").write_bytes(b"this is no database")
     assert earlier_runs(laboratory, "friend-2") == Earlier()
     assert isinstance(Fingerprint(1.0, 1.0, 0.0, "current", 0.0).as_dict()["drift"], float)
+
+
+def test_a_strip_that_stays_otherwise_is_clamped_three_times_at_most(tmp_path: Path) -> None:
+    before = [Fingerprint(30.0 + k, 5e-3, 0.0, "current", 1e-7) for k in range(3)]
+    session = make(tmp_path, Desk(fingerprint="clamp"), fingerprint=True, pause="1 s")
+    session._earlier = lambda _: Earlier(tuple(before))
+    with pytest.raises(IpmclabError, match="clamped again 3 times") as caught:
+        session.run()
+    assert caught.value.code == "fingerprint-outside"
+    assert len(session.recorded) == 4
+
+
+def test_a_mark_between_runs_is_in_the_next_one(tmp_path: Path) -> None:
+    desk = Desk()
+    session = make(tmp_path, desk, steps=["clamp", "apply"])
+    desk.on_message = lambda message: session.mark(message["name"]) if message.kind == "step" else None
+    (run,) = runs_of(session.run())
+    noted = {mark.text.split(" (")[0] for mark in run.metadata.marks if mark.kind == "note"}
+    assert noted == {"clamp", "apply"}
+
+
+def test_a_tare_counts_for_one_run(tmp_path: Path) -> None:
+    desk = Desk(zero="done")
+    session = make(
+        tmp_path, desk, steps=["zero", "preload", "apply"], measured=["current", "force"], repeats=2, pause="1 s"
+    )
+    asked: list[str] = []
+
+    def skip_the_second(message: Message) -> None:
+        if message.kind == "step" and message["name"] == "zero":
+            asked.append("zero")
+            desk.answers["zero"] = "done" if len(asked) == 1 else "skip"
+
+    desk.on_message = skip_the_second
+    first, second = runs_of(session.run())
+    assert any(zero.kind == "tare" for zero in first.metadata.zeros)
+    assert not any(zero.kind == "tare" for zero in second.metadata.zeros)
+
+
+def test_a_check_that_fails_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    desk = Desk()
+    session = make(tmp_path, desk, repeats=2, pause="0 s")
+    session._inspect = lambda _: 1 / 0  # type: ignore[assignment, return-value]
+    assert [one.state for one in session.run()] == ["complete", "complete"]
+    assert any("ZeroDivisionError" in text for text in desk.texts())
+    monkeypatch.setattr(session_module, "_MOST_CHECKED", 100)
+    session = make(tmp_path, desk)
+    assert [one.state for one in session.run()] == ["complete"]
+    assert any("ipmclab check" in text and "200 rows" in text for text in desk.texts())

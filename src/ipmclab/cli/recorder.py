@@ -42,6 +42,7 @@ def main() -> int:
 
     job = json.load(sys.stdin)
     desk = ClientDesk()
+    desk.unattended = not job["interactive"]
     try:
         experiment = read_experiment(job)
         rig = rig_of(experiment)

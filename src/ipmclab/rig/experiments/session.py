@@ -12,20 +12,22 @@ from pathlib import Path
 from typing import Any, Final, Literal, Protocol
 from uuid import uuid4
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.quality import pair
 from ipmclab.rig.bench import Bench
 from ipmclab.rig.experiments import fingerprint
-from ipmclab.rig.experiments.earlier import Earlier
+from ipmclab.rig.experiments.earlier import PATIENCE, Earlier
 from ipmclab.rig.experiments.equilibrium import Air, wait_for_equilibrium
 from ipmclab.rig.experiments.plan import Plan
 from ipmclab.rig.experiments.steps import FINGERPRINT, MOST_DRIFT, PlannedRun, PlannedStep, Question, prepare, watched
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.control import Control
-from ipmclab.rig.recording.keeping import Rows
+from ipmclab.rig.recording.keeping import Rows, State
 from ipmclab.rig.recording.recorder import Heartbeat, capture
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
 from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
+from ipmclab.signals.signal import shortened
 from ipmclab.store.catalogue.catalogue import Catalogue, safely
 from ipmclab.store.journal.finalise import finalise
 from ipmclab.store.journal.journal import Journal, JournalHeader
@@ -36,6 +38,12 @@ Ending = Literal["stop", "abort", "zero"]
 
 _AIR_TOLD: Final = 10.0
 """How often [s] of its own time the waiting for the environment is told."""
+
+_MOST_CHECKED: Final = 5_000_000
+"""Rows of a run that is looked at as soon as it is recorded; a longer one takes too much memory and time for that."""
+
+_MOST_CLAMPINGS: Final = 3
+"""How often a strip is clamped again for one fingerprint: each time it is given a voltage."""
 
 _PROGRESS_TOLD: Final = 0.2
 """How often [s] it is told how far a run has come."""
@@ -77,7 +85,7 @@ class Recorded:
         return {
             "path": str(self.path),
             "purpose": self.purpose,
-            "signal": self.signal,
+            "signal": shortened(self.signal),
             "state": self.state,
             "state_reason": self.state_reason,
             "findings": [
@@ -127,6 +135,7 @@ class Session:
         self._earlier = earlier or (lambda _: Earlier())
         self._guardian = guardian
         self._control: Control | None = None
+        self._marks: list[tuple[float, str]] = []
         self._lock = threading.RLock()
         self._ending: Ending | None = None
         self._reason = ""
@@ -136,6 +145,7 @@ class Session:
         self._mounting = self._experiment.mounting_id
         self._fingerprint: fingerprint.Fingerprint | None = None
         self._remarks: list[str] = []
+        self._first_of_pair: dict[tuple[str, int | None], Path] = {}
         self._tares: tuple[ZeroReading, ...] = ()
         self._names = {step.name for step in plan.steps}
 
@@ -171,6 +181,9 @@ class Session:
         with self._lock:
             if self._control is not None:
                 self._control.mark(text)
+                return
+            self._marks.append((time.monotonic(), text))
+        self._note(f"no run is being recorded: {text!r} is noted at the start of the next one")
 
     def run(self) -> tuple[Recorded, ...]:
         """Do every step.
@@ -189,6 +202,8 @@ class Session:
                 self._do(step)
         finally:
             self._safe()
+            for _, text in self._marks:
+                self._note(f"{text!r} came after the last run: it is noted in none")
         return self.recorded
 
     def _over(self) -> bool:
@@ -223,12 +238,13 @@ class Session:
         answer = self._ask(step.question) if step.question is not None else ""
         if self._over():
             return
-        for words in step.hands if answer != "skip" else ():
+        for words in step.hands if answer not in ("skip", "kept") else ():
             self._hands(words)
         match step.name:
             case "hydrate":
                 self._clock.start("out of water")
             case "clamp":
+                self._tares = ()  # of another clamping
                 self._clamp(kept=answer == "kept")
             case "chamber-on":
                 self._known["chamber"] = "on"
@@ -238,6 +254,7 @@ class Session:
             case "chamber-off":
                 self._known["chamber"] = "off"
             case "zero":
+                self._tares = ()  # of another run
                 if answer == "done":
                     self._read_tare()
             case "pause":
@@ -306,20 +323,28 @@ class Session:
         """A fingerprint, and what is to be done when it is not like the earlier ones."""
         assert step.run is not None
         known = self._earlier(self._experiment.sample.id).fingerprints
+        clampings = 0
         while not self._over():
             recorded = self._record(step.run)
             if recorded is None or recorded.state != "complete":
                 return
             found = self._fingerprint
             if found is None:
-                self._note("the fingerprint shows no step of the current: it tells nothing")
+                self._note("the fingerprint tells nothing: no step of the current, or a strip still discharging")
                 return
             self._note(f"fingerprint: {found}")
             told = fingerprint.differences(found, known)
             if not told:
                 return
             self._note("; ".join(told))
-            question = replace(FINGERPRINT, text=f"{'; '.join(told)}: {FINGERPRINT.text}")
+            if clampings == _MOST_CLAMPINGS:
+                raise IpmclabError(
+                    f"clamped again {clampings} times, and still {'; '.join(told)}",
+                    code="fingerprint-outside",
+                    where=f"sample {self._experiment.sample.id}",
+                    repair="look at the strip and its contacts; --answer fingerprint=continue records it as it is",
+                )
+            question = replace(FINGERPRINT, text=f"{'; '.join(told)}: {FINGERPRINT.text}", again=clampings > 0)
             answer = self._ask(question)
             if self._over():
                 return
@@ -327,8 +352,18 @@ class Session:
             if answer == "continue":
                 return
             again = ("hydrate", "clamp") if answer == "hydrate" else ("clamp",)
+            clampings += 1
             for name in (*again, *(["equilibrium"] if answer == "hydrate" and "equilibrium" in self._names else [])):
-                self._do(prepare(name, self._experiment, self._bench.rig))
+                self._do(self._once_more(prepare(name, self._experiment, self._bench.rig)))
+            if self._experiment.pause and not self._over():
+                self._rest(self._experiment.pause)  # what the last fingerprint charged must not show in the next
+
+    def _once_more(self, step: PlannedStep) -> PlannedStep:
+        """A step that is done again: what was answered to it beforehand was said of the first time."""
+        if step.question is None or self._bench.origin == "virtual bench":  # its hands are simulated
+            return step
+        choices = tuple(choice for choice in step.question.choices if choice != "kept")
+        return replace(step, question=replace(step.question, choices=choices, again=True))
 
     def _record(self, planned: PlannedRun) -> Recorded | None:
         """Record one run, make its file, and say what is wrong with it."""
@@ -336,9 +371,13 @@ class Session:
             if self._over():
                 return None
             control = self._control = Control()
+            for noted, text in self._marks:
+                control.mark(f"{text} ({time.monotonic() - noted:.0f} s before the run)")
+            self._marks.clear()
         uuid = str(uuid4())
         rows = planned.rows
-        about = {"signal": str(planned.signal), "purpose": planned.purpose, "rate": planned.rate, "rows": rows}
+        signal = shortened(str(planned.signal))
+        about = {"signal": signal, "purpose": planned.purpose, "rate": planned.rate, "rows": rows}
         place = sum(one.purpose != "fingerprint" for one in self._recorded) + 1
         of = sum(one.purpose != "fingerprint" for one in self._plan.runs)
         self._desk.tell(Message("run", {"uuid": uuid, **about, "place": place, "of": of}))
@@ -349,7 +388,7 @@ class Session:
             journal = Journal.create(self._laboratory, header, on_commit=live.committed)
             kept.append(journal)
             self._desk.tell(Message("begun", {"uuid": header.uuid, "journal": str(journal.path)}))
-            safely(lambda: Catalogue(self._laboratory.root).begin(header.uuid, header.metadata))
+            safely(lambda: self._catalogue().begin(header.uuid, header.metadata))
             return journal
 
         began = self._clock.now
@@ -385,41 +424,86 @@ class Session:
         finally:
             with self._lock:
                 self._control = None
+                late = [request.text for request in control.take() if request.kind == "mark"]
+                self._marks += [(time.monotonic(), text) for text in late]
         self._clock.passed(planned.zero_before + planned.seconds + planned.zero_after, since=began)
         try:
-            recorded = self._keep(kept, planned) if outcome.rows else None
+            recorded = self._keep(kept, planned, outcome.state, outcome.reason)
         except IpmclabError as error:
-            raise outcome.error or error from error
+            if error.code != "journal-empty":
+                raise outcome.error or error from error
+            recorded = None
         if outcome.error is not None:
             raise outcome.error
+        is_whole = recorded is not None and recorded.state == "complete" and rows <= _MOST_CHECKED
+        if recorded is not None and is_whole and planned.pair_id is not None:
+            self._tell_pair(planned.pair_id, planned.repeat, recorded.path)
         if outcome.state == "aborted" and not self._over():
             # What the guard ended is not begun again: the strip, or the signal, is not what it was thought to be.
             self._ending, self._reason = "abort", outcome.reason
         return recorded
 
-    def _keep(self, kept: Sequence[Journal], planned: PlannedRun) -> Recorded | None:
+    def _look_at(self, path: Path, rows: int) -> tuple[Run | None, list[Finding]]:
+        """A run that was kept, and what is wrong with it; what fails here ends no experiment."""
+        later = f"it was not looked at; ipmclab check {path} does that"
+        if rows > _MOST_CHECKED:
+            self._note(f"{rows} rows are more than the {_MOST_CHECKED} that are read back at once: {later}")
+            return None, []
+        run: Run | None = None
+        try:
+            run = read_run(path)
+            return run, list(self._inspect(run))
+        except Exception as error:  # whatever it is, the run is on the disk, and the next one waits
+            self._note(f"{type(error).__name__}: {error}: {later}")
+            return run, []
+
+    def _keep(
+        self, kept: Sequence[Journal], planned: PlannedRun, state: State = "aborted", reason: str = ""
+    ) -> Recorded | None:
         """The run file of what was recorded, with what is wrong with it."""
         if not kept:
             return None
-        path = finalise(kept[-1].path, self._laboratory)
-        run = read_run(path)
-        findings = list(self._inspect(run))
+        try:
+            path = finalise(kept[-1].path, self._laboratory)
+        except IpmclabError as error:
+            if error.code == "journal-empty":
+                safely(lambda: self._catalogue().discard(kept[-1].path.stem))
+            raise
+        run, findings = self._look_at(path, kept[-1].acknowledged)
+        about = run.metadata if run is not None else RunMetadata(state=state, state_reason=reason or None)
         if planned.purpose == "fingerprint":
-            self._fingerprint = fingerprint.read_fingerprint(run)
-        failed = safely(lambda: Catalogue(self._laboratory.root).add(path, findings))
+            self._fingerprint = fingerprint.read_fingerprint(run) if run is not None else None
+        failed = safely(lambda: self._catalogue().add(path, findings))
         if failed is not None:
             self._note(f"the catalogue does not know this run yet: {failed}")
         recorded = Recorded(
             path=path,
             purpose=planned.purpose,
-            signal=run.metadata.signal or str(planned.signal),
-            state=run.metadata.state or "complete",
-            state_reason=run.metadata.state_reason,
+            signal=about.signal or str(planned.signal),
+            state=about.state or "complete",
+            state_reason=about.state_reason,
             findings=tuple(findings),
         )
         self._recorded.append(recorded)
         self._desk.tell(Message("recorded", recorded.as_dict()))
         return recorded
+
+    def _tell_pair(self, pair_id: str, repeat: int | None, path: Path) -> None:
+        """What the two polarities have in common, once both are there."""
+        first = self._first_of_pair.pop((pair_id, repeat), None)
+        if first is None:
+            self._first_of_pair[pair_id, repeat] = path
+            return
+        try:
+            found = pair(read_run(first), read_run(path))
+        except (InputError, MemoryError) as error:
+            self._note(f"the pair tells nothing: {error}")
+            return
+        for text in found.texts():
+            self._note(text)
+
+    def _catalogue(self) -> Catalogue:
+        return Catalogue(self._laboratory.root, patience=PATIENCE)
 
     def _metadata(self, planned: PlannedRun, uuid: str) -> RunMetadata:
         experiment = self._experiment

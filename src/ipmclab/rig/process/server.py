@@ -65,6 +65,7 @@ class ClientDesk:
         self._steered: Steered | None = None
         self._before: list[tuple[str, str]] = []
         self.hub: Hub | None = None
+        self.unattended = False
 
     def answer_beforehand(self, answers: Mapping[str, str]) -> None:
         """Give answers to steps that are going to ask."""
@@ -123,6 +124,15 @@ class ClientDesk:
     def ask(self, question: Question, ended: Callable[[], bool]) -> str:
         """The answer to a question: see ``session.Desk``."""
         known = self._answers.get(question.step)
+        if question.again and known is not None and self.unattended:
+            raise IpmclabError(
+                f"{question.step!r} is asked once more, and the answer {known!r} that was given beforehand counts once",
+                code="nobody-answers",
+                where=question.step,
+                repair="record it in a terminal, where an operator answers",
+            )
+        if question.again:
+            known = None
         with self._changed:
             self._asked += 1
             number = self._asked
