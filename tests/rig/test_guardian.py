@@ -109,12 +109,26 @@ def test_a_recorder_that_was_stopped_learns_that_the_output_is_at_0(tmp_path: Pa
         ) as told:
             guardian.beat()
         assert told.value.code == "guardian-acted"
+        # It only waited: the chassis did not answer, this computer was free.
+        assert "the chassis gave no readings for 0." in told.value.message
+        assert "its server answer" in told.value.repair
         guardian.disarm()
         # The next run is watched as this one was.
         guardian.arm()
         guardian.beat()
         time.sleep(0.6)
         assert len(zeroed_at(output)) == 2
+
+
+def test_a_recorder_that_computes_for_too_long_is_told_so(tmp_path: Path) -> None:
+    with Guardian(Target("file", str(tmp_path / "output.txt")), silence=0.2) as guardian:
+        guardian.arm()
+        while not guardian.acted:
+            pass
+        with pytest.raises(IpmclabError, match="this computer held the recording up for 0") as told:
+            guardian.beat()
+        assert told.value.repair.startswith("give this computer less to do")
+        guardian.disarm()
 
 
 def test_what_is_not_armed_is_left_alone(tmp_path: Path) -> None:

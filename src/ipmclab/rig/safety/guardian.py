@@ -90,6 +90,9 @@ class Guardian:
     target : Rig or Target
     log : path, optional
         A file that gets a line, with the time, for everything that happens.
+    status : path, optional
+        A file that says what it has come to, for who is there when the recorder is not: ``armed``, ``disarmed``,
+        ``zero`` (the output is at 0 V) or ``failed``. It goes when the guardian ends unarmed.
     silence : float [s]
 
     Examples
@@ -105,12 +108,18 @@ class Guardian:
     False
     """
 
-    def __init__(self, target: Rig | Target, *, log: str | Path | None = None, silence: float = SILENCE) -> None:
+    def __init__(
+        self,
+        target: Rig | Target,
+        *,
+        log: str | Path | None = None,
+        status: str | Path | None = None,
+        silence: float = SILENCE,
+    ) -> None:
         self._target = Target.of(target) if isinstance(target, Rig) else target
         self._silence = silence
         command = [sys.executable, "-m", "ipmclab.rig.safety.guardian", json.dumps(asdict(self._target))]
-        if log is not None:
-            command.append(str(log))
+        command += [str(log or ""), str(status or "")]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, **detached()
         )
@@ -119,6 +128,8 @@ class Guardian:
         self._text = ""
         self._sign = time.monotonic()
         self._progress = 0.0
+        self._used = 0.0
+        self._late = 0.0
         self._longest = 0.0
         self._held_until = 0.0
         self._beating: threading.Event | None = None
@@ -162,7 +173,7 @@ class Guardian:
             It is not there: nothing may be given out.
         """
         self.wait()
-        self._progress = time.monotonic()
+        self._progress, self._used, self._late = time.monotonic(), time.thread_time(), 0.0
         self._longest = 3.0 * block_time if block_time > _OFTEN else 0.0
         self._send(f"arm {self._silence}")
         self._beating = threading.Event()
@@ -180,15 +191,12 @@ class Guardian:
         IpmclabError
             The guardian is gone, or hangs, or has brought the output to 0 V.
         """
-        self._progress = now = time.monotonic()
+        now, used = time.monotonic(), time.thread_time()
+        silent, worked = now - self._progress, used - self._used
+        self._progress, self._used, late, self._late = now, used, self._late, 0.0
         self._held_until = 0.0
         if self._state == "acted":
-            raise IpmclabError(
-                f"the guardian brought the output to 0 V: {self._text}",
-                code="guardian-acted",
-                where="guardian",
-                repair="give this computer less to do beside the recording, and record again",
-            )
+            raise self._after_silence(silent, waited=max(worked, late) < self._silence / 2.0)
         if self._state != "armed":
             raise self._lost(self._text or "it is not armed")
         if now - self._sign > _LOST:
@@ -244,8 +252,11 @@ class Guardian:
 
     def _beat_on(self, ended: threading.Event) -> None:
         """Beat where the recorder is known to have other things to do, but not for ever."""
+        due = time.monotonic() + _OFTEN / 2.0
         while not ended.wait(_OFTEN / 2.0):
             now = time.monotonic()
+            self._late = max(self._late, now - due)
+            due = now + _OFTEN / 2.0
             if self._state == "armed" and (now < self._held_until or now - self._progress < self._longest):
                 with suppress(IpmclabError):
                     self._send("beat")
@@ -266,6 +277,18 @@ class Guardian:
             self._state = "gone"
             self._text = self._text or "it has ended"
             self._told.notify_all()
+
+    def _after_silence(self, silent: float, *, waited: bool) -> IpmclabError:
+        """Why there was no beat: this program waited for its next rows, or was itself held up."""
+        why = "the chassis gave no readings" if waited else "this computer held the recording up"
+        wait = "see that the chassis, its cable and its server answer without a pause, then record again"
+        busy = "give this computer less to do beside the recording, and record again"
+        return IpmclabError(
+            f"the guardian brought the output to 0 V: {self._text}; {why} for {silent:.1f} s",
+            code="guardian-acted",
+            where="guardian",
+            repair=wait if waited else busy,
+        )
 
     def _lost(self, text: str) -> IpmclabError:
         return IpmclabError(
@@ -319,14 +342,18 @@ def connect(target: Target) -> Connection:
 class _Watch:
     """What the guardian process does."""
 
-    def __init__(self, target: Target, log: Path | None, tell: IO[str], connection: Connection) -> None:
+    def __init__(
+        self, target: Target, log: Path | None, tell: IO[str], connection: Connection, status: Path | None = None
+    ) -> None:
         self._target = target
         self._log = log
+        self._status = status
         self._tell = tell
         self._connection: Connection | None = connection
         self._words: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._silence = SILENCE
         self._armed = False
+        self._has_acted = False
         self._deadline = 0.0
         self._next_sign = 0.0
 
@@ -349,6 +376,9 @@ class _Watch:
                 if self._armed and not self._act("the recorder is gone"):
                     return 1
                 self.log("the recorder has ended")
+                if self._status is not None and not self._has_acted:
+                    with suppress(OSError):
+                        self._status.unlink(missing_ok=True)
                 return 0
             self._obey(word)
 
@@ -371,12 +401,14 @@ class _Watch:
     def _obey(self, word: str) -> None:
         what, _, value = word.partition(" ")
         if what == "arm":
-            self._silence, self._armed = float(value), True
+            self._silence, self._armed, self._has_acted = float(value), True, False
             self.log("armed")
+            self.note("armed")
             self.say("armed")
         elif what == "disarm":
             self._armed = False
             self.log("disarmed")
+            self.note("disarmed")
             self.say("disarmed")
         self._deadline = time.monotonic() + self._silence
         if self._armed:
@@ -391,7 +423,7 @@ class _Watch:
 
     def _act(self, why: str) -> bool:
         """Bring the output to 0 V, and say whether that succeeded."""
-        self._armed = False
+        self._armed, self._has_acted = False, True
         self.say(f"acted {why}")
         self.log(f"{why}: bringing the output {self._target.place} to 0 V")
         begun, told = time.monotonic(), False
@@ -400,10 +432,12 @@ class _Watch:
             lasted = time.monotonic() - begun
             if failure is None:
                 self.log(f"the output {self._target.place} is at 0 V, {lasted:.3f} s after that")
+                self.note("zero", why)
                 return True
             self.log(f"it failed: {failure}")
             if lasted > LOUD and not told:
                 told = True
+                self.note("failed", f"{self._target.place}: {failure}")
                 self.shout(f"the output {self._target.place} could NOT be brought to 0 V so far: {failure}")
                 self.say(f"failed the output could not be brought to 0 V: {failure}")
             if lasted > GIVE_UP:
@@ -443,6 +477,15 @@ class _Watch:
             with suppress(OSError), self._log.open("a", encoding="utf-8") as stream:
                 stream.write(f"{datetime.now().astimezone().isoformat('T', 'milliseconds')} {text}\n")
 
+    def note(self, state: str, text: str = "") -> None:
+        """What this has come to, into its own file: whole at any moment."""
+        if self._status is None:
+            return
+        with suppress(OSError):
+            new = self._status.with_suffix(".new")
+            new.write_text(json.dumps({"state": state, "text": text, "time": time.time()}) + "\n", encoding="utf-8")
+            new.replace(self._status)
+
     def shout(self, text: str) -> None:
         """What somebody must do something about at once."""
         text = f"SWITCH THE AMPLIFIER OFF, or take the strip off its leads: {text}"
@@ -464,7 +507,7 @@ def main(arguments: list[str]) -> int:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     target = Target(**json.loads(arguments[0]))
-    log = Path(arguments[1]) if len(arguments) > 1 else None
+    log, status = (Path(text) if text else None for text in (*arguments[1:3], "", "")[:2])
     try:
         connection = connect(target)
     except IpmclabError as error:
@@ -472,7 +515,7 @@ def main(arguments: list[str]) -> int:
             sys.stdout.write(f"failed {error}\n")
             sys.stdout.flush()
         return 1
-    watch = _Watch(target, log, sys.stdout, connection)
+    watch = _Watch(target, log, sys.stdout, connection, status)
     signal.signal(signal.SIGTERM, _then(watch.hear))
     threading.Thread(target=_read, args=(sys.stdin.buffer, watch.hear), daemon=True).start()
     return watch.run()
