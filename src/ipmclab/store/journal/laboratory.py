@@ -149,23 +149,6 @@ class Laboratory:
         """Bytes that are free on its disk."""
         return shutil.disk_usage(self.root).free
 
-    def check_room(self, *, rate: float, duration: float, columns: Sequence[str]) -> None:
-        """Refuse a run for which the disk has no room, before it starts.
-
-        Raises
-        ------
-        InputError
-            With the room that there is and that it needs.
-        """
-        needed, free = free_space_needed(rate=rate, duration=duration, columns=columns), self.free_space()
-        if free < needed:
-            raise InputError(
-                f"the disk has room for {free / 1e6:.0f} MB, the planned run needs {needed / 1e6:.0f} MB",
-                code="no-room",
-                where=str(self.root),
-                repair="free some room, record to another disk, or record a shorter run",
-            )
-
 
 _DATE: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d")
 
