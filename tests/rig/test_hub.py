@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.process.aftermath import failures, fate
 from ipmclab.rig.process.client import Recorder, attach, forget_dead_recorders
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
@@ -152,3 +153,22 @@ def test_a_file_that_a_killed_recorder_left(laboratory: Path) -> None:
     assert [path.suffix for path in left.parent.iterdir()] == [".recorder"]
     assert living.file.exists()
     living.close()
+
+
+def test_what_a_guardian_says_of_the_output(tmp_path: Path) -> None:
+    """Nobody is told of 0 V that no guardian has brought."""
+    recorder = tmp_path / "recording" / "a.recorder"
+    recorder.parent.mkdir()
+    assert "no guardian was watching" in fate(recorder, 0.0)
+    status = recorder.with_suffix(".guardian")
+    for state, words in (
+        ("zero", "brought the output to 0 V"),
+        ("disarmed", "was at 0 V"),
+        ("armed", "SWITCH THE AMPLIFIER OFF: its guardian has not said"),
+        ("failed", "SWITCH THE AMPLIFIER OFF: its guardian could NOT"),
+    ):
+        status.write_text(json.dumps({"state": state, "text": "ao0: no answer"}))
+        assert words in fate(recorder, 0.0)
+    assert [file for file, _ in failures(tmp_path)] == [status]
+    status.write_text("{")
+    assert "has not said" in fate(recorder, 0.0)

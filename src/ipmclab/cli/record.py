@@ -74,8 +74,11 @@ def record(
     keys = sys.stdin.isatty() and sys.stderr.isatty()
     view = View(quiet=as_json, keys=keys)
     if attach is not None:
+        from ipmclab.rig.process.aftermath import failures
         from ipmclab.rig.process.client import attach as attach_to
 
+        for _, text in failures(attach):
+            print(text, file=sys.stderr)
         recorder = attach_to(attach)
     elif experiment is None:
         raise InputError(
@@ -179,6 +182,8 @@ class _Terminal:
                         self._take(message)
                     while reads_keys and (key := key_pressed(0.0)):
                         self._key(key)
+                        while key == "\x1b" and key_pressed(0.0):
+                            pass  # what an arrow key sends after it: the last letter of one is an A
                     self._obey_signals()
         finally:
             for number, handler in before.items():
@@ -237,6 +242,8 @@ class _Terminal:
             typed, self._typed = self._typed.strip(), None
             self._view.write("\n")
             self._enter(typed)
+        elif key == "\x1b":
+            self._leave_mark()
         elif key in ("\x7f", "\b"):
             if self._typed:
                 self._typed = self._typed[:-1]
@@ -244,6 +251,12 @@ class _Terminal:
         elif key.isprintable():
             self._typed += key
             self._view.write(key)
+
+    def _leave_mark(self) -> None:
+        """Escape: no mark; a question stays."""
+        if self._question is None:
+            self._typed = None
+            self._view.write(" (no mark)\n")
 
     def _enter(self, typed: str) -> None:
         question, self._question = self._question, None

@@ -195,7 +195,7 @@ def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbe
 
 
 @contextmanager
-def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
+def guardian_of(rig: Rig, log: Path, status: Path | None = None) -> Iterator[Heartbeat | None]:
     """Who brings the output to 0 V when this process no longer can; a simulated strip needs nobody."""
     if rig.bench == "virtual":
         yield None
@@ -203,7 +203,7 @@ def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
     import ipmclab.rig.ni  # noqa: F401  # its imports take a second, which passes before the start
     from ipmclab.rig.safety.guardian import Guardian
 
-    guardian = Guardian(rig, log=log)
+    guardian = Guardian(rig, log=log, status=status)
     try:
         yield guardian
     finally:
@@ -213,6 +213,7 @@ def guardian_of(rig: Rig, log: Path) -> Iterator[Heartbeat | None]:
 def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, desk: ClientDesk) -> int:
     """Plan, wait for the word to start, do it, and tell how it ended."""
     from ipmclab.errors import IpmclabError
+    from ipmclab.rig.process.aftermath import SUFFIX, failures
     from ipmclab.rig.process.messages import Message
     from ipmclab.rig.process.server import ended
 
@@ -220,6 +221,9 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
     failed: IpmclabError | None = None
     how: str | None = None
     try:
+        failed_before = failures(laboratory.root)
+        for _, text in failed_before:
+            desk.tell(Message("note", {"text": text, "passing": False}))
         for text in recover_first(laboratory):
             desk.tell(Message("note", {"text": text, "passing": False}))
         plan = plan_of(experiment, rig, laboratory)
@@ -229,11 +233,15 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
             how = "declined"
         else:
             # While the plan is being read: the guardian, and what drives the bench, take a moment to be ready.
-            with guardian_of(rig, laboratory.root / "guardian.log") as guardian:
+            assert desk.hub is not None
+            status = desk.hub.file.with_suffix(SUFFIX)
+            with guardian_of(rig, laboratory.root / "guardian.log", status) as guardian:
                 session = session_of(plan, laboratory, desk, guardian)
                 started = desk.wait_for_start()
                 desk.steer(session)
                 if started or session.ended_early in ("abort", "zero"):
+                    for file, _ in failed_before:
+                        file.unlink(missing_ok=True)  # it was told, and somebody said to go on
                     session.run()  # one that was aborted before it began does no step: the output goes to 0 V
                 else:
                     how = "declined"

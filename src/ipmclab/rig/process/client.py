@@ -14,6 +14,7 @@ from typing import Any
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import detached
+from ipmclab.rig.process.aftermath import fate
 from ipmclab.rig.process.hub import SUFFIX
 from ipmclab.rig.process.messages import Message, decode, encode
 
@@ -78,7 +79,7 @@ class Recorder:
             return decode(self._connection.recv_bytes())
         except (OSError, EOFError) as error:
             raise IpmclabError(
-                "the recorder's process is gone; its guardian brings the output to 0 V",
+                f"the recorder's process is gone; {fate(self.file)}",
                 code="recorder-lost",
                 where=str(self.file.parent.parent),
                 repair=f"ipmclab recover {self.file.parent.parent} keeps what it had recorded",
