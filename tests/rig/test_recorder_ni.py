@@ -215,3 +215,39 @@ def test_rows_that_the_chassis_lost_are_a_finding(chassis: StandIn) -> None:
     else:
         assert (outcome.state, outcome.error.repair != "") == ("aborted", True)
     assert chassis.level == 0.0
+
+
+class Nowhere:
+    """A journal that keeps nothing."""
+
+    def append(self, first_row: int, columns: object) -> None:
+        """Forget them."""
+
+    def event(self, kind: str, time: float, text: str = "", **values: object) -> None:
+        """Forget it."""
+
+    def end(self, state: str, reason: str = "", metadata: object = None) -> None:
+        """Nothing to end."""
+
+
+@pytest.mark.parametrize(
+    ("signal", "rate", "duration"),
+    [("sine 1 V 0.1 Hz", 10_000.0, 3600.0), ("multisine 1 V 0.1 Hz 100 Hz", 5000.0, 40.0)],
+    ids=["hours", "a thousand tones"],
+)
+def test_a_long_or_rich_signal_starts_and_runs_on_under_the_guardian(
+    tmp_path: Path, signal: str, rate: float, duration: float
+) -> None:
+    chassis, control = Process(tmp_path), Control()
+    try:
+        with Guardian(chassis.rig) as guardian:
+            outcome = capture(
+                NiBench(chassis.rig), signal, duration=duration, rate=rate, measured=("current",), zero_time=0.2,
+                zero_after=0.0, heartbeat=guardian, control=control, journal=lambda header: Nowhere(),
+                on_block=at_time(1.5, lambda: control.abort("enough"), rate),
+            )  # fmt: skip
+            assert (outcome.state, outcome.reason) == ("aborted", "enough")
+            assert outcome.rows >= 1.5 * rate
+            assert guardian.acted == ""
+    finally:
+        chassis.end()
