@@ -103,7 +103,9 @@ def forget_dead_recorders(folder: Path) -> None:
             host, port = str(json.loads(file.read_text(encoding="utf-8"))["address"]).rsplit(":", 1)
             # No more than a knock: one that hangs would not answer, and must not hold up another rig's recorder.
             socket.create_connection((host, int(port)), timeout=1.0).close()
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            if not isinstance(error, ConnectionRefusedError):
+                continue  # it hangs, or is another user's: that is no death
             file.unlink(missing_ok=True)
             log = file.with_suffix(".log")
             if log.is_file() and not log.stat().st_size:
@@ -121,8 +123,9 @@ def attach(folder: Path) -> Recorder:
     for file in reversed(recorders(folder)):
         try:
             return Recorder(file)
-        except IpmclabError:
-            file.unlink(missing_ok=True)  # left by a process that was killed
+        except IpmclabError as error:
+            if isinstance(error.__cause__, ConnectionRefusedError):
+                file.unlink(missing_ok=True)  # left by a process that was killed
     raise InputError(
         "no recorder is running here",
         code="no-recorder",

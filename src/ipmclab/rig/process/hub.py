@@ -95,7 +95,9 @@ class Hub:
         host, port = self._listener.address
         self.file = folder / f"{secrets.token_hex(4)}{SUFFIX}"
         told = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
-        write_for_owner_only(self.file, json.dumps(told) + "\n")
+        new = self.file.with_suffix(".new")  # whoever looks for recorders finds a whole file or none
+        write_for_owner_only(new, json.dumps(told) + "\n")
+        new.replace(self.file)
         threading.Thread(target=self._accept, name="recorder door", daemon=True).start()
 
     @property
