@@ -140,7 +140,7 @@ def spell_unit(unit: str) -> str:
     return " ".join(unit.split())
 
 
-def parse_number(text: str, *, where: str) -> tuple[float, str]:
+def parse_number(text: str, *, where: str, unit: str = "mm") -> tuple[float, str]:
     """Split ``"25 mm"`` into its number and the rest.
 
     Parameters
@@ -149,6 +149,8 @@ def parse_number(text: str, *, where: str) -> tuple[float, str]:
         A number with a decimal point, then perhaps a unit.
     where : str
         Where the text stands, for the message.
+    unit : str
+        Of the example in the message.
 
     Returns
     -------
@@ -173,7 +175,10 @@ def parse_number(text: str, *, where: str) -> tuple[float, str]:
         )
     if match is None or re.match(r"[\w.+-]*\d", rest.split(" ")[0]):
         raise InputError(
-            f"{text!r} is not a number with a unit", code="bad-number", where=where, repair="write for example '25 mm'"
+            f"{text!r} is not a number with a unit",
+            code="bad-number",
+            where=where,
+            repair=f"write for example '25 {unit}'",
         )
     number = float(match.group())
     if not math.isfinite(number):
@@ -209,7 +214,7 @@ def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:
     >>> parse_quantity("25 mm", LENGTH, where="geometry.free_length")
     0.025
     """
-    number, unit = parse_number(text, where=where)
+    number, unit = parse_number(text, where=where, unit=quantity.display_unit or "mm")
     if not quantity.unit:
         if unit:
             raise InputError(

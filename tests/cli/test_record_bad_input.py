@@ -50,7 +50,7 @@ def stand_in() -> Iterator[StandIn]:
 
 
 def rig_text(address: str, change: Callable[[str], str] = lambda text: text) -> str:
-    library = Path(__file__).parents[2] / "src" / "ipmclab" / "rig" / "library" / "thesis.toml"
+    library = Path(__file__).parents[2] / "src" / "ipmclab" / "rig" / "files" / "library" / "thesis.toml"
     text = library.read_text(encoding="utf-8").replace('bench = "virtual"', f'bench = "ni"\naddress = "{address}"')
     return change(text)
 
@@ -74,11 +74,11 @@ def attempt(folder: Path, experiment: str, **job: Any) -> None:
         ("", lambda t: t.replace('["-5 V", "5 V"]', '["5 V", "-5 V"]'), None, "range"),
         ("", lambda t: t.replace('["-5 V", "5 V"]', '["-20 V", "20 V"]'), None, "range"),
         ('signal = "step 12 V"\n[limits]\nvoltage = "10 V"', None, "out-of-range", "the output gives -10 V to 10 V"),
-        ('signal = "step 35 V"', None, "out-of-range", "the output gives -10 V to 10 V"),
+        ('signal = "step 35 V"', None, "voltage-limit", "the limit is 3.5 V"),
         ('signal = "step 5 V"', None, "voltage-limit", "the limit is 3.5 V"),
         ("", lambda t: t.replace("Mod1/ai3", "Mod1/ai0"), "duplicate-channel", "ai0"),
         ("", lambda t: t.replace("cDAQ1", "cDAQ7"), None, "cDAQ7"),
-        ('rate = "2e6 Hz"\nduration = "0.1 s"', None, None, "rate"),
+        ('rate = "2e6 Hz"\nduration = "0.1 s"', None, "bad-rate", "experiment.toml: rate"),
         ('rig = "nowhere.toml"', None, "no-rig", "nowhere.toml"),
         ('sample = ""', None, "missing-key", "sample"),
         ('measured = ["curent"]', None, "unknown-channel", "did you mean 'current'"),
@@ -152,7 +152,7 @@ def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
     Path("bad.toml").write_text(GOOD.replace("rig.toml", "virtual").replace("step 1 V", "step 35 V"), encoding="utf-8")
     Path("answers.toml").write_text("clamp = 1", encoding="utf-8")
     for words, code in (
-        (["bad.toml"], "out-of-range"),
+        (["bad.toml"], "voltage-limit"),
         (["nothing.toml"], "no-such-file"),
         ([], "usage"),
         (["bad.toml", "--answer", "clamp"], "usage"),

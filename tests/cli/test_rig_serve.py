@@ -101,6 +101,7 @@ def test_a_taken_port_is_refused(served: Served, command: Command) -> None:
         (["--clock", "slow"], "error: --clock: unknown clock 'slow'; give real, x10 or lock-step"),
         (["--fault", "explode"], "error: --fault: fault 'explode'"),
         (["nowhere.toml"], "error: rig: there is no rig 'nowhere.toml'"),
+        (["--port", "99999"], "error: --port: there is no port 99999, they go from 0 to 65535"),
         (["--port", "http"], "Input should be a valid integer"),
     ],
 )

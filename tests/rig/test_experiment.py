@@ -112,3 +112,33 @@ def test_files_that_are_none(tmp_path: Path, content: bytes | None, code: str) -
     assert str(path) in str(caught.value)
     with pytest.raises(InputError, match="this is a folder"):
         load_experiment(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_and_nothing_is_made(tmp_path: Path) -> None:
+    text = 'sample = "strip-1"\nsignal = "step 1 V"\nrate = "50 Hz"\nduration = "40 s"\nfolder = "FOLDER"\n'
+    path = tmp_path / "step.toml"
+    (tmp_path / "taken").write_text("", encoding="utf-8")
+    for folder, message in (("taken", "is a file"), ("no/where", "does not exist")):
+        path.write_text(text.replace("FOLDER", folder), encoding="utf-8")
+        with pytest.raises(InputError, match=message) as caught:
+            load_experiment(path)
+        assert caught.value.where == f"{path}: folder"
+    path.write_text(text.replace("FOLDER", "laboratory"), encoding="utf-8")
+    assert load_experiment(path).folder == tmp_path / "laboratory"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["step.toml", "taken"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "where", "words"),
+    [
+        ({"rate": 50}, "experiment: rate", '"50 Hz"'),
+        ({"rate": "fast"}, "experiment: rate", "25 Hz"),
+        ({"rate": "0 Hz"}, "experiment: rate", "'50 Hz'"),
+        ({"bench": "ni"}, "experiment", "rig = names this one"),
+    ],
+)
+def test_the_example_in_a_message_fits_the_key(changes: dict[str, Any], where: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        experiment_from_table(GOOD | changes)
+    assert caught.value.where == where
+    assert words in caught.value.repair

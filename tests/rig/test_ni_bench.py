@@ -365,7 +365,7 @@ def altered(rig: Rig, name: str, **values: object) -> Rig:
             lambda rig: altered(rig, "current", physical="cDAQ9Mod1/ai0"),
             RATE,
             "no-device",
-            "channels.current.physical (cDAQ9Mod1/ai0): there is no module 'cDAQ9Mod1'; did you mean 'cDAQ1Mod1'?",
+            "(cDAQ9Mod1/ai0): there is no module 'cDAQ9Mod1'; there are cDAQ1 (cDAQ-9174), cDAQ1Mod1 (NI 9205)",
         ),
         (
             lambda rig: altered(rig, "current", physical=""),

@@ -85,7 +85,13 @@ def test_the_other_polarity(text: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "code", "where", "words"),
     [
-        ({"signal": "step 35 V"}, "out-of-range", "signal", "the output gives -10 V to 10 V"),
+        ({"signal": "step 35 V"}, "voltage-limit", "signal", "the limit is 3.5 V"),
+        (
+            {"limits": {"voltage": "10 V"}, "signal": "step 12 V"},
+            "out-of-range",
+            "signal",
+            "the output gives -10 V to 10 V",
+        ),
         ({"signal": "step 4 V"}, "voltage-limit", "signal", "the limit is 3.5 V"),
         ({"limits": {"voltage": "2 V"}, "signal": "step 3 V"}, "voltage-limit", "signal", "the limit is 2 V"),
         ({"limits": {"votlage": "2 V"}}, "unknown-key", "limits.votlage", "did you mean 'voltage'"),
@@ -133,3 +139,27 @@ def test_answers_are_known_beforehand() -> None:
         check_answers(plan, {"clmap": "done"})
     with pytest.raises(InputError, match="'maybe' is no answer to 'clamp'"):
         check_answers(plan, {"clamp": "maybe"})
+
+
+@pytest.mark.parametrize("rate", ["70 kHz", "200 kHz", "500 kHz"])
+def test_a_rate_that_no_module_can_do_is_told_before_anything_moves(rate: str) -> None:
+    chassis = replace(THESIS_RIG, bench="ni")
+    with pytest.raises(InputError, match=r"experiment: rate: .* the 4 channels on cDAQ1Mod1 are read at 62500 Hz"):
+        planned(chassis, rate=rate)
+    assert planned(chassis, rate="62.5 kHz").runs
+    assert planned(rate=rate).runs  # a virtual bench can do any
+
+
+def test_fewer_channels_are_read_faster_than_the_output_goes() -> None:
+    chassis = replace(THESIS_RIG, bench="ni", channels=(THESIS_RIG["voltage"], THESIS_RIG["current"]))
+    with pytest.raises(InputError, match="the output is given out at 100000 Hz at most"):
+        planned(chassis, rate="120 kHz", measured=["current"])
+
+
+def test_a_limit_that_is_not_measured_is_said_not_to_be_watched() -> None:
+    plan = planned(measured=["current", "displacement"], limits={"force": "5 mN"})
+    assert plan.as_dict()["limits"]["force"] == "not watched: it is not measured"
+    assert (
+        plan.as_dict()["limits"]["displacement"].startswith("25 mm") or "mm" in plan.as_dict()["limits"]["displacement"]
+    )
+    assert "the limit of the force is not watched: it is not measured" in plan.remarks

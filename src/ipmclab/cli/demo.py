@@ -76,6 +76,10 @@ def demo(
 
     sample = published_sample(SAMPLE)
     strip = replace(load_actuator(sample.id), sample=sample)
+    if stand_in:
+        from ipmclab.cli.rig_serve import need_client
+
+        need_client()
     folder = _new_folder(out)
 
     where = "the stand-in chassis" if stand_in else "the virtual bench"

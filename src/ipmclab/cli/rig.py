@@ -22,6 +22,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS, CURRENT, VOLTAGE
 
 if TYPE_CHECKING:
+    from ipmclab.rig.channels import Channel
     from ipmclab.rig.checks.check import ChannelCheck, RigCheck
 
 SEVERITIES: Final = ("info", "warning", "error")
@@ -137,8 +138,14 @@ def _in_display(one: ChannelCheck, value: float | None) -> str:
 
 def _range(one: ChannelCheck) -> str:
     quantity = one.channel.quantity
-    low, high = (quantity.to_display(end) for end in one.channel.range)
+    low, high = (quantity.to_display(end) for end in _readable(one.channel))
     return f"{low:.4g} to {high:.4g} {quantity.display_unit}"
+
+
+def _readable(channel: Channel) -> tuple[float, float]:
+    """What a channel can read of what there is: no humidity is below 0 or above 100 percent."""
+    low, high = channel.range
+    return (max(low, 0.0), min(high, 100.0)) if channel.name == "relative_humidity" else (low, high)
 
 
 def _channel_document(one: ChannelCheck) -> dict[str, Any]:
@@ -147,7 +154,7 @@ def _channel_document(one: ChannelCheck) -> dict[str, Any]:
         "channel": channel.name,
         "physical": channel.physical,
         "unit": CHANNELS[channel.name].unit,
-        "range": channel.range,
+        "range": _readable(channel),
         "resolution": channel.resolution,
         "expected": one.expected,
         "reading": one.reading,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from virtual_cdaq.model.faults import Fault
 
 _NAME: Final = re.compile(r"/?(?P<chassis>\w+?)Mod(?P<slot>[1-4])/a[io]\d+", re.IGNORECASE)
-_SLOTS: Final = 4
+_LAST_PORT: Final = 65535
 
 
 def serve(
@@ -53,10 +53,18 @@ def serve(
     \b
     ipmclab rig serve rig.toml --port 31763
     """
+    if not 0 <= port <= _LAST_PORT:
+        raise InputError(
+            f"there is no port {port}, they go from 0 to {_LAST_PORT}",
+            code="out-of-range",
+            where="--port",
+            repair="give another port, or 0 for a free one",
+        )
     from ipmclab.rig.files.rig_file import load_rig
     from ipmclab.rig.plant import StripPlant
 
     loaded = load_rig(rig)
+    need_client()
     name, modules = chassis_of(loaded)
     plant = StripPlant(loaded)
     plant.advance([0.0], {})  # compiles what it needs, so that the first client does not wait for it
@@ -78,6 +86,25 @@ def serve(
     while not stop.wait(0.5):  # without a time, Windows would not let Ctrl-C through
         pass
     server.stop()
+
+
+def need_client() -> None:
+    """Look that NI's client is there, before anything is made.
+
+    Raises
+    ------
+    IpmclabError
+        It is not installed.
+    """
+    try:
+        import virtual_cdaq.server  # noqa: F401
+    except ImportError as error:
+        raise IpmclabError(
+            f"{error.name} is not installed: the stand-in speaks NI's protocol through NI's client",
+            code="no-nidaqmx",
+            where="the stand-in chassis",
+            repair='install ipmclab with its extra ni, such as: uv tool install ".[ni]"',
+        ) from error
 
 
 def chassis_of(rig: Rig) -> tuple[str, tuple[str, ...]]:
@@ -151,17 +178,11 @@ def make_server(
     IpmclabError
         NI's client is not installed.
     """
-    try:
-        from virtual_cdaq.levels import LevelFile
-        from virtual_cdaq.model.chassis import Chassis
-        from virtual_cdaq.server import Server
-    except ImportError as error:
-        raise IpmclabError(
-            f"{error.name} is not installed: the stand-in speaks NI's protocol through NI's client",
-            code="no-nidaqmx",
-            where="rig serve",
-            repair='install it with: pip install "ipmclab[ni]"',
-        ) from error
+    need_client()
+    from virtual_cdaq.levels import LevelFile
+    from virtual_cdaq.model.chassis import Chassis
+    from virtual_cdaq.server import Server
+
     chassis = Chassis(
         plant,
         _clock(clock),

@@ -132,7 +132,7 @@ def client() -> Any:
             "the package nidaqmx is not installed",
             code="no-nidaqmx",
             where="bench",
-            repair='install it with: pip install "ipmclab[ni]"',
+            repair='install ipmclab with its extra ni, such as: uv tool install ".[ni]"',
         ) from error
     return nidaqmx
 

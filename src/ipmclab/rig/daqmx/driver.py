@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ipmclab.errors import InputError, IpmclabError, suggest
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.daqmx.errors import STATUSES_OF_LOSS, translate
@@ -182,6 +182,25 @@ class Driver:
         if failure is not None:
             raise failure
 
+    def _check_present(self, key: str, physical: str) -> None:
+        if not physical:
+            raise InputError(
+                "no physical channel is given",
+                code="missing-physical",
+                where=f"{key}.physical",
+                repair='give the name that NI MAX shows, such as "cDAQ1Mod1/ai0"',
+            )
+        module = module_of(physical)
+        if module not in self._there:
+            # With what they are: the nearest name may be a module that cannot do it.
+            known = [f"{name} ({self._system.devices[name].product_type})" for name in self._there]
+            raise BenchError(
+                f"there is no module {module!r}",
+                code="no-device",
+                where=f"{key}.physical ({physical})",
+                repair=f"there are {', '.join(known)}" if known else "no chassis is connected: check power and cable",
+            )
+
     def check(self, measured: Collection[str]) -> None:
         """Refuse a rig that does not fit what is there.
 
@@ -199,7 +218,7 @@ class Driver:
             if self.rig.thermometer is not None:
                 wired.append(("thermometer", self.rig.thermometer.physical))
             for key, physical in wired:
-                _check_present(key, physical, self._there)
+                self._check_present(key, physical)
             for channel in channels:
                 _check_input(channel, *self._ranges(channel.physical, "ai_voltage_rngs"))
             _check_output(self.rig, *self._ranges(output.physical, "ao_voltage_rngs"))
@@ -257,22 +276,6 @@ def _names(rig: Rig) -> Mapping[str, str]:
     if rig.thermometer is not None:
         names[rig.thermometer.physical] = "thermometer"
     return names
-
-
-def _check_present(key: str, physical: str, there: list[str]) -> None:
-    if not physical:
-        raise InputError(
-            "no physical channel is given",
-            code="missing-physical",
-            where=f"{key}.physical",
-            repair='give the name that NI MAX shows, such as "cDAQ1Mod1/ai0"',
-        )
-    module = module_of(physical)
-    if module not in there:
-        known = suggest(module, there) if there else "no chassis is connected: check power and cable"
-        raise BenchError(
-            f"there is no module {module!r}", code="no-device", where=f"{key}.physical ({physical})", repair=known
-        )
 
 
 def _check_input(channel: Channel, product: str, ranges: list[tuple[float, float]]) -> None:

@@ -65,7 +65,7 @@ class Link:
                 "the package grpcio is not installed",
                 code="no-grpc",
                 where=address,
-                repair='install it with: pip install "ipmclab[ni]"',
+                repair='install ipmclab with its extra ni, such as: uv tool install ".[ni]"',
             ) from error
         self.patience = patience
         self._channel = grpc.insecure_channel(address, options=_OPTIONS)

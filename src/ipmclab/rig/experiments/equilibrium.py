@@ -31,21 +31,44 @@ class Air:
         How long every reading has been within its tolerance.
     temperature : float [degC], optional
     relative_humidity : float [percent], optional
+    target : TargetEnvironment, optional
+        What they shall be.
+
+    Examples
+    --------
+    >>> wanted = TargetEnvironment(40.0, None, 1.0, 3.0, 1800.0, 10800.0)
+    >>> str(Air(500.0, 0.0, temperature=22.0, target=wanted))
+    '22.0 degC (outside 40 +- 1), waited 500 of at most 10800 s'
     """
 
     time: float
     settled_for: float
     temperature: float | None = None
     relative_humidity: float | None = None
+    target: TargetEnvironment | None = None
 
     def __str__(self) -> str:
         """The readings for people."""
         parts = []
         if self.temperature is not None:
-            parts.append(f"{self.temperature:.1f} degC")
+            parts.append(f"{self.temperature:.1f} degC{self._beside('temperature')}")
         if self.relative_humidity is not None:
-            parts.append(f"{self.relative_humidity:.1f} %RH")
-        return ", ".join(parts) or "no reading yet"
+            parts.append(f"{self.relative_humidity:.1f} %RH{self._beside('relative_humidity')}")
+        waited = [] if self.target is None else [f"waited {self.time:.0f} of at most {self.target.longest_wait:g} s"]
+        return ", ".join([*(parts or ["no reading yet"]), *waited])
+
+    def _beside(self, name: str) -> str:
+        """What a reading shall be, and whether it is."""
+        wanted = getattr(self.target, name, None)
+        if self.target is None or wanted is None:
+            return ""
+        allowed = _allowed(self.target)[name]
+        where = "within" if abs(getattr(self, name) - wanted) <= allowed else "outside"
+        return f" ({where} {wanted:g} +- {allowed:g})"
+
+
+def _allowed(target: TargetEnvironment) -> dict[str, float]:
+    return {"temperature": target.temperature_tolerance, "relative_humidity": target.humidity_tolerance}
 
 
 def wait_for_equilibrium(
@@ -82,7 +105,7 @@ def wait_for_equilibrium(
     """
     measured = ["voltage", *(name for name in watched if name != "temperature")]
     wanted = {name: getattr(target, name) for name in watched}
-    allowed = {"temperature": target.temperature_tolerance, "relative_humidity": target.humidity_tolerance}
+    allowed = _allowed(target)
     recent: dict[str, list[tuple[float, float]]] = {name: [] for name in watched}
     since: float | None = None
     air = Air(0.0, 0.0)
@@ -101,7 +124,7 @@ def wait_for_equilibrium(
                 abs(means[name] - wanted[name]) <= allowed[name] for name in wanted
             )
             since = None if not within else now if since is None else since
-            air = Air(now, 0.0 if since is None else now - since, **means)
+            air = Air(now, 0.0 if since is None else now - since, **means, target=target)
             if on_air(air) or (since is not None and air.settled_for >= target.settle):
                 return air
     finally:

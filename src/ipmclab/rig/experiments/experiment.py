@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final
 from pydantic import Field, ValidationError
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.rig.experiments.folder import check_folder
 from ipmclab.sample import Sample
 from ipmclab.signals import Signal, parse
 from ipmclab.store.strict import Strict, as_input_error
@@ -37,6 +38,23 @@ STEPS: Final = ("hydrate", "clamp", "chamber-on", "equilibrium", "chamber-off", 
 _REST: Final = "5 s"
 _PAUSE: Final = "30 s"
 _ZERO: Final = "10 s"
+
+_EXAMPLES: Final = {
+    "rate": "50 Hz",
+    "duration": "40 s",
+    "clamp_pressure": "100 kPa",
+    "rest_before": _REST,
+    "rest_after": _REST,
+    "pause": _PAUSE,
+    "zero_time": _ZERO,
+    "environment.temperature": "25 degC",
+    "environment.temperature_tolerance": "1 degC",
+    "environment.relative_humidity": "80 percent",
+    "environment.humidity_tolerance": "3 percent",
+    "environment.settle": "30 min",
+    "environment.longest_wait": "3 h",
+}
+"""What stands where a quantity belongs, for messages."""
 
 TEMPLATE: Final = """\
 title = "step and sine, 1 V"
@@ -244,7 +262,9 @@ def load_experiment(path: str | Path) -> Experiment:
         raise InputError(
             f"it is not TOML: {error}", code="bad-toml", where=str(path), repair="correct the line that it names"
         ) from error
-    return experiment_from_table(table, folder=path.parent, where=str(path), name=path.stem)
+    experiment = experiment_from_table(table, folder=path.parent, where=str(path), name=path.stem)
+    check_folder(experiment.folder, where=f"{path}: folder")
+    return experiment
 
 
 def experiment_from_table(
@@ -275,10 +295,21 @@ def experiment_from_table(
     >>> experiment.sample.id, experiment.rate, [str(signal) for signal in experiment.signals]
     ('strip-1', 50.0, ['step 1 V'])
     """
+    if {"channels", "bench", "shunt_resistance"} & set(table):
+        raise InputError(
+            "this looks like a rig file, not like an experiment",
+            code="wrong-file",
+            where=where,
+            repair="name the experiment file, in which rig = names this one; ipmclab record --template prints one",
+        )
     try:
         read = _Table.model_validate(dict(table))
     except ValidationError as error:
-        raise as_input_error(error, table, where=f"{where}: ") from error
+        found = as_input_error(error, table, where=f"{where}: ")
+        example = _EXAMPLES.get(found.where.rpartition(" ")[2])
+        if example is not None and found.repair.endswith('"12.3 mm"'):
+            found.repair = f'write it in quotes, with its unit: "{example}"'
+        raise found from error
 
     def place(key: str) -> str:
         return f"{where}: {key}"
@@ -334,7 +365,7 @@ def _quantity(text: str, quantity: Quantity, where: str, *, above_zero: bool = F
             f"{text!r}, {least}",
             code="out-of-range",
             where=where,
-            repair=f"give for example '40 {quantity.display_unit}'",
+            repair=f"give for example '{_EXAMPLES.get(where.rpartition(' ')[2], f'40 {quantity.display_unit}')}'",
         )
     return value
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.checks.rates import check_modules
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.experiments.steps import FINGERPRINT, PlannedRun, PlannedStep, planned_steps, watched
 from ipmclab.rig.request import check_measured, check_rate, check_signal
@@ -66,6 +67,13 @@ class Plan:
         """How long it takes at least, without what hands do."""
         return sum(step.seconds for step in self.steps)
 
+    def _watched(self) -> dict[str, str]:
+        """The limits, and which of them nothing that is measured can show to be passed."""
+        told = self.limits.as_text()
+        unread = dict.fromkeys(_unread(self.experiment), "not watched: it is not measured")
+        beyond = dict.fromkeys(self.limits.unwatched(self.rig, self.experiment.measured), "not watched")
+        return {name: unread.get(name) or beyond.get(name) or text for name, text in told.items()}
+
     @property
     def runs(self) -> tuple[PlannedRun, ...]:
         """What is recorded."""
@@ -96,7 +104,7 @@ class Plan:
             "rows": sum(run.rows for run in self.runs),
             "bytes_needed": self.bytes_needed,
             "bytes_free": self.bytes_free,
-            "limits": self.limits.as_text(),
+            "limits": self._watched(),
             "remarks": list(self.remarks),
         }
 
@@ -156,6 +164,11 @@ def make_plan(
     if actuator is not None and "current" in experiment.measured:
         remarks += _current_remarks(experiment, rig, limits, actuator)
     remarks += limits.unwatched(rig, experiment.measured).values()
+    remarks += [
+        f"the limit of the {name} is not watched: it is not measured"
+        for name in _unread(experiment)
+        if name in experiment.limits
+    ]
     environment = experiment.environment
     if environment is not None and not watched(experiment, rig):
         remarks.append("this rig has no sensor for the environment: its equilibrium is the operator's word")
@@ -171,6 +184,11 @@ def make_plan(
     return Plan(experiment, rig, limits, steps, needed, bytes_free, tuple(dict.fromkeys(remarks)), rig_proof)
 
 
+def _unread(experiment: Experiment) -> tuple[str, ...]:
+    """The limited quantities that are not measured: of displacement and force one at most is."""
+    return tuple(name for name in ("displacement", "force") if name not in experiment.measured)
+
+
 def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[str]:
     """What to think of a run that is refused neither by the bench nor by the limits."""
     if not 2 <= run.rows <= MOST_ROWS:
@@ -180,10 +198,21 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
             where=f"{where}: duration",
             repair="record at another rate, or for another time",
         )
-    check_rate(rig, run.rate)
     try:
+        check_rate(rig, run.rate)
+        check_modules(rig, run.measured, run.rate)
+    except InputError as error:
+        raise InputError(
+            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
+        ) from error
+    try:
+        # The narrower of the two is what the operator has to know.
+        strip_first = limits.voltage.most < min(-rig.output.low, rig.output.high)
+        if strip_first:
+            limits.refuse(run.signal, run.duration, run.rate)
         check_signal(rig, run.signal, max(1, round(run.duration * run.rate)), run.rate)
-        limits.refuse(run.signal, run.duration, run.rate)
+        if not strip_first:
+            limits.refuse(run.signal, run.duration, run.rate)
     except InputError as error:
         raise InputError(
             f"{shortened(str(run.signal))}: {error.message}",

@@ -260,7 +260,8 @@ def contact_levels(rig: Rig, rest: Rest, tares: Sequence[ZeroReading]) -> dict[s
                 "the tip does not press",
                 code="no-preload",
                 where="force",
-                repair="bring the load cell against the tip, to a preload of some millinewtons",
+                repair="bring the load cell against the tip, to a preload of some millinewtons (a stand-in: the line "
+                "'tip on cell' to ipmclab rig serve --hands), or record without a tare: --answer zero=skip",
             )
         return {"force": level}
     if sensor_range is None or preload <= sensor_range[0] + 2.0 * margin:
