@@ -139,6 +139,8 @@ def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
     check_answers(plan, given)
     known = {step.name: step.question.default for step in plan.steps if step.question is not None}
     if job["yes"]:
+        if plan.rig.bench != "virtual" and "zero" in known:
+            known["zero"] = "skip"  # nobody has said that the tip is clear of the load cell
         return {FINGERPRINT.step: FINGERPRINT.default, **known, **given}
     if plan.rig.bench == "virtual":
         return {**known, **given}  # its hands are simulated too

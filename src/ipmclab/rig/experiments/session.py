@@ -195,6 +195,8 @@ class Session:
         IpmclabError
             The hardware or the disk failed; ``recorded`` has what was kept.
         """
+        if self._experiment.fingerprint and not any(step.name == "fingerprint" for step in self._plan.steps):
+            self._note("no fingerprint is taken: the current is not among what is measured")
         try:
             for step in self._plan.steps:
                 if self._over():
@@ -236,6 +238,8 @@ class Session:
             self._take_fingerprint(step)
             return
         answer = self._ask(step.question) if step.question is not None else ""
+        if step.name == "zero" and answer == "skip":
+            self._note("no tare is read: a tip that does not touch is told from the end of the sensor only")
         if self._over():
             return
         for words in step.hands if answer not in ("skip", "kept") else ():
