@@ -36,7 +36,7 @@ STEPS: Final = ("hydrate", "clamp", "chamber-on", "equilibrium", "chamber-off", 
 """Steps of Friend's section 3.5 in their order; ``hydrate`` also comes last."""
 
 _REST: Final = "5 s"
-_PAUSE: Final = "30 s"
+_PAUSE: Final = "2 min"
 _ZERO: Final = "10 s"
 
 _EXAMPLES: Final = {
@@ -208,7 +208,7 @@ class Experiment:
     measured: tuple[str, ...] = ("current", "force")
     rest_before: float = 5.0
     rest_after: float = 5.0
-    pause: float = 30.0
+    pause: float = 120.0
     zero_time: float = 10.0
     repeats: int = 1
     pair: bool = False
