@@ -100,6 +100,24 @@ def test_nobody_is_there(desk: ClientDesk) -> None:
     assert not desk.wait_for_start()
 
 
+def test_who_cannot_answer_holds_no_question_open(desk: ClientDesk) -> None:
+    """A client without a terminal looks on; the wait is counted from the question, not from who left long before."""
+    onlooker = Recorder(file_of(desk))
+    onlooker.request("subscribe", blocks=False, answers=False)
+    assert desk.hub is not None
+    end = time.monotonic() + 5.0
+    while not desk.hub.clients or desk.hub.answerers:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    desk.hub.alone_since -= 100.0
+    asked = time.monotonic()
+    with pytest.raises(IpmclabError, match="nobody has been there"):
+        desk.ask(CLAMP, lambda: False)
+    assert time.monotonic() - asked >= 0.3
+    assert next_of(onlooker, "question")["step"] == "clamp"
+    onlooker.close()
+
+
 def test_an_experiment_that_ends_leaves_its_question(desk: ClientDesk) -> None:
     client = Recorder(file_of(desk))
     assert desk.ask(CLAMP, lambda: True) == "done"

@@ -154,6 +154,8 @@ class _Terminal:
         self._signals: list[str] = []
         self._interrupts = 0
         self._question: dict[str, Any] | None = None
+        self._unanswerable: dict[str, Any] | None = None
+        self._reads_keys = sys.stdin.isatty()
         self._typed: str | None = None
         self._typed_since = 0.0
         self.interrupted = False
@@ -169,9 +171,9 @@ class _Terminal:
         """
         from ipmclab.platform import key_pressed, single_keys
 
-        reads_keys = sys.stdin.isatty()
+        reads_keys = self._reads_keys
         before = self._catch_signals()
-        self._recorder.request("subscribe", blocks=sys.stderr.isatty())
+        self._recorder.request("subscribe", blocks=sys.stderr.isatty(), answers=reads_keys)
         try:
             with single_keys() if reads_keys else nullcontext():
                 while True:
@@ -180,6 +182,8 @@ class _Terminal:
                         if message.kind == "ended":
                             return message
                         self._take(message)
+                    elif self._unanswerable is not None:  # and no answer to it was behind it
+                        self._leave_question(self._unanswerable)
                     while reads_keys and (key := key_pressed(0.0)):
                         self._key(key)
                         while key == "\x1b" and key_pressed(0.0):
@@ -203,9 +207,12 @@ class _Terminal:
                     self._put({"step": "start", "text": "begin?", "choices": ["yes", "no"], "default": "yes"})
                 else:
                     self._recorder.request("start")
+            case "question" if not self._reads_keys:
+                self._unanswerable = values
             case "question":
                 self._put(values)
             case "answered":
+                self._unanswerable = None
                 if self._question is not None and self._question.get("number") == values["number"]:
                     self._question = self._typed = None
                 self._view.say(f"{values['step']}: {values['value']} (answered {values['by']})")
@@ -219,6 +226,13 @@ class _Terminal:
         self._typed = ""
         self._view.say(f"{question['step']}: {question['text']}")
         self._view.write(f"  {'/'.join(question['choices'])} [{question['default']}] ")
+
+    def _leave_question(self, question: dict[str, Any]) -> None:
+        """Say that an open question is for another client: here is nobody to type an answer."""
+        self._unanswerable = None
+        self._view.close()
+        text = f"{question['step']}: {question['text']}: this question cannot be answered here (no terminal)"
+        print(f"{text}; ipmclab record --attach {self._recorder.file.parent.parent} in a terminal can", file=sys.stderr)
 
     def _key(self, key: str) -> None:
         if self._typed is not None:

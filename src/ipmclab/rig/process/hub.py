@@ -43,6 +43,7 @@ class _Client:
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
         self.wants_blocks = False
+        self.answers = True
         self.queue: queue.Queue[bytes | None] = queue.Queue()
         self.sender = threading.Thread(target=self._send, name="recorder client sender", daemon=True)
 
@@ -104,6 +105,11 @@ class Hub:
     def clients(self) -> int:
         """How many are connected now."""
         return len(self._clients)
+
+    @property
+    def answerers(self) -> int:
+        """How many of them could answer a question: one without a terminal only looks on."""
+        return sum(client.answers for client in list(self._clients))
 
     def tell(self, message: Message) -> None:
         """Tell all clients, at once and without waiting for any."""
@@ -169,6 +175,7 @@ class Hub:
                 request = decode(connection.recv_bytes(LONGEST_REQUEST))
                 if request.kind == "subscribe":
                     client.wants_blocks = bool(request.values.get("blocks", True))
+                    client.answers = bool(request.values.get("answers", True))
                 elif request.kind in REQUESTS:
                     self._on_request(request)
         except (OSError, EOFError, IpmclabError):
@@ -182,5 +189,6 @@ class Hub:
     def _forget(self, client: _Client) -> None:
         if client in self._clients:
             self._clients.remove(client)
-            self.alone_since = time.monotonic()
+            if client.answers:
+                self.alone_since = time.monotonic()
         client.queue.put(None)

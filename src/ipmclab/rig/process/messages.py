@@ -12,7 +12,7 @@ to the recorder
 ``zero``       emergency: output to 0 V now, then as ``abort``
 ``mark``       ``text``: note it at this moment of the run
 ``answer``     ``question`` (its number) and ``value``
-``subscribe``  ``blocks``: whether to send what is being read
+``subscribe``  ``blocks``: whether to send what is being read; ``answers``: whether somebody here can answer
 =============  =================================================================================
 
 =============  =================================================================================

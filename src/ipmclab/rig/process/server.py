@@ -20,7 +20,7 @@ from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
 
 PATIENCE: Final = 600.0
-"""How long [s] a question, or the start, waits while no client is there."""
+"""How long [s] a question, or the start, waits while no client is there that could answer."""
 
 _LOOK: Final = 0.1
 """How often [s] a waiting recorder looks whether it is still to wait."""
@@ -51,7 +51,7 @@ class ClientDesk:
     Parameters
     ----------
     patience : float [s]
-        How long to wait while no client is there.
+        How long to wait while no client is there that could answer.
     """
 
     def __init__(self, patience: float = PATIENCE) -> None:
@@ -111,10 +111,11 @@ class ClientDesk:
 
     def wait_for_start(self) -> bool:
         """Whether a client agrees to the plan; False when it is declined, or nobody is there to agree."""
+        since = time.monotonic()
         with self._changed:
             while not self._started and not self._is_ended_before():
                 self._changed.wait(_LOOK)
-                if self._alone_too_long():
+                if self._alone_too_long(since):
                     return False
             return not self._is_ended_before()
 
@@ -140,10 +141,11 @@ class ClientDesk:
         about = {"text": question.text, "choices": list(question.choices), "default": question.default}
         if known is None:
             self.tell(Message("question", {"number": number, "step": question.step, **about}))
+        since = time.monotonic()
         with self._changed:
             while known is None and not self._is_answered() and not ended():
                 self._changed.wait(_LOOK)
-                if self._alone_too_long():
+                if self._alone_too_long(since):
                     raise IpmclabError(
                         f"{question.step!r} waits for an answer, and nobody has been there for {self._patience:g} s",
                         code="nobody-answers",
@@ -176,10 +178,11 @@ class ClientDesk:
         if told is not None:
             self.tell(told)
 
-    def _alone_too_long(self) -> bool:
-        if self.hub is None or self.hub.clients:
+    def _alone_too_long(self, since: float) -> bool:
+        """Whether nobody who could answer has been there for too long, counted from the question at the earliest."""
+        if self.hub is None or self.hub.answerers:
             return False
-        return time.monotonic() - self.hub.alone_since > self._patience
+        return time.monotonic() - max(self.hub.alone_since, since) > self._patience
 
 
 def _act(steered: Steered, kind: str, text: str) -> None:
