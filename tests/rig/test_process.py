@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.experiments.session import Recorded
 from ipmclab.rig.experiments.steps import Question
 from ipmclab.rig.process.client import Recorder
@@ -167,6 +167,9 @@ def test_the_last_message(tmp_path: Path) -> None:
     kept = Recorded(tmp_path / "a.nc", "signal", "step 1 V", "complete", "stopped by the operator", ())
     cut = Recorded(tmp_path / "b.nc", "signal", "step 1 V", "aborted", "too much current", ())
     assert ended((kept,), "stop", None)["status"] == 0
+    assert ended((kept,), None, None)["how"] == "done"
+    refused = ended((), None, InputError("35 V", code="voltage-limit", where="signal", repair="less"))
+    assert (refused["status"], refused["how"]) == (2, None)
     last = ended((kept, cut), "abort", None)
     assert (last["status"], last["error"]["message"], len(last["runs"])) == (1, "too much current", 2)
     early = ended((), "abort", None, "the recorder was told to end (SIGTERM)")

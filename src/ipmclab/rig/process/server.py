@@ -219,8 +219,9 @@ def ended(
     Parameters
     ----------
     recorded : tuple of Recorded
-    how : "stop", "abort" or "zero", optional
-        As the operator, or the guard, ended it before its last step.
+    how : "stop", "abort", "zero" or "declined", optional
+        As the operator, or the guard, ended it before its last step. The message has ``"done"`` where nobody did,
+        and None where it was refused or failed.
     error : IpmclabError, optional
         What failed.
     why : str, optional
@@ -243,7 +244,7 @@ def ended(
         }
     values: dict[str, Any] = {
         "status": status,
-        "how": how or "done",
+        "how": how or ("done" if document is None else None),
         "error": document,
         "runs": [run.as_dict() for run in recorded],
     }
