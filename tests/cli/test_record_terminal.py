@@ -5,9 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from ipmclab.cli.record import _finish, _Terminal
+from ipmclab.cli.record_view import View
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
 
@@ -44,3 +47,46 @@ def test_a_question_where_there_is_no_terminal(recording: Path) -> None:
         hub.close()
         assert client.wait(20.0) == 0
         assert client.stderr.read() == ""
+
+
+class Recorder:
+    """Remembers what it is asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def request(self, kind: str, **_: Any) -> None:
+        self.asked.append(kind)
+
+
+def terminal(recorder: Any, **change: bool) -> _Terminal:
+    about = {"ask_first": True, "plan_only": False, "joined": False, **change}
+    return _Terminal(recorder, View(quiet=False, keys=True), **about)
+
+
+@pytest.mark.parametrize("key", ["\x04", "\x1b"])
+def test_control_d_is_as_control_c_at_a_prompt_and_ends_no_run_at_a_mark(key: str) -> None:
+    recorder = Recorder()
+    client = terminal(recorder)
+    client._key("m")
+    client._key("f")
+    client._key(key)
+    client._key("x")  # not a part of a mark any more
+    client._obey_signals()
+    assert recorder.asked == []
+    client._put({"step": "start", "text": "begin?", "choices": ["yes", "no"], "default": "yes"})
+    client._key(key)
+    client._obey_signals()
+    assert recorder.asked == (["stop"] if key == "\x04" else [])
+    assert client.interrupted == (key == "\x04")
+
+
+def test_the_last_line_of_what_recorded_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    client = terminal(Recorder())
+    client.interrupted = True
+    with pytest.raises(SystemExit) as caught:
+        _finish(client, ENDED, as_json=False)
+    assert caught.value.code == 130
+    assert capsys.readouterr().out == "stopped; nothing was recorded\n"
+    _finish(terminal(Recorder(), plan_only=True), ENDED, as_json=False)
+    assert capsys.readouterr().out == ""

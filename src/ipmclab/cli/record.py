@@ -149,7 +149,7 @@ class _Terminal:
         self._recorder = recorder
         self._view = view
         self._ask_first = ask_first
-        self._plan_only = plan_only
+        self.plan_only = plan_only
         self._joined = joined
         self._signals: list[str] = []
         self._interrupts = 0
@@ -201,7 +201,7 @@ class _Terminal:
                 print_plan(values, self._view)
                 if self._joined:
                     return
-                if self._plan_only:
+                if self.plan_only:
                     return
                 if self._ask_first:
                     self._put({"step": "start", "text": "begin?", "choices": ["yes", "no"], "default": "yes"})
@@ -256,7 +256,9 @@ class _Terminal:
             typed, self._typed = self._typed.strip(), None
             self._view.write("\n")
             self._enter(typed)
-        elif key == "\x1b":
+        elif key == "\x04" and self._question is not None:
+            self._signals.append("SIGINT")  # Ctrl-D, the end of what is typed: as Ctrl-C
+        elif key in ("\x1b", "\x04"):
             self._leave_mark()
         elif key in ("\x7f", "\b"):
             if self._typed:
@@ -267,7 +269,7 @@ class _Terminal:
             self._view.write(key)
 
     def _leave_mark(self) -> None:
-        """Escape: no mark; a question stays."""
+        """Escape or Ctrl-D: no mark. Escape leaves a question as it is."""
         if self._question is None:
             self._typed = None
             self._view.write(" (no mark)\n")
@@ -328,6 +330,8 @@ def _finish(terminal: _Terminal, last: Message, as_json: bool) -> None:
         print_json(document if error is None else {"error": error.as_dict(), **document})
     else:
         print_results(values["runs"])
+        if values["how"] in ("stop", "declined") and not values["runs"] and error is None and not terminal.plan_only:
+            print("stopped; nothing was recorded")
     if error is not None:
         if as_json:
             print(f"error: {error}", file=sys.stderr)
