@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from ipmclab.cli.app import run
 from ipmclab.cli.record import _finish, _Terminal
 from ipmclab.cli.record_view import View
 from ipmclab.rig.process.hub import Hub
@@ -47,6 +49,24 @@ def test_a_question_where_there_is_no_terminal(recording: Path) -> None:
         hub.close()
         assert client.wait(20.0) == 0
         assert client.stderr.read() == ""
+
+
+def test_two_recorders_in_one_folder(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The newest is joined and the other is named, with the words that join it."""
+    first, second = (Hub(recording, lambda _: None, {"sample": f"s{n}", "rig": f"bench {n}"}) for n in (1, 2))
+    for place, hub in enumerate((first, second)):
+        os.utime(hub.file, (1e9 + place, 1e9 + place))
+        hub.tell(ENDED)
+    assert run(["record", "--attach", str(recording.parent)]) == 0
+    told = capsys.readouterr()
+    assert told.err.splitlines() == [
+        "joined the newest: sample s2 on bench 2",
+        f"also recording here: sample s1 on bench 1: ipmclab record --attach {first.file}",
+    ]
+    assert run(["record", "--attach", str(first.file)]) == 0
+    assert capsys.readouterr().err == ""
+    first.close()
+    second.close()
 
 
 class Recorder:

@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.process import client as client_module
 from ipmclab.rig.process.aftermath import failures, fate
-from ipmclab.rig.process.client import Recorder, attach, forget_dead_recorders
+from ipmclab.rig.process.client import Recorder, attach, forget_dead_recorders, others
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
 
@@ -153,6 +154,26 @@ def test_a_file_that_a_killed_recorder_left(laboratory: Path) -> None:
     assert [path.suffix for path in left.parent.iterdir()] == [".recorder"]
     assert living.file.exists()
     living.close()
+
+
+def test_a_recorder_that_hangs_lets_nobody_wait_for_ever(laboratory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client_module, "LOGIN", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as server:  # takes who comes, and says nothing
+        told = {"address": f"127.0.0.1:{server.getsockname()[1]}", "token": "00", "process": 4711}
+        hangs = laboratory / "recording" / "hangs.recorder"
+        hangs.write_text(json.dumps(told))
+        with pytest.raises(IpmclabError, match=r"its process 4711 hangs; no guardian was watching") as caught:
+            attach(laboratory)
+        assert caught.value.code == "recorder-hangs"
+        assert hangs.exists()
+        monkeypatch.setattr(client_module, "LOGIN", 10.0)
+        living = Hub(laboratory / "recording", lambda _: None, {"sample": "friend-2", "rig": "bench 2"})
+        for folder in (laboratory, living.file):
+            joined = attach(folder)
+            assert joined.file == living.file
+            assert others(joined) == [(hangs, "sample ? on ?")]
+            joined.close()
+        living.close()
 
 
 def test_what_a_guardian_says_of_the_output(tmp_path: Path) -> None:

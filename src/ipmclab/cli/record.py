@@ -50,7 +50,10 @@ def record(
     repeats: Annotated[int | None, typer.Option(metavar="N", help="How often each signal is recorded.")] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Print what would happen, and do nothing.")] = False,
     attach: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Join a recording that runs in this laboratory folder.")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Join a recording that runs in this laboratory folder (or a FILE.recorder of it)."
+        ),
     ] = None,
     template: Annotated[bool, typer.Option("--template", help="Print an experiment file to start from.")] = False,
     as_json: Json = False,
@@ -76,10 +79,16 @@ def record(
     if attach is not None:
         from ipmclab.rig.process.aftermath import failures
         from ipmclab.rig.process.client import attach as attach_to
+        from ipmclab.rig.process.client import others
 
-        for _, text in failures(attach):
+        for _, text in failures(attach.parent.parent if attach.is_file() else attach):
             print(text, file=sys.stderr)
         recorder = attach_to(attach)
+        if attach.is_dir() and (also := others(recorder)):
+            about = recorder.about
+            print(f"joined the newest: sample {about.get('sample')} on {about.get('rig')}", file=sys.stderr)
+            for file, text in also:
+                print(f"also recording here: {text}: ipmclab record --attach {short(str(file))}", file=sys.stderr)
     elif experiment is None:
         raise InputError(
             "no experiment is named",

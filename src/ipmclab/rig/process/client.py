@@ -8,15 +8,18 @@ import subprocess
 import sys
 import threading
 from multiprocessing import AuthenticationError
-from multiprocessing.connection import Client as connect_to
+from multiprocessing.connection import Connection, answer_challenge, deliver_challenge
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import detached
 from ipmclab.rig.process.aftermath import fate
-from ipmclab.rig.process.hub import SUFFIX
+from ipmclab.rig.process.hub import SUFFIX, hang_up
 from ipmclab.rig.process.messages import Message, decode, encode
+
+LOGIN: Final = 10.0
+"""How long [s] a recorder may take to let a client in: one that lives does it at once."""
 
 
 class Recorder:
@@ -30,7 +33,7 @@ class Recorder:
     Raises
     ------
     IpmclabError
-        Nothing listens there any more, or the token is not the right one.
+        Nothing listens there any more, the token is not the right one, or the recorder hangs.
     """
 
     def __init__(self, file: Path) -> None:
@@ -49,8 +52,15 @@ class Recorder:
                 repair="it may have ended just now; ipmclab runs lists what it left",
             ) from error
         try:
-            self._connection = connect_to((host, int(port)), authkey=token)
-        except (OSError, EOFError, AuthenticationError) as error:
+            self._connection = _log_in((host, int(port)), token)
+        except TimeoutError as error:
+            raise IpmclabError(
+                f"the recorder does not answer: its process {self.process} hangs; {fate(file)}",
+                code="recorder-hangs",
+                where=str(file),
+                repair=f"end that process, then ipmclab recover {file.parent.parent} keeps what it had recorded",
+            ) from error
+        except (OSError, EOFError, AuthenticationError, AssertionError) as error:
             raise IpmclabError(
                 "no recorder answers: its process was ended",
                 code="no-recorder",
@@ -90,6 +100,50 @@ class Recorder:
         self._connection.close()
 
 
+def _log_in(address: tuple[str, int], token: bytes) -> Connection:
+    """A connection to a recorder that knows the token, and whose token we know.
+
+    Raises
+    ------
+    TimeoutError
+        It took longer than ``LOGIN``.
+    """
+    connection = Connection(_opened(address))
+    late = threading.Event()
+
+    def give_up() -> None:
+        late.set()
+        hang_up(connection)
+
+    timer = threading.Timer(LOGIN, give_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        answer_challenge(connection, token)
+        deliver_challenge(connection, token)
+    except (OSError, EOFError, AuthenticationError, AssertionError) as error:  # the last: what came was no challenge
+        _end(timer)
+        connection.close()
+        if late.is_set():
+            raise TimeoutError from error
+        raise
+    _end(timer)
+    return connection
+
+
+def _end(timer: threading.Timer) -> None:
+    """End it for certain: it must not hang up what has the handle of its connection by then."""
+    timer.cancel()
+    timer.join()
+
+
+def _opened(address: tuple[str, int]) -> int:
+    """The handle of a socket that waits for ever from now on."""
+    opened = socket.create_connection(address, timeout=LOGIN)
+    opened.settimeout(None)
+    return opened.detach()
+
+
 def recorders(folder: Path) -> list[Path]:
     """The files of the recorders that may be running in a laboratory folder, the newest last."""
     found = (folder / "recording").glob(f"*{SUFFIX}")
@@ -112,20 +166,49 @@ def forget_dead_recorders(folder: Path) -> None:
                 log.unlink(missing_ok=True)
 
 
+def others(recorder: Recorder) -> list[tuple[Path, str]]:
+    """The files of the other recorders in its laboratory folder, and what each records, in words."""
+    folder = recorder.file.parent.parent
+    forget_dead_recorders(folder)
+    found = []
+    for file in recorders(folder):
+        if file != recorder.file:
+            try:
+                about = json.loads(file.read_text(encoding="utf-8"))
+                found.append((file, f"sample {about.get('sample', '?')} on {about.get('rig', '?')}"))
+            except (OSError, ValueError, AttributeError):
+                continue  # it has just ended
+    return found
+
+
 def attach(folder: Path) -> Recorder:
     """Join the recorder that runs in a laboratory folder, the newest where there are several.
+
+    Parameters
+    ----------
+    folder : Path
+        Or the file of one recorder in its ``recording``.
 
     Raises
     ------
     InputError
         None is running there.
+    IpmclabError
+        One is there, and hangs.
     """
+    if folder.is_file():
+        return Recorder(folder)
+    hangs: IpmclabError | None = None
     for file in reversed(recorders(folder)):
         try:
             return Recorder(file)
         except IpmclabError as error:
             if isinstance(error.__cause__, ConnectionRefusedError):
                 file.unlink(missing_ok=True)  # left by a process that was killed
+            elif isinstance(error.__cause__, TimeoutError):
+                hangs = error
+    if hangs is not None:
+        raise hangs
     raise InputError(
         "no recorder is running here",
         code="no-recorder",

@@ -53,10 +53,10 @@ class _Client:
                 self.connection.send_bytes(payload)
             except (OSError, ValueError):
                 break
-        _hang_up(self.connection)
+        hang_up(self.connection)
 
 
-def _hang_up(connection: Connection) -> None:
+def hang_up(connection: Connection) -> None:
     """End a connection for both sides: to close it is not enough while another thread waits for it."""
     with contextlib.suppress(OSError):
         there = socket.socket(fileno=connection.fileno())
