@@ -185,6 +185,17 @@ def kill(recorder: Recorder, levels: Path, after: float, meanwhile: Callable[[],
     return Kill(uuid, after, energised, zero_after, acknowledged, sent)
 
 
+def wait_for_end(process: int, patience: float = 30.0) -> None:
+    """Until a process is gone; at most so long [s]."""
+    until = time.monotonic() + patience
+    while time.monotonic() < until:
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.02)
+
+
 def check(folder: Path, killed: Kill) -> list[str]:
     """What is wrong after a kill, once the folder was recovered."""
     wrong = []
@@ -238,6 +249,7 @@ def run_kills(folder: Path, kills: int, seed: int = SEED) -> tuple[list[Kill], l
                 print(f"{number + 1} of {kills}: 0 V after {one.zero_after:.2f} s", file=sys.stderr)
         recorder.request("stop")
         recorder.close()
+        wait_for_end(recorder.process)  # it may be recovering what the last one left, and then holds its journal
     recover(Laboratory.open(folder / "laboratory"))
     now = fingerprints(folder)
     wrong += [f"at the end: {name} was changed" for name, sha in earlier.items() if now.get(name) != sha]

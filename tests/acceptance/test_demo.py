@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -48,21 +47,31 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("newcomer")
 
 
+# Until it runs its own program a child counts with the memory of the process that made it, and this one is large:
+# a small process stands between.
+_MEASURE = """
+import os, subprocess, sys
+process = subprocess.Popen([sys.executable, *sys.argv[2:]])
+if hasattr(os, "wait4"):
+    _, status, usage = os.wait4(process.pid, 0)
+    memory = usage.ru_maxrss / (1024.0 * (1024.0 if sys.platform == "darwin" else 1.0))
+    code = os.waitstatus_to_exitcode(status)
+else:  # Windows does not tell the memory of a child
+    memory, code = 0.0, process.wait()
+with open(sys.argv[1], "w") as file:
+    file.write(str(memory))
+sys.exit(code)
+"""
+
+
 def run_demo(folder: Path, *words: str) -> tuple[str, float]:
     """Standard output and peak memory [MB] of one demo, as a process of its own."""
     with (folder / "out.txt").open("w") as out, (folder / "err.txt").open("w") as err:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "ipmclab", "demo", *words], stdout=out, stderr=err, cwd=folder
-        )
-        if not hasattr(os, "wait4"):  # Windows does not tell the memory of a child
-            assert process.wait() == 0
-            return (folder / "out.txt").read_text(encoding="utf-8"), 0.0
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0, (folder / "err.txt").read_text(encoding="utf-8")
+        command = [sys.executable, "-c", _MEASURE, str(folder / "memory.txt"), "-m", "ipmclab", "demo", *words]
+        status = subprocess.run(command, check=False, stdout=out, stderr=err, cwd=folder).returncode
+    assert status == 0, (folder / "err.txt").read_text(encoding="utf-8")
     assert (folder / "err.txt").read_text(encoding="utf-8") == ""
-    megabyte = 1024.0 * (1024.0 if sys.platform == "darwin" else 1.0)
-    return (folder / "out.txt").read_text(encoding="utf-8"), usage.ru_maxrss / megabyte
+    return (folder / "out.txt").read_text(encoding="utf-8"), float((folder / "memory.txt").read_text())
 
 
 @pytest.fixture(scope="module")
