@@ -46,6 +46,10 @@ _MULTIPLES: Final[dict[str, dict[str, float]]] = {
     "kg/m^2": {"kg/m^2": 1.0, "g/m^2": 1e-3, "mg/cm^2": 1e-2},
     "Hz": {"Hz": 1.0, "mHz": 1e-3, "kHz": 1e3, "S/s": 1.0, "kS/s": 1e3, "1/s": 1.0},
     "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+    "A/m^2": {"A/m^2": 1.0, "mA/cm^2": 10.0, "mA/m^2": 1e-3},
+    "S/m^2": {"S/m^2": 1.0},
+    "A/V^2/m^2": {"A/V^2/m^2": 1.0},
+    "A/V^3/m^2": {"A/V^3/m^2": 1.0},
     "degC": {"degC": 1.0},
     "percent": {"percent": 1.0, "%": 1.0, "%RH": 1.0},
 }
@@ -110,6 +114,7 @@ ANGLE = Quantity("angle", "rad", "deg", "φ")
 CHARGE = Quantity("charge", "C", "C", "Q")
 POWER = Quantity("power", "W", "W", "P")
 ENERGY = Quantity("energy", "J", "J", "E")
+CURRENT_DENSITY = Quantity("current density", "A/m^2", "A/m^2", "j")
 SLEW_RATE = Quantity("slew rate", "V/s", "V/s")
 
 CHANNELS: Final[dict[str, Quantity]] = {

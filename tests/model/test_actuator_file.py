@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, IpmclabError, Sample, load_actuator, write_actuator
 from ipmclab.model import OUTPUTS, Actuator, actuator_from_text, actuator_to_text, library_names
-from ipmclab.model.actuator import declarations
+from ipmclab.model.structure import Structure
 from tests.independent.thesis import FRIEND_2
 
 FRIEND_2_TEXT = (resources.files("ipmclab.model") / "library" / "friend-2.toml").read_text(encoding="utf-8")
@@ -28,7 +28,7 @@ def test_friend_2_is_the_published_tables(friend_2: Actuator) -> None:
     assert library_names() == ["friend-2"]
     for name, value in FRIEND_2.dotted().items():
         assert friend_2[name] == pytest.approx(value, rel=1e-15), name
-    assert list(friend_2.parameters()) == list(declarations(2))
+    assert list(friend_2.parameters()) == list(Structure(2).declarations)
     # Tables 4.1 and 4.2 and the appendix, digit by digit.
     assert friend_2["coupling.gain"] == 6.79e-9
     assert friend_2["geometry.thickness"] == 0.245e-3
@@ -49,7 +49,7 @@ def test_library_file_reads_back_from_its_own_writing(friend_2: Actuator) -> Non
 @st.composite
 def actuators(draw: st.DrawFn) -> Actuator:
     values, uncertainties = {}, {}
-    for name, declaration in declarations(draw(st.integers(1, 4))).items():
+    for name, declaration in Structure(draw(st.integers(1, 4))).declarations.items():
         if declaration.transform == "log":
             low, high = math.log(declaration.lower), math.log(declaration.upper)
             value = math.exp(draw(st.floats(low, high)))

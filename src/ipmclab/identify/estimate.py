@@ -21,8 +21,8 @@ from ipmclab.identify.start import StartingPoint, fastest_rate, leak_shares, oth
 from ipmclab.identify.starts import is_idle, not_at_rest
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.model import Actuator
-from ipmclab.model.actuator import count_branches
 from ipmclab.model.parameters import Parameter
+from ipmclab.model.structure import Structure
 from ipmclab.run import Finding
 
 FloatArray = npt.NDArray[np.float64]
@@ -330,7 +330,7 @@ def _impossible_current(problem: Problem, solution: Solution, record: Record) ->
     if reading is None or not len(reading.measured):
         return None
     values = problem.values(solution.theta, record.place)
-    series = lumped(count_branches(values), values, record.series_resistance).series
+    series = lumped(Structure.of(values).branches, values, record.series_resistance).series
     voltage = record.run.voltage
     most = (max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)) / series if series else np.inf
     noise = problem.noise[record.place, "current"]

@@ -14,6 +14,7 @@ from ipmclab.model.parameters import Parameter
 from ipmclab.model.sensitivity import Sensitivities, sensitivities, simulate_outputs
 from ipmclab.model.simulate import simulate
 from ipmclab.model.stepping import Simulator
+from ipmclab.model.variants import with_stages
 
 __all__ = [
     "OUTPUTS",
@@ -28,5 +29,6 @@ __all__ = [
     "sensitivities",
     "simulate",
     "simulate_outputs",
+    "with_stages",
     "write_actuator",
 ]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
-from types import MappingProxyType
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -15,11 +14,10 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
 from ipmclab.model.assemble import System, assemble
-from ipmclab.model.beam import Beam
 from ipmclab.model.blocks import Block
 from ipmclab.model.circuit import Circuit, Elements
-from ipmclab.model.coupling import Coupling
-from ipmclab.model.parameters import Declaration, Parameter, Values
+from ipmclab.model.parameters import Parameter, Values
+from ipmclab.model.structure import Structure
 from ipmclab.sample import Sample
 
 if TYPE_CHECKING:
@@ -37,16 +35,9 @@ OUTPUTS: Final = ("current", "applied_voltage", "displacement", "force")
 _PORTS: Final = {"applied_voltage": "node_voltage"}
 
 
-@cache
-def declarations(branches: int) -> Mapping[str, Declaration]:
-    """Every parameter of an actuator with that many RC branches, by name, in the order of its file."""
-    every = (*geometry.DECLARATIONS, *Circuit(branches).declarations, *Coupling.declarations, *Beam.declarations)
-    return MappingProxyType({declaration.name: declaration for declaration in every})
-
-
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """The model of a sample: its dimensions and the stages circuit, coupling and beam.
+    """The model of a sample: its dimensions and its stages; which stages it has, its parameters tell.
 
     Parameters
     ----------
@@ -84,7 +75,7 @@ class Actuator:
 
     def __post_init__(self) -> None:
         given = dict(self.parameter_values)
-        known = declarations(count_branches(given))
+        known = Structure.of(given).declarations
         for name in (*given, *self.standard_uncertainties):
             if name not in known:
                 raise unknown_parameter(name, known)
@@ -139,7 +130,7 @@ class Actuator:
                 transform=declaration.transform,
                 standard_uncertainty=self.standard_uncertainties.get(name, 0.0),
             )
-            for name, declaration in declarations(self.circuit.branches).items()
+            for name, declaration in self.structure.declarations.items()
         }
 
     def replace(self, **changes: float) -> Actuator:
@@ -165,9 +156,14 @@ class Actuator:
         return replace(self, parameter_values=values, standard_uncertainties=kept, fit_table=None)
 
     @cached_property
+    def structure(self) -> Structure:
+        """Which stages this actuator has."""
+        return Structure.of(self.parameter_values)
+
+    @cached_property
     def circuit(self) -> Circuit:
-        """The circuit stage."""
-        return Circuit(count_branches(self.parameter_values))
+        """The lumped circuit of these branches, whatever else the electrodes and the leak do."""
+        return Circuit(self.structure.branches)
 
     def circuit_elements(self) -> Elements:
         """The lumped elements R_e, R_dc, R_Ci and C_i (Friend, eqs 4.1 to 4.6).
@@ -181,14 +177,15 @@ class Actuator:
         return self.circuit.elements(self.parameter_values)
 
     def blocks(self, values: Values | None = None) -> tuple[Block, ...]:
-        """The block of each stage, for these or for other (also complex) parameter values."""
+        """The linear blocks of the stages, for these or for other (also complex) parameter values."""
         at = self.parameter_values if values is None else values
-        return self.circuit.block(at), Coupling().block(at), Beam().block(at)
+        return self.structure.blocks(at)
 
     def assembled(self, values: Values | None = None) -> System:
         """The joined system, for these or for other (also complex) parameter values."""
         ports = [_PORTS.get(name, name) for name in OUTPUTS]
-        return assemble(self.blocks(values), external="voltage", outputs=ports)
+        at = self.parameter_values if values is None else values
+        return assemble(self.blocks(at), external="voltage", outputs=ports, laws=self.structure.laws(at))
 
     @cached_property
     def system(self) -> System:
@@ -252,11 +249,6 @@ class Actuator:
         from ipmclab.model.export import to_control
 
         return to_control(self)
-
-
-def count_branches(names: Iterable[str]) -> int:
-    """How many RC branches these parameter names speak of; at least 1, so that a lack of them is found."""
-    return max(1, len({name.split(".")[2] for name in names if name.startswith("circuit.branches.")}))
 
 
 def unknown_parameter(name: str, known: Iterable[str]) -> InputError:

@@ -12,13 +12,17 @@ from typing import Any, Final
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
-from ipmclab.model.actuator import Actuator, count_branches, declarations
+from ipmclab.model.actuator import Actuator
 from ipmclab.model.parameters import Declaration
+from ipmclab.model.structure import Structure
+from ipmclab.model.variants import with_stages
 from ipmclab.sample import Sample
 from ipmclab.units import Quantity, format_quantity, parse_quantity
 
 _LIBRARY: Final = resources.files("ipmclab.model") / "library"
-_TABLES: Final = ("geometry", "circuit", "coupling", "beam")
+_TABLES: Final = (
+    *("geometry", "circuit", "clamp", "line", "leak", "coupling", "relaxation", "beam", "viscoelastic", "laser"),
+)
 _OTHER_KEYS: Final = ("name", "sample", "fit")
 _UNCERTAIN_KEYS: Final = ("value", "standard_uncertainty")
 _RUN_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
@@ -41,7 +45,8 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     Parameters
     ----------
     name_or_path : str or Path
-        A library name (``"friend-2"``) or the path of a file.
+        A library name (``"friend-2"``) or the path of a file; further stages may follow, each after a plus
+        (``"friend-2+leak.cubic"``, see ``with_stages``).
 
     Returns
     -------
@@ -61,6 +66,9 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
         text = (_LIBRARY / f"{name_or_path}.toml").read_text(encoding="utf-8")
         return actuator_from_text(text, where=name_or_path)
     path = Path(name_or_path)
+    if isinstance(name_or_path, str) and "+" in name_or_path and not path.exists():
+        base, *stages = name_or_path.split("+")
+        return with_stages(load_actuator(base.strip()), *stages)
     _refuse_other_things(path)
     try:
         text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
@@ -147,7 +155,7 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
 
 def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, float], dict[str, float]]:
     given = dict(_flatten(tables, ""))
-    known = declarations(count_branches(given))
+    known = Structure.of(given).declarations
     for name in given:
         if name not in known:
             parent = name.rpartition(".")[0]
@@ -265,8 +273,8 @@ def actuator_to_text(actuator: Actuator) -> str:
         parent, _, key = name.rpartition(".")
         if parent != table:
             table = parent
-            is_branch = parent.startswith("circuit.branches.")
-            lines.append("[[circuit.branches]]" if is_branch else f"[{parent}]")
+            array, _, last = parent.rpartition(".")
+            lines.append(f"[[{array}]]" if last.isdecimal() else f"[{parent}]")
         value = _number_text(parameter.value, parameter.quantity)
         if parameter.standard_uncertainty > 0:
             uncertainty = _number_text(parameter.standard_uncertainty, parameter.quantity)

@@ -7,7 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ipmclab.model.blocks import Block, Matrix
+from ipmclab.model.blocks import Block, Law, Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class LawPorts:
+    """The static laws of a system, and how it is joined to them.
+
+    With w the vector of what the laws give and p of what they read, w = law(p), the system is
+    ``x' = a x + b v + drive w``, ``y = c x + d v + reach w`` and ``p = c_law x + d_law v + loop w``.
+
+    Parameters
+    ----------
+    laws : tuple of Law
+        One for each entry of w and p.
+    drive, reach, c, d, loop : matrix
+        Shapes (n_states, n_laws), (n_outputs, n_laws), (n_laws, n_states), (n_laws, 1), (n_laws, n_laws); SI units.
+    """
+
+    laws: tuple[Law, ...]
+    drive: Matrix
+    reach: Matrix
+    c: Matrix
+    d: Matrix
+    loop: Matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +43,8 @@ class System:
         Names of the states, and of the ports that are read.
     a, b, c, d : matrix
         Shapes (n_states, n_states), (n_states, 1), (n_outputs, n_states), (n_outputs, 1); SI units.
+    law_ports : LawPorts, optional
+        Static laws at ports; None in a linear system.
     """
 
     states: tuple[str, ...]
@@ -28,9 +53,10 @@ class System:
     b: Matrix
     c: Matrix
     d: Matrix
+    law_ports: LawPorts | None = None
 
 
-def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> System:
+def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str], laws: Sequence[Law] = ()) -> System:
     """Join blocks: an input port is driven by the output port of that name, or from outside.
 
     With the blocks stacked to ``y = C x + D u`` and their inputs ``u = E y + F v``, the joined
@@ -43,6 +69,8 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) 
         The port that is driven from outside.
     outputs : sequence of str
         The ports that the system gives out.
+    laws : sequence of Law
+        Each reads an output port and drives an input port; it stays outside the linear system.
 
     Raises
     ------
@@ -53,11 +81,13 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) 
     output_ports = [port for block in blocks for port in block.outputs]
     input_ports = [port for block in blocks for port in block.inputs]
     drivers = {port: row for row, port in enumerate(output_ports)}
-    if len(drivers) < len(output_ports) or external in drivers:
-        raise ValueError(f"a port has two drivers: {sorted([external, *output_ports])}")
-    missing = [port for port in (*input_ports, *outputs) if port not in drivers and port != external]
+    outside = [external, *(law.current for law in laws)]
+    if len(drivers) < len(output_ports) or set(outside) & set(drivers) or len(set(outside)) < len(outside):
+        raise ValueError(f"a port has two drivers: {sorted([*outside, *output_ports])}")
+    read = [*outputs, *(law.voltage for law in laws)]
+    missing = [port for port in (*input_ports, *read) if port not in drivers and port not in outside]
     if missing:
-        raise ValueError(f"nothing drives the ports {missing}; there are {[external, *output_ports]}")
+        raise ValueError(f"nothing drives the ports {missing}; there are {[*outside, *output_ports]}")
 
     n = sum(len(block.states) for block in blocks)
     kind = np.result_type(float, *(matrix for block in blocks for matrix in (block.a, block.b, block.c, block.d)))
@@ -72,10 +102,10 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) 
         c[rows, states], d[rows, columns] = block.c, block.d
 
     joined = np.zeros((len(input_ports), len(output_ports)))
-    driven = np.zeros((len(input_ports), 1))
+    driven = np.zeros((len(input_ports), len(outside)))
     for index, port in enumerate(input_ports):
-        if port == external:
-            driven[index] = 1.0
+        if port in outside:
+            driven[index, outside.index(port)] = 1.0
         else:
             joined[index, drivers[port]] = 1.0
     try:
@@ -83,12 +113,24 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) 
     except np.linalg.LinAlgError as error:
         raise ValueError(f"the ports {input_ports} form a loop that has no solution") from error
     from_states, from_outside = solved[:, :n], solved[:, n:]
+    a, b, c, d = a + b @ from_states, b @ from_outside, c + d @ from_states, d @ from_outside
     chosen = [drivers[port] for port in outputs]
+    at_laws = [drivers[law.voltage] for law in laws]
     return System(
         states=tuple(name for block in blocks for name in block.states),
         outputs=tuple(outputs),
-        a=a + b @ from_states,
-        b=b @ from_outside,
-        c=c[chosen] + d[chosen] @ from_states,
-        d=d[chosen] @ from_outside,
+        a=a,
+        b=b[:, :1],
+        c=c[chosen],
+        d=d[chosen, :1],
+        law_ports=LawPorts(
+            laws=tuple(laws),
+            drive=b[:, 1:],
+            reach=d[chosen, 1:],
+            c=c[at_laws],
+            d=d[at_laws, :1],
+            loop=d[at_laws, 1:],
+        )
+        if laws
+        else None,
     )

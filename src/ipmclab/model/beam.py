@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Final
 
 from ipmclab.model.blocks import Block, block
 from ipmclab.model.parameters import Declaration, Values
-from ipmclab.units import DENSITY, MODULUS, NUMBER
+from ipmclab.units import ANGULAR_RATE, DENSITY, MODULUS, NUMBER
 
 GAMMA: Final = 1.875
 """First solution of the clamped beam's characteristic equation, as rounded in Friend, section 4.2."""
@@ -27,11 +27,26 @@ class Beam:
     The thesis gives no damping; 0.05 is ours. The blocked force has no beam factor (eq. 4.9).
     """
 
-    declarations: ClassVar[tuple[Declaration, ...]] = (
-        Declaration("beam.density", DENSITY, "ρ_m", 1.0, 1e5),
-        Declaration("beam.modulus", MODULUS, "Y", 1e3, 1e13),
-        Declaration("beam.damping_ratio", NUMBER, "ζ", 1e-6, 100.0, default=0.05),
-    )
+    viscoelastic: int = 0
+
+    @property
+    def declarations(self) -> tuple[Declaration, ...]:
+        """The parameters of this stage."""
+        modes = (
+            declaration
+            for i in range(self.viscoelastic)
+            for declaration in (
+                Declaration(f"viscoelastic.{i}.amplitude", NUMBER, f"α_{i + 1}", 0.0, 1e3, "linear", typical=0.3),
+                Declaration(f"viscoelastic.{i}.damping_ratio", NUMBER, f"ζ_{i + 1}", 1e-3, 1e4, typical=2.0),
+                Declaration(f"viscoelastic.{i}.frequency", ANGULAR_RATE, f"ω_{i + 1}", 1e-6, 1e9, typical=10.0),
+            )
+        )
+        return (
+            Declaration("beam.density", DENSITY, "ρ_m", 1.0, 1e5),
+            Declaration("beam.modulus", MODULUS, "Y", 1e3, 1e13),
+            Declaration("beam.damping_ratio", NUMBER, "ζ", 1e-6, 100.0, default=0.05),
+            *modes,
+        )
 
     def block(self, values: Values) -> Block:
         """Drives [m] to ``displacement`` [m] and ``force`` [N]; its states are displacement and velocity."""

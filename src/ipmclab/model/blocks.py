@@ -34,6 +34,26 @@ class Block:
     d: Matrix
 
 
+@dataclass(frozen=True)
+class Law:
+    """A static, odd and monotone law between two ports: the current that leaks at a voltage.
+
+    Parameters
+    ----------
+    voltage, current : str
+        The port that it reads, and the port that it drives.
+    form : int
+        Place of its form in ``leak.FORMS``.
+    coefficients : tuple of three numbers
+        What the form needs, in its order, the area included [A and V].
+    """
+
+    voltage: str
+    current: str
+    form: int
+    coefficients: tuple[complex, complex, complex]
+
+
 def block(
     *,
     states: Sequence[str],

@@ -36,9 +36,15 @@ class Circuit:
     ----------
     branches : int
         Number of RC branches, at least 1.
+    leak : bool
+        Whether a current leaks past the branches; it then has the input port ``leak_current`` [A].
+    clamp : bool
+        Whether a part of the clamped section is fed directly.
     """
 
     branches: int
+    leak: bool = False
+    clamp: bool = False
 
     @property
     def declarations(self) -> tuple[Declaration, ...]:
@@ -52,11 +58,19 @@ class Circuit:
             declaration
             for i in range(self.branches)
             for declaration in (
-                Declaration(f"circuit.branches.{i}.resistivity", RESISTIVITY, f"ρ_{i + 1}", 1e-6, 1e9),
-                Declaration(f"circuit.branches.{i}.permittivity", PERMITTIVITY, f"ε_{i + 1}", 1e-12, 1e6),
+                Declaration(
+                    f"circuit.branches.{i}.resistivity", RESISTIVITY, f"ρ_{i + 1}", 1e-6, 1e9, typical=0.4 * 30.0**i
+                ),
+                Declaration(
+                    f"circuit.branches.{i}.permittivity", PERMITTIVITY, f"ε_{i + 1}", 1e-12, 1e6, typical=0.1 * 2.0**i
+                ),
             )
         )
         return (*fixed, *branches)
+
+    def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
+        """Where it leaks: at the node, over the whole area."""
+        return (("node_voltage", "leak_current", geometry.area(values)),)
 
     def elements(self, values: Values) -> Elements:
         """The lumped elements (Friend, eqs 4.1 to 4.6)."""
@@ -80,13 +94,18 @@ class Circuit:
         from_voltage = 1.0 / (element.series * conductance)
         from_state = [1.0 / (r * conductance) for r in resistances]
         indices = range(self.branches)
+        # What leaks pulls at the node like a source of current: it lowers the node and loads the electrodes.
+        drawn = [1.0 / conductance] if self.leak else []
         rates = [1.0 / (resistances[i] * capacitances[i]) for i in indices]
         return block(
             states=[f"circuit.branches.{i}.voltage" for i in indices],
-            inputs=["voltage"],
+            inputs=["voltage", "leak_current"] if self.leak else ["voltage"],
             outputs=["current", "node_voltage"],
             a=[[rates[i] * (from_state[j] - (1.0 if i == j else 0.0)) for j in indices] for i in indices],
-            b=[[rates[i] * from_voltage] for i in indices],
+            b=[[rates[i] * from_voltage, *(-rates[i] * drop for drop in drawn)] for i in indices],
             c=[[-weight / element.series for weight in from_state], from_state],
-            d=[[(1.0 - from_voltage) / element.series], [from_voltage]],
+            d=[
+                [(1.0 - from_voltage) / element.series, *(drop / element.series for drop in drawn)],
+                [from_voltage, *(-drop for drop in drawn)],
+            ],
         )

@@ -18,6 +18,10 @@ class Coupling:
     because the charge in the branches is V_appl times the same equivalent permittivity by which (4.7) divides.
     """
 
+    displacement_fast: bool = False
+    force_fast: bool = False
+    """Whether a slow mode follows, which then drives the beam; this stage gives the fast part to it."""
+
     declarations: ClassVar[tuple[Declaration, ...]] = (
         Declaration("coupling.gain", COUPLING_GAIN, "K_d", 1e-15, 1.0),
         Declaration("coupling.zero", ANGULAR_RATE, "Z_d", 1e-6, 1e9),
@@ -35,7 +39,10 @@ class Coupling:
         return block(
             states=["coupling.filtered_voltage", "coupling.filtered_voltage_rate"],
             inputs=["node_voltage"],
-            outputs=["displacement_drive", "force_drive"],
+            outputs=[
+                "fast_displacement_drive" if self.displacement_fast else "displacement_drive",
+                "fast_force_drive" if self.force_fast else "force_drive",
+            ],
             a=[[0.0, 1.0], [-p2, -values["coupling.p1"]]],
             b=[[0.0], [p2]],
             c=[drive, drive],

@@ -42,6 +42,11 @@ def area_per_thickness(values: Values) -> complex:
     return length * values["geometry.width"] / values["geometry.thickness"]
 
 
+def area(values: Values) -> complex:
+    """(L_f + L_c) w [m^2]: what is plated on each face."""
+    return (values["geometry.free_length"] + values["geometry.clamped_length"]) * values["geometry.width"]
+
+
 def squares(values: Values) -> complex:
     """(L_f + L_c) / w: the number of squares of one electrode (Friend, eq. 4.1)."""
     return (values["geometry.free_length"] + values["geometry.clamped_length"]) / values["geometry.width"]

@@ -10,7 +10,7 @@ from typing import Literal
 from ipmclab.errors import InputError
 from ipmclab.units import Quantity
 
-Transform = Literal["log", "linear"]
+Transform = Literal["log", "linear", "count"]
 Values = Mapping[str, complex]
 """Parameters by dotted name, in SI units: floats, or complex where a derivative is taken."""
 
@@ -30,10 +30,12 @@ class Declaration:
     lower, upper : float [SI]
         The allowed range, ends included: far beyond what a strip can have, so that only
         a slip (a wrong unit, a lost exponent) falls outside.
-    transform : "log" or "linear"
-        The scale on which a fit moves the parameter.
+    transform : "log", "linear" or "count"
+        The scale on which a fit moves the parameter; a count is never moved.
     default : float [SI], optional
         The value where a file says nothing; None when it must be given.
+    typical : float [SI], optional
+        A usual size, with which a stage is added to an actuator; where it is left out, the default.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Declaration:
     upper: float
     transform: Transform = "log"
     default: float | None = None
+    typical: float | None = None
 
     def check(self, value: float, *, where: str) -> None:
         """Refuse a value outside the allowed range.
@@ -52,6 +55,13 @@ class Declaration:
         InputError
         """
         if math.isfinite(value) and self.lower <= value <= self.upper:
+            if self.transform == "count" and value != round(value):
+                raise InputError(
+                    f"the value {value:.15g} is not a whole number",
+                    code="out-of-range",
+                    where=where,
+                    repair=f"give a whole number from {self.lower:g} to {self.upper:g}",
+                )
             return
         unit = f" {self.quantity.unit}" if self.quantity.unit else ""
         raise InputError(
@@ -76,7 +86,7 @@ class Parameter:
     symbol : str
     quantity : Quantity
     lower, upper : float [SI]
-    transform : "log" or "linear"
+    transform : "log", "linear" or "count"
     standard_uncertainty : float [SI]
         0 when none was stated: the value is then taken as exact.
     """

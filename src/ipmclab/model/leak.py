@@ -1,0 +1,92 @@
+"""Leak: the current that electrolysis draws past the branches, a static monotone law at each node."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.model.blocks import Block, Law, block
+from ipmclab.model.parameters import Declaration, Values
+from ipmclab.units import CURRENT_DENSITY, NUMBER, TIME, VOLTAGE, Quantity
+
+FORMS: Final = ("cubic", "exponential", "butler_volmer")
+"""Forms of the law, in the order of the numbers by which the compiled loops know them."""
+
+_PER_V = Quantity("conductance per area", "S/m^2", "S/m^2")
+_PER_V2 = Quantity("current density per squared voltage", "A/V^2/m^2", "A/V^2/m^2")
+_PER_V3 = Quantity("current density per cubed voltage", "A/V^3/m^2", "A/V^3/m^2")
+
+_DECLARATIONS: Final = {
+    "cubic": (
+        Declaration("leak.cubic.linear", _PER_V, "a_1", 0.0, 1e9, "linear", typical=0.0),
+        Declaration("leak.cubic.quadratic", _PER_V2, "a_2", 0.0, 1e9, "linear", typical=0.0),
+        Declaration("leak.cubic.cubic", _PER_V3, "a_3", 0.0, 1e9, "linear", typical=3.0),
+    ),
+    "exponential": (
+        Declaration("leak.exponential.current_density", CURRENT_DENSITY, "j_0", 0.0, 1e9, "linear", typical=10.0),
+        Declaration("leak.exponential.threshold", VOLTAGE, "V_th", 0.0, 10.0, "linear", typical=1.23),
+        Declaration("leak.exponential.voltage_scale", VOLTAGE, "V_s", 1e-3, 100.0, typical=0.5),
+    ),
+    "butler_volmer": (
+        Declaration("leak.butler_volmer.current_density", CURRENT_DENSITY, "j_0", 0.0, 1e9, "linear", typical=10.0),
+        Declaration("leak.butler_volmer.threshold", VOLTAGE, "V_rev", 0.0, 10.0, "linear", typical=1.23),
+        Declaration("leak.butler_volmer.voltage_scale", VOLTAGE, "V_s", 1e-3, 100.0, typical=0.5),
+    ),
+}
+_SLOW: Final = (
+    Declaration("leak.slow.growth", NUMBER, "g", 0.0, 1e3, "linear", typical=0.5),
+    Declaration("leak.slow.time_constant", TIME, "τ_g", 1e-3, 1e6, typical=60.0),
+)
+
+
+@dataclass(frozen=True)
+class Leak:
+    """An odd, monotone current density over the voltage behind the electrodes, in parallel with R_dc.
+
+    Parameters
+    ----------
+    form : str
+        One of ``FORMS``.
+    slow : bool
+        Whether a part of the current follows the law slowly: i + g (i behind a lag).
+    """
+
+    form: str
+    slow: bool = False
+
+    @property
+    def declarations(self) -> tuple[Declaration, ...]:
+        """The parameters of this stage."""
+        return (*_DECLARATIONS[self.form], *(_SLOW if self.slow else ()))
+
+    def laws(self, values: Values, ports: Sequence[tuple[str, str, complex]]) -> tuple[Law, ...]:
+        """The law at each place where the electrodes leak, its current density times the area there."""
+        names = [declaration.name for declaration in _DECLARATIONS[self.form]]
+        first, second, third = (values[name] for name in names)
+        found = []
+        for voltage, current, area in ports:
+            port = f"static_{current}" if self.slow else current
+            numbers = (
+                (first * area, second * area, third * area) if self.form == "cubic" else (first * area, second, third)
+            )
+            found.append(Law(voltage, port, FORMS.index(self.form), numbers))
+        return tuple(found)
+
+    def blocks(self, values: Values, ports: Sequence[tuple[str, str, complex]]) -> tuple[Block, ...]:
+        """The slow part of each leak: the static current, and it once more behind a lag."""
+        if not self.slow:
+            return ()
+        growth, rate = values["leak.slow.growth"], 1.0 / values["leak.slow.time_constant"]
+        return tuple(
+            block(
+                states=[f"leak.slow.{current}"],
+                inputs=[f"static_{current}"],
+                outputs=[current],
+                a=[[-rate]],
+                b=[[rate]],
+                c=[[growth]],
+                d=[[1.0]],
+            )
+            for _, current, _ in ports
+        )

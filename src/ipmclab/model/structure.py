@@ -1,0 +1,162 @@
+"""Structure: which stages an actuator has, read off the names of its parameters.
+
+A stage that an actuator's file does not name is not there. Everything else, from simulation to the fit,
+asks the structure for declarations, blocks and laws, and never for a stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+
+from ipmclab.errors import InputError
+from ipmclab.model import geometry
+from ipmclab.model.beam import Beam
+from ipmclab.model.blocks import Block, Law
+from ipmclab.model.circuit import Circuit
+from ipmclab.model.coupling import Coupling
+from ipmclab.model.laser import Laser
+from ipmclab.model.leak import FORMS, Leak
+from ipmclab.model.line import Line
+from ipmclab.model.parameters import Declaration, Values
+from ipmclab.model.relaxation import Relaxation
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which stages there are, and how many branches and modes each has.
+
+    Parameters
+    ----------
+    branches : int
+        RC branches, at least 1.
+    leak : str
+        Form of the nonlinear leak, one of ``leak.FORMS``; empty where there is none.
+    slow_leak : bool
+        Whether the leak current has a slow part.
+    clamp : bool
+        Whether the clamped section is fed directly.
+    line : "modes", "segments" or ""
+        How the electrode is distributed; empty where it is lumped.
+    displacement_modes, force_modes : int
+        Slow modes of each drive.
+    viscoelastic : int
+        Modes of the modulus.
+    laser : bool
+        Whether the displacement is what a laser at a fixed place reads, with large bending.
+    """
+
+    branches: int
+    leak: str = ""
+    slow_leak: bool = False
+    clamp: bool = False
+    line: str = ""
+    displacement_modes: int = 0
+    force_modes: int = 0
+    viscoelastic: int = 0
+    laser: bool = False
+
+    @classmethod
+    def of(cls, names: Iterable[str]) -> Structure:
+        """The structure that these parameter names speak of.
+
+        Raises
+        ------
+        InputError
+            Names of two forms of one stage.
+
+        Examples
+        --------
+        >>> Structure.of(["circuit.branches.0.resistivity", "leak.cubic.cubic"])
+        Structure(branches=1, leak='cubic', ...)
+        """
+        given = set(names)
+        forms = _one_of("leak", [form for form in FORMS if _under(given, f"leak.{form}.")])
+        line = _one_of("line", [kind for kind in ("modes", "segments") if f"line.{kind}" in given])
+        return cls(
+            branches=max(1, _count(given, "circuit.branches.")),
+            leak=forms or (FORMS[0] if _under(given, "leak.") else ""),
+            slow_leak=_under(given, "leak.slow."),
+            clamp=_under(given, "clamp."),
+            line=line or ("modes" if _under(given, "line.") else ""),
+            displacement_modes=_count(given, "relaxation.displacement."),
+            force_modes=_count(given, "relaxation.force."),
+            viscoelastic=_count(given, "viscoelastic."),
+            laser=_under(given, "laser."),
+        )
+
+    @property
+    def declarations(self) -> Mapping[str, Declaration]:
+        """Every parameter by name, in the order of a file."""
+        return _declarations(self)
+
+    @property
+    def electrical(self) -> Circuit | Line:
+        """The stage from the voltage to the current and to what is behind the electrodes."""
+        if self.line:
+            return Line(self.branches, kind=self.line, leak=bool(self.leak), clamp=self.clamp)
+        return Circuit(self.branches, leak=bool(self.leak), clamp=self.clamp)
+
+    @property
+    def stages(self) -> tuple[Circuit | Line | Leak | Coupling | Relaxation | Beam | Laser, ...]:
+        """The stages in the order of the cascade."""
+        found: list[Circuit | Line | Leak | Coupling | Relaxation | Beam | Laser] = [self.electrical]
+        if self.leak:
+            found.append(Leak(self.leak, slow=self.slow_leak))
+        found.append(Coupling(displacement_fast=self.displacement_modes > 0, force_fast=self.force_modes > 0))
+        if self.displacement_modes:
+            found.append(Relaxation("displacement", self.displacement_modes))
+        if self.force_modes:
+            found.append(Relaxation("force", self.force_modes))
+        found.append(Beam(self.viscoelastic))
+        if self.laser:
+            found.append(Laser())
+        return tuple(found)
+
+    def blocks(self, values: Values) -> tuple[Block, ...]:
+        """The linear blocks of all stages for a parameter vector, in the order of the cascade."""
+        law_ports = self.law_ports(values)
+        found: list[Block] = []
+        for stage in self.stages:
+            if isinstance(stage, Leak):
+                found += stage.blocks(values, law_ports)
+            elif not isinstance(stage, Laser):
+                found.append(stage.block(values))
+        return tuple(found)
+
+    def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
+        """Where a leak sits: port of the voltage, port of the current, and the area [m^2] that leaks there."""
+        return self.electrical.law_ports(values) if self.leak else ()
+
+    def laws(self, values: Values) -> tuple[Law, ...]:
+        """The static laws at ports, empty for a linear actuator."""
+        if not self.leak:
+            return ()
+        return Leak(self.leak, slow=self.slow_leak).laws(values, self.law_ports(values))
+
+
+@cache
+def _declarations(structure: Structure) -> Mapping[str, Declaration]:
+    every = (*geometry.DECLARATIONS, *(d for stage in structure.stages for d in stage.declarations))
+    return MappingProxyType({declaration.name: declaration for declaration in every})
+
+
+def _under(names: set[str], prefix: str) -> bool:
+    return any(name.startswith(prefix) for name in names)
+
+
+def _count(names: set[str], prefix: str) -> int:
+    return len({name.removeprefix(prefix).split(".")[0] for name in names if name.startswith(prefix)})
+
+
+def _one_of(stage: str, found: list[str]) -> str:
+    if len(found) > 1:
+        raise InputError(
+            f"there are {' and '.join(found)}, a strip has one of them",
+            code="two-forms",
+            where=stage,
+            repair=f"keep one of {', '.join(f'{stage}.{one}' for one in found)}",
+        )
+    return found[0] if found else ""
