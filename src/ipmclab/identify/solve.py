@@ -159,7 +159,7 @@ def null_directions(here: Evaluation) -> FloatArray:
     return found
 
 
-def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300) -> Solution:
+def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, tolerance: float = 1e-10) -> Solution:
     """Trust-region reflective least squares with the exact Jacobian (SciPy's TRF).
 
     Parameters
@@ -169,6 +169,10 @@ def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300) ->
         Where the search starts; it is moved inside the bounds.
     evaluations : int
         Limit of model evaluations.
+    tolerance : float
+        The search ends when a step lowers the cost by less than this part of it, or moves the entries by less than
+        this part of their length. At a minimum with large residuals steps shrink only by a constant factor, and the
+        entries then have about half as many digits as the tolerance.
     """
     from scipy.optimize import least_squares
 
@@ -191,9 +195,9 @@ def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300) ->
         jac=lambda point: at(point).triangle[:, :-1],
         bounds=(problem.lower, problem.upper),
         x_scale="jac",
-        ftol=1e-10,
-        xtol=1e-10,
-        gtol=1e-10,
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
         max_nfev=evaluations,
     )
     return Solution(found.x, at(found.x), found.status > 0, _REASONS[found.status], int(found.nfev))
