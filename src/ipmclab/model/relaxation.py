@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ipmclab.model.blocks import Block, block
@@ -11,47 +12,78 @@ from ipmclab.units import NUMBER, TIME
 
 @dataclass(frozen=True)
 class Relaxation:
-    """A drive d(s) V less d(0) times slow modes r_i/(1 + tau_i s) of the node voltage.
+    """A drive d(s) V less d(0) times slow modes of the node voltage, each with its ratio r at s = 0.
 
-    With a single fast mode this is G (x1 - r x2): partial relaxation for r < 1, a zero at the origin for r = 1, and
-    for r > 1 a zero in the right half plane where tau2 > r tau1.
+    A **mode** is r/(1 + tau s). A **pair** is (r + lead s)/(1 + 2 zeta tau s + tau^2 s^2): two real modes where
+    zeta > 1, complex ones where zeta < 1, and regular where the two meet. Modes r1, tau1 and r2, tau2 are the pair with
+    r = r1 + r2, lead = r1 tau2 + r2 tau1, tau^2 = tau1 tau2 and 2 zeta tau = tau1 + tau2: as the time constants meet,
+    r1 and r2 may grow without bound against each other while all four of these stay finite.
+
+    With a single fast mode and one slow mode this is G (x1 - r x2): partial relaxation for r < 1, a zero at the origin
+    for r = 1, and for r > 1 a zero in the right half plane where tau2 > r tau1 (see ``set_point``).
 
     Parameters
     ----------
     drive : "displacement" or "force"
-    modes : int
+        Each may have its own slow modes; which of them is slower differs between samples.
+    modes, pairs : int
     """
 
     drive: str
-    modes: int
+    modes: int = 0
+    pairs: int = 0
 
     @property
     def declarations(self) -> tuple[Declaration, ...]:
         """The parameters of this stage."""
-        return tuple(
-            declaration
-            for i in range(self.modes)
-            for declaration in (
-                Declaration(
-                    f"relaxation.{self.drive}.{i}.ratio", NUMBER, f"r_{i + 1}", -1e3, 1e3, "linear", typical=0.5
-                ),
-                Declaration(
-                    f"relaxation.{self.drive}.{i}.time_constant", TIME, f"τ_{i + 1}", 1e-3, 1e6, typical=10.0 * 10.0**i
-                ),
-            )
-        )
+        return (*self._of_modes(), *self._of_pairs())
+
+    def _of_modes(self) -> Iterator[Declaration]:
+        for i in range(self.modes):
+            name = f"relaxation.{self.drive}.{i}"
+            yield Declaration(f"{name}.ratio", NUMBER, f"r_{i + 1}", -1e3, 1e3, "linear", typical=0.5)
+            yield Declaration(f"{name}.time_constant", TIME, f"τ_{i + 1}", 1e-3, 1e6, typical=10.0 * 10.0**i)
+
+    def _of_pairs(self) -> Iterator[Declaration]:
+        for i in range(self.pairs):
+            name, slow = f"relaxation.{self.drive}_pair.{i}", 10.0 * 10.0**i
+            yield Declaration(f"{name}.ratio", NUMBER, f"r_p{i + 1}", -1e3, 1e3, "linear", typical=0.5)
+            yield Declaration(f"{name}.lead", TIME, f"l_p{i + 1}", -1e9, 1e9, "linear", typical=0.5 * slow)
+            yield Declaration(f"{name}.time_constant", TIME, f"τ_p{i + 1}", 1e-3, 1e6, typical=slow)
+            yield Declaration(f"{name}.damping_ratio", NUMBER, f"ζ_p{i + 1}", 1e-3, 1e4, typical=1.2)
 
     def block(self, values: Values) -> Block:
-        """``fast_..._drive`` and ``node_voltage`` to ``..._drive``; its states are the lagged node voltages [V]."""
+        """``fast_..._drive`` and ``node_voltage`` to ``..._drive``.
+
+        Its states are lagged node voltages [V]: one of each mode; of each pair the filtered voltage and tau times its
+        rate.
+        """
         level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
-        indices = range(self.modes)
-        rates = [1.0 / values[f"relaxation.{self.drive}.{i}.time_constant"] for i in indices]
+        n = self.modes + 2 * self.pairs
+        states: list[str] = []
+        a: list[list[complex]] = [[0.0] * n for _ in range(n)]
+        b: list[list[complex]] = [[0.0, 0.0] for _ in range(n)]
+        weights: list[complex] = []
+        for i in range(self.modes):
+            name = f"relaxation.{self.drive}.{i}"
+            rate = 1.0 / values[f"{name}.time_constant"]
+            a[i][i], b[i][1] = -rate, rate
+            states.append(f"{name}.lagged_voltage")
+            weights.append(values[f"{name}.ratio"])
+        for i in range(self.pairs):
+            name, first = f"relaxation.{self.drive}_pair.{i}", self.modes + 2 * i
+            rate = 1.0 / values[f"{name}.time_constant"]
+            second = first + 1
+            a[first][second], a[second][first] = rate, -rate
+            a[second][second], b[second][1] = -2.0 * values[f"{name}.damping_ratio"] * rate, rate
+            states += [f"{name}.lagged_voltage", f"{name}.lagged_voltage_rate"]
+            weights += [values[f"{name}.ratio"], values[f"{name}.lead"] * rate]
         return block(
-            states=[f"relaxation.{self.drive}.{i}.lagged_voltage" for i in indices],
+            states=states,
             inputs=[f"fast_{self.drive}_drive", "node_voltage"],
             outputs=[f"{self.drive}_drive"],
-            a=[[-rates[i] if i == j else 0.0 for j in indices] for i in indices],
-            b=[[0.0, rates[i]] for i in indices],
-            c=[[-level * values[f"relaxation.{self.drive}.{i}.ratio"] for i in indices]],
+            a=a,
+            b=b,
+            c=[[-level * weight for weight in weights]],
             d=[[1.0, 0.0]],
         )

@@ -46,6 +46,8 @@ class Structure:
         Modes of the modulus.
     laser : bool
         Whether the displacement is what a laser at a fixed place reads, with large bending.
+    displacement_pairs, force_pairs : int
+        Slow modes of each drive that come in pairs, whose poles may meet or be complex.
     """
 
     branches: int
@@ -57,6 +59,8 @@ class Structure:
     force_modes: int = 0
     viscoelastic: int = 0
     laser: bool = False
+    displacement_pairs: int = 0
+    force_pairs: int = 0
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Structure:
@@ -85,6 +89,8 @@ class Structure:
             force_modes=_count(given, "relaxation.force."),
             viscoelastic=_count(given, "viscoelastic."),
             laser=_under(given, "laser."),
+            displacement_pairs=_count(given, "relaxation.displacement_pair."),
+            force_pairs=_count(given, "relaxation.force_pair."),
         )
 
     @property
@@ -105,11 +111,13 @@ class Structure:
         found: list[Circuit | Line | Leak | Coupling | Relaxation | Beam | Laser] = [self.electrical]
         if self.leak:
             found.append(Leak(self.leak, slow=self.slow_leak))
-        found.append(Coupling(displacement_fast=self.displacement_modes > 0, force_fast=self.force_modes > 0))
-        if self.displacement_modes:
-            found.append(Relaxation("displacement", self.displacement_modes))
-        if self.force_modes:
-            found.append(Relaxation("force", self.force_modes))
+        slow = [
+            Relaxation("displacement", self.displacement_modes, self.displacement_pairs),
+            Relaxation("force", self.force_modes, self.force_pairs),
+        ]
+        relaxing = [one for one in slow if one.modes or one.pairs]
+        found.append(Coupling(displacement_fast=slow[0] in relaxing, force_fast=slow[1] in relaxing))
+        found += relaxing
         found.append(Beam(self.viscoelastic))
         if self.laser:
             found.append(Laser())

@@ -12,7 +12,9 @@ from ipmclab.model.structure import Structure
 _COUNTED: Final = {
     "branches": "circuit.branches.",
     "relaxation.displacement": "relaxation.displacement.",
+    "relaxation.displacement_pair": "relaxation.displacement_pair.",
     "relaxation.force": "relaxation.force.",
+    "relaxation.force_pair": "relaxation.force_pair.",
     "viscoelastic": "viscoelastic.",
 }
 _NUMBERED: Final = ("line.modes", "line.segments")
@@ -29,7 +31,8 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
     actuator : Actuator
     *stages : str
         ``leak.cubic``, ``leak.exponential``, ``leak.butler_volmer``, ``leak.slow``, ``clamp``, ``laser``; with a count
-        ``branches=3``, ``relaxation.displacement=2``, ``relaxation.force``, ``viscoelastic``, ``line.modes=12``,
+        ``branches=3``, ``relaxation.displacement=2``, ``relaxation.force``,
+        ``relaxation.displacement_pair``, ``relaxation.force_pair``, ``viscoelastic``, ``line.modes=12``,
         ``line.segments=10``. A stage that is there keeps its values; a count that is smaller takes some away.
 
     Raises

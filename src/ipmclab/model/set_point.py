@@ -1,0 +1,195 @@
+"""Set point: whether a constant displacement or force can be held, given slow modes that oppose the coupling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.model.assemble import System, assemble
+from ipmclab.model.coupling import Coupling
+from ipmclab.model.relaxation import Relaxation
+
+if TYPE_CHECKING:
+    from ipmclab.model.actuator import Actuator
+
+ComplexArray = npt.NDArray[np.complex128]
+Drive = Literal["displacement", "force"]
+Kind = Literal["none", "partial", "washout", "reversal"]
+
+DRIVES: Final[tuple[Drive, ...]] = ("displacement", "force")
+
+_ROUNDING: Final = 1e-12
+"""A ratio within this of 1 is 1; a zero this much smaller than the slowest rate is at the origin."""
+
+
+@dataclass(frozen=True, eq=False)
+class SetPoint:
+    """What the slow modes of one drive mean for holding it.
+
+    Parameters
+    ----------
+    drive : "displacement" or "force"
+    ratio : float
+        r: what the slow modes take back under a constant voltage, as a part of what the coupling gives.
+    kind : "none", "partial", "washout" or "reversal"
+        No slow mode; r < 1; r = 1, a zero at the origin; r > 1.
+    inverse_start : bool
+        Whether a step first moves it against the coupling's direction (of one slow mode: r tau1 > tau2).
+    zeros : complex array, shape (n_zeros,) [1/s]
+        Of the whole drive, the coupling and its slow modes together.
+    """
+
+    drive: Drive
+    ratio: float
+    kind: Kind
+    inverse_start: bool
+    zeros: ComplexArray
+
+    @property
+    def right_half_plane(self) -> ComplexArray:
+        """The zeros with a positive real part [1/s]: whoever inverts the drive grows with them."""
+        return self.zeros[self.zeros.real > 0.0]
+
+    @property
+    def can_be_held(self) -> bool:
+        """Whether a bounded voltage in the original direction holds a constant set point."""
+        return self.ratio < 1.0 - _ROUNDING
+
+    @property
+    def sentence(self) -> str:
+        """What it means for whoever wants to hold a set point."""
+        told = f"{self.drive}: r = {self.ratio:.4g}, {self._held()}"
+        unstable = self.right_half_plane
+        if len(unstable):
+            slowest = float(np.min(np.abs(unstable)))
+            told += (
+                f"; a zero lies in the right half plane, at {slowest:.4g} 1/s (non-minimum phase): its inverse grows, "
+                f"and a loop that holds is slower than about {0.5 * slowest:.3g} rad/s"
+            )
+        if self.inverse_start and self.kind != "none":
+            told += "; a step starts in the inverse direction"
+            if len(unstable):
+                told += f", for about {1.0 / float(np.max(unstable.real)):.2g} s"
+        return told
+
+    def _held(self) -> str:
+        if self.kind == "none":
+            return "no slow mode takes anything back: a constant voltage holds a set point"
+        if self.kind == "partial" and self.ratio <= 0.0:
+            return "the slow modes add to the coupling: it creeps on, and a set point can be held"
+        if self.kind == "partial":
+            return (
+                f"partial relaxation: a constant voltage keeps {1.0 - self.ratio:.3g} of what the coupling gives, so "
+                f"that a set point can be held, with {1.0 / (1.0 - self.ratio):.3g} times the voltage that reaches it "
+                "without relaxation"
+            )
+        if self.kind == "washout":
+            return (
+                "a zero at the origin: under a constant voltage everything is taken back, and a set point is held only "
+                "by a voltage that grows without end, as a ramp; integral action cannot"
+            )
+        return (
+            "the strip ends on the other side: integral action in the original direction cannot hold a set point, and "
+            "drives the voltage to its limit"
+        )
+
+
+def set_point(actuator: Actuator, drive: str = "displacement") -> SetPoint:
+    """Judge whether a set point can be held, from the static gain and the zeros of the whole drive.
+
+    With one fast mode x1 and one slow mode x2 the drive is ``G [(1 - r) + (tau2 - r tau1) s] / ((1 + tau1 s)(1 +
+    tau2 s))``: r < 1 is partial relaxation, r = 1 a zero at the origin; r > 1 with tau2 > r tau1 a zero in the right
+    half plane; and r tau1 > tau2 an inverse start.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    drive : "displacement" or "force"
+
+    Returns
+    -------
+    set_point : SetPoint
+
+    Raises
+    ------
+    InputError
+        Another drive.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> point = set_point(load_actuator("friend-2+relaxation.displacement").replace(
+    ...     **{"relaxation.displacement.0.ratio": 1.4}))
+    >>> point.kind, point.can_be_held, len(point.right_half_plane)
+    ('reversal', False, 1)
+    """
+    if drive not in DRIVES:
+        raise InputError(
+            f"no drive is called {drive!r}", code="unknown-drive", where="drive", repair=suggest(drive, DRIVES)
+        )
+    which: Drive = "force" if drive == "force" else "displacement"
+    values = actuator.parameter_values
+    system = drive_system(actuator, which)
+    ratio = sum(value for name, value in values.items() if _is_ratio(name, which))
+    has_modes = any(_is_ratio(name, which) for name in values)
+    kind: Kind = "partial" if has_modes else "none"
+    if has_modes and ratio > 1.0 - _ROUNDING:
+        kind = "washout" if ratio < 1.0 + _ROUNDING else "reversal"
+    return SetPoint(
+        drive=which,
+        ratio=float(ratio),
+        kind=kind,
+        inverse_start=bool((system.c @ system.b)[0, 0] < 0.0),
+        zeros=_zeros(system),
+    )
+
+
+def drive_system(actuator: Actuator, drive: Drive) -> System:
+    """The coupling with its slow modes: from the node voltage to one drive [m], for the parameters of an actuator.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> drive_system(load_actuator("friend-2"), "force").outputs
+    ('force_drive',)
+    """
+    stages = [s for s in actuator.structure.stages if isinstance(s, (Coupling, Relaxation))]
+    wanted = [s.block(actuator.parameter_values) for s in stages if isinstance(s, Coupling) or s.drive == drive]
+    return assemble(wanted, external="node_voltage", outputs=[f"{drive}_drive"])
+
+
+def ratio_names(actuator: Actuator, drive: str) -> tuple[str, ...]:
+    """The parameters whose sum is the ratio r of a drive.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> ratio_names(load_actuator("friend-2+relaxation.force=2"), "force")
+    ('relaxation.force.0.ratio', 'relaxation.force.1.ratio')
+    """
+    return tuple(name for name in actuator.parameter_values if _is_ratio(name, drive))
+
+
+def _is_ratio(name: str, drive: str) -> bool:
+    return name.startswith((f"relaxation.{drive}.", f"relaxation.{drive}_pair.")) and name.endswith(".ratio")
+
+
+def _zeros(system: System) -> ComplexArray:
+    """Where the drive gives nothing: the finite generalised eigenvalues of its system matrix."""
+    from scipy.linalg import eigvals
+
+    n = len(system.states)
+    slowest = float(np.min(np.abs(np.linalg.eigvals(system.a))))
+    pencil = np.zeros((n + 1, n + 1))
+    pencil[:n, :n], pencil[:n, n] = system.a, system.b[:, 0]
+    pencil[n, :n] = system.c[0] / np.max(np.abs(system.c))
+    mass = np.diag([1.0] * n + [0.0])
+    above, below = eigvals(pencil, mass, homogeneous_eigvals=True)
+    finite = np.abs(below) > 1e-13 * np.abs(above)
+    zeros: ComplexArray = above[finite] / below[finite]
+    zeros[np.abs(zeros) < _ROUNDING * slowest * n * 100.0] = 0.0
+    return zeros[np.argsort(np.abs(zeros))]
