@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from ipmclab.model.blocks import Block, block
 from ipmclab.model.parameters import Declaration, Values
@@ -14,17 +18,82 @@ GAMMA: Final = 1.875
 
 
 def natural_frequency(values: Values) -> complex:
-    """Undamped angular frequency of the first bending mode [rad/s] (Friend, eq. 4.7)."""
+    """Undamped angular frequency of the first bending mode [rad/s], with the static modulus (Friend, eq. 4.7)."""
     stiffness = values["beam.modulus"] * values["geometry.thickness"] ** 2 / (12.0 * values["beam.density"])
     return GAMMA**2 * stiffness**0.5 / values["geometry.free_length"] ** 2
 
 
+def modulus_ratio(values: Values, s: complex) -> complex:
+    """Y(s)/Y_c, the modulus at one s as a part of its static value (Friend, eq. 4.10); 1 for a constant modulus.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> strip = load_actuator("friend-2+viscoelastic")
+    >>> modulus_ratio(strip.parameter_values, 0.0), modulus_ratio(strip.parameter_values, 1e9j).real.__round__(6)
+    (1.0, 1.3)
+    """
+    found: complex = 1.0
+    for i in range(_modes(values)):
+        name = f"viscoelastic.{i}"
+        rate, damping = values[f"{name}.frequency"], values[f"{name}.damping_ratio"]
+        moving = s * s + 2.0 * damping * rate * s
+        found = found + values[f"{name}.amplitude"] * moving / (moving + rate * rate)
+    return found
+
+
+class Resonance(NamedTuple):
+    """The first bending mode as it rings: natural frequency [Hz] and damping ratio."""
+
+    frequency: float
+    damping_ratio: float
+
+
+def resonance(values: Mapping[str, float]) -> Resonance:
+    """The first bending mode, with what a viscoelastic modulus adds to its stiffness and to its damping.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> found = resonance(load_actuator("friend-2").parameter_values)
+    >>> round(found.frequency, 2), round(found.damping_ratio, 3)
+    (38.29, 0.05)
+    """
+    modes = _modes(values)
+    if not modes:
+        return Resonance(float(abs(natural_frequency(values))) / (2.0 * math.pi), float(values["beam.damping_ratio"]))
+    size = 2 + 2 * modes
+    a = Beam(modes).block(values).a[:size, :size]
+    poles, right = np.linalg.eig(a)
+    # A pole belongs to the beam by the part that displacement and velocity have in its mode.
+    share = np.sum(np.abs(right[:2].T * np.linalg.pinv(right)[:, :2]), axis=1)
+    pair = poles[np.argsort(-share)[:2]]
+    rate = math.sqrt(abs(pair[0] * pair[1]))
+    return Resonance(rate / (2.0 * math.pi), float(-(pair[0] + pair[1]).real / (2.0 * rate)))
+
+
+def _modes(values: Values) -> int:
+    return sum(1 for name in values if name.startswith("viscoelastic.") and name.endswith(".amplitude"))
+
+
 @dataclass(frozen=True)
 class Beam:
-    """Displacement and blocked force at L_s (Friend, eqs 4.7 to 4.11, constant Y).
+    """Displacement and blocked force at L_s (Friend, eqs 4.7 to 4.11).
 
     With eq. 4.8, eq. 4.7 collapses to 3 d L_s^2/h^2 V_appl times 1/(1 + 2 zeta s/w + s^2/w^2), for all s.
     The thesis gives no damping; 0.05 is ours. The blocked force has no beam factor (eq. 4.9).
+
+    A viscoelastic modulus Y(s) = Y_c y(s) (eq. 4.10, Golla-Hughes-McTavish, any number of modes) multiplies the force.
+    In the displacement Y stands in the beam factor only, because what drives the strip and what holds it back both grow
+    with Y: free curvature does not know the modulus. The factor becomes 1/(1 + 2 zeta s/(w y) + s^2/(w^2 y)), with w of
+    Y_c and a damper beside the beam that does not stiffen with it. With z'' + 2 zeta_i w_i z' + w_i^2 z = w_i^2 e, the
+    stress of a strain e is y e = (1 + sum alpha_i) e - sum alpha_i z_i: linear, and two states for each mode in the
+    beam, where e is what is left to the free curvature, and two in the force.
+
+    Parameters
+    ----------
+    viscoelastic : int
+        Modes of the modulus.
     """
 
     viscoelastic: int = 0
@@ -49,17 +118,44 @@ class Beam:
         )
 
     def block(self, values: Values) -> Block:
-        """Drives [m] to ``displacement`` [m] and ``force`` [N]; its states are displacement and velocity."""
+        """Drives [m] to ``displacement`` [m] and ``force`` [N].
+
+        Its states are displacement and velocity; then, of each mode of the modulus, the lagged strain and its scaled
+        rate, first those in the beam [m], then those in the force [m, as the drive].
+        """
         thickness, sensing = values["geometry.thickness"], values["geometry.sensing_length"]
         frequency = natural_frequency(values)
+        stiffness = frequency**2
         displacement = 3.0 * sensing**2 / thickness**2
         force = 3.0 * thickness * values["geometry.width"] * values["beam.modulus"] / (4.0 * sensing)
+        indices = range(self.viscoelastic)
+        n = 2 + 4 * self.viscoelastic
+        instant = 1.0 + sum(values[f"viscoelastic.{i}.amplitude"] for i in indices)
+        a: list[list[complex]] = [[0.0] * n for _ in range(n)]
+        b: list[list[complex]] = [[0.0, 0.0] for _ in range(n)]
+        a[0][1], a[1][0], a[1][1] = 1.0, -stiffness * instant, -2.0 * values["beam.damping_ratio"] * frequency
+        b[1][0] = stiffness * instant * displacement
+        pressed: list[complex] = [0.0] * n
+        states = ["beam.displacement", "beam.velocity"]
+        for place in range(2 * self.viscoelastic):
+            i, in_force = place % self.viscoelastic, place >= self.viscoelastic
+            name, z = f"viscoelastic.{i}", 2 + 2 * place
+            rate, amplitude = values[f"{name}.frequency"], values[f"{name}.amplitude"]
+            a[z][z + 1], a[z + 1][z], a[z + 1][z + 1] = rate, -rate, -2.0 * values[f"{name}.damping_ratio"] * rate
+            if in_force:
+                b[z + 1][1] = rate
+                pressed[z] = -force * amplitude
+            else:
+                a[z + 1][0], b[z + 1][0] = -rate, rate * displacement
+                a[1][z] = -stiffness * amplitude
+            where = "force" if in_force else "beam"
+            states += [f"{name}.{where}_strain", f"{name}.{where}_strain_rate"]
         return block(
-            states=["beam.displacement", "beam.velocity"],
+            states=states,
             inputs=["displacement_drive", "force_drive"],
             outputs=["displacement", "force"],
-            a=[[0.0, 1.0], [-(frequency**2), -2.0 * values["beam.damping_ratio"] * frequency]],
-            b=[[0.0, 0.0], [frequency**2 * displacement, 0.0]],
-            c=[[1.0, 0.0], [0.0, 0.0]],
-            d=[[0.0, 0.0], [0.0, force]],
+            a=a,
+            b=b,
+            c=[[1.0, *([0.0] * (n - 1))], pressed],
+            d=[[0.0, 0.0], [0.0, force * instant]],
         )

@@ -1,0 +1,121 @@
+"""The beam with a viscoelastic modulus against eqs 4.7, 4.9 and 4.10 in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ipmclab import load_actuator, simulate
+from ipmclab.errors import InputError
+from ipmclab.model import sensitivities, simulate_outputs
+from ipmclab.model.beam import modulus_ratio, resonance
+
+FREQUENCY = np.array([0.0, 0.003, 0.1, 1.0, 7.0, 38.3, 45.0, 300.0, 5000.0])
+MODES = ((0.4, 2.5, 20.0), (1.5, 0.3, 400.0))
+
+
+def viscoelastic(modes: tuple[tuple[float, float, float], ...] = MODES) -> dict[str, float]:
+    keys = ("amplitude", "damping_ratio", "frequency")
+    return {f"viscoelastic.{i}.{k}": v for i, mode in enumerate(modes) for k, v in zip(keys, mode, strict=True)}
+
+
+def eq_4_10(s: np.ndarray) -> np.ndarray:
+    return 1.0 + sum(k * (s**2 + 2 * z * w * s) / (s**2 + 2 * z * w * s + w**2) for k, z, w in MODES)
+
+
+def test_displacement_and_force_follow_the_equations() -> None:
+    plain = load_actuator("friend-2")
+    strip = load_actuator("friend-2+viscoelastic=2").replace(**viscoelastic())
+    s = 2j * np.pi * FREQUENCY
+    y = eq_4_10(s)
+    found = strip.frequency_response(FREQUENCY, ["displacement", "force", "applied_voltage", "current"])
+    base = plain.frequency_response(FREQUENCY, ["displacement", "force", "applied_voltage", "current"])
+    # Eq. 4.9: the force is that of Y(s).
+    np.testing.assert_allclose(found[1], base[1] * y, rtol=1e-12)
+    # Eq. 4.7: Y(s) stands in s^2 12 L_f^4 rho/(Gamma^4 Y h^2), and so in the damping, whose dashpot does not stiffen.
+    d = 6.79e-9 * (s + 210.5) / (s**2 + 15.897 * s + 41.097)
+    omega = 1.875**2 * np.sqrt(1.45e9 * 0.245e-3**2 / (12.0 * 3965.0)) / 0.025**2
+    factor = 1.0 / (1.0 + 2.0 * 0.05 * s / (omega * y) + s**2 / (omega**2 * y))
+    np.testing.assert_allclose(found[0], 3.0 * d * 0.021**2 / 0.245e-3**2 * factor * base[2], rtol=1e-11)
+    np.testing.assert_allclose(found[2:], base[2:], rtol=1e-14)
+    assert [complex(modulus_ratio(strip.parameter_values, one)) for one in s] == pytest.approx(list(y), rel=1e-12)
+
+
+def test_free_curvature_does_not_know_the_modulus_and_force_does() -> None:
+    # Without inertia the displacement of a stiff, of a soft and of a viscoelastic strip is the same; the force is not.
+    light = {"beam.density": 1.0, "beam.damping_ratio": 1e-6}
+    frequency = np.array([0.01, 0.1, 1.0])
+    hard = load_actuator("friend-2").replace(**light)
+    soft = hard.replace(**{"beam.modulus": 1.45e8})
+    slow = load_actuator("friend-2+viscoelastic=2").replace(**light, **viscoelastic())
+    bent = [one.frequency_response(frequency, ["displacement"])[0] for one in (hard, soft, slow)]
+    pressed = [one.frequency_response(frequency, ["force"])[0] for one in (hard, soft, slow)]
+    for other in bent[1:]:
+        np.testing.assert_allclose(other, bent[0], rtol=1e-5)
+    np.testing.assert_allclose(pressed[1], 0.1 * pressed[0], rtol=1e-12)
+    np.testing.assert_allclose(pressed[2] / pressed[0], eq_4_10(2j * np.pi * frequency), rtol=1e-12)
+
+
+def test_amplitude_0_is_friend_2() -> None:
+    off = {f"viscoelastic.{i}.amplitude": 0.0 for i in range(2)}
+    strip = load_actuator("friend-2+viscoelastic=2").replace(**off)
+    one, other = (
+        simulate(each, "square 1 V 0.2 Hz", duration=12.0, rate=200.0) for each in (load_actuator("friend-2"), strip)
+    )
+    for name in ("current", "applied_voltage", "displacement", "force"):
+        expected = one.channels[name]
+        np.testing.assert_allclose(other.channels[name], expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_force_relaxes_from_the_stiffness_at_once_to_the_static_one() -> None:
+    strip = load_actuator("friend-2+viscoelastic").replace(
+        **{"viscoelastic.0.amplitude": 0.8, "viscoelastic.0.frequency": 0.01, "viscoelastic.0.damping_ratio": 1.0}
+    )
+    plain = simulate(load_actuator("friend-2"), "step 1 V", duration=4000.0, rate=1.0)
+    run = simulate(strip, "step 1 V", duration=4000.0, rate=1.0)
+    assert plain.force is not None
+    assert run.force is not None
+    assert run.force[1] / plain.force[1] == pytest.approx(1.8, rel=0.03)
+    assert run.force[-1] == pytest.approx(1.8001e-3, rel=1e-3)  # the published t -> infinity limit
+
+
+def test_derivatives_also_at_amplitude_0() -> None:
+    strip = load_actuator("friend-2+viscoelastic=2").replace(**viscoelastic() | {"viscoelastic.1.amplitude": 0.0})
+    names = ["viscoelastic.0.amplitude", "viscoelastic.0.damping_ratio", "viscoelastic.1.amplitude", "beam.modulus"]
+    time = np.arange(0.0, 2.0, 0.005)
+    volts = np.sign(np.sin(7.0 * time)) + 0.0
+    found = sensitivities(strip, names, time, volts, "zero", outputs=["displacement", "force"])
+    for place, name in enumerate(names):
+        step = 1e-5 * max(strip[name], 1e-2)
+        up = simulate_outputs(strip.replace(**{name: strip[name] + 2 * step}), time, volts, "zero")[2:]
+        middle = simulate_outputs(strip.replace(**{name: strip[name] + step}), time, volts, "zero")[2:]
+        here = simulate_outputs(strip, time, volts, "zero")[2:]
+        slope = (-up + 4.0 * middle - 3.0 * here) / (2.0 * step)
+        for row in range(2):
+            scale = np.abs(slope[row]).max()
+            np.testing.assert_allclose(found.parameters[row, :, place], slope[row], rtol=0, atol=2e-5 * scale)
+
+
+def test_resonance_with_damping() -> None:
+    plain = resonance(load_actuator("friend-2").parameter_values)
+    assert plain.frequency == pytest.approx(38.29, rel=1e-3)  # dossier A5
+    assert plain.damping_ratio == 0.05
+    strip = load_actuator("friend-2+viscoelastic=2").replace(**viscoelastic())
+    found = resonance(strip.parameter_values)
+    # The pole is where 1 + 2 zeta s/(w y) + s^2/(w^2 y) vanishes.
+    angular = 2.0 * np.pi * found.frequency
+    pole = angular * complex(-found.damping_ratio, np.sqrt(1.0 - found.damping_ratio**2))
+    omega = 2.0 * np.pi * plain.frequency
+    residue = eq_4_10(np.array([pole]))[0] + 0.1 * pole / omega + pole**2 / omega**2
+    assert abs(residue) < 1e-9
+    assert found.frequency > 1.1 * plain.frequency
+    assert found.damping_ratio > 0.06
+    damped = load_actuator("friend-2+viscoelastic").replace(**{"beam.damping_ratio": 3.0})
+    assert resonance(damped.parameter_values).damping_ratio > 1.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("amplitude", -0.1), ("damping_ratio", 0.0), ("frequency", -1.0)])
+def test_a_modulus_that_would_be_unstable_is_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(InputError) as caught:
+        load_actuator("friend-2+viscoelastic").replace(**{f"viscoelastic.0.{name}": value})
+    assert caught.value.where == f"viscoelastic.0.{name}"
