@@ -18,20 +18,23 @@ _SERIES_TERMS: Final = 14  # 0.5^15/15! is below 1e-16
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """What an interval does to the state: ``x+ = state x + constant v0 + slope (v1 - v0)``.
+    """What an interval does: ``x+ = state x + constant v0 + slope (v1 - v0) + law_begin w0 + law_end w1``.
 
-    Within the interval the voltage goes in a straight line from v0 to v1; it is constant where
-    they are equal. Leading axes count intervals, and systems before them.
+    Within the interval the voltage goes in a straight line from v0 to v1, and what the laws give from w0 to w1;
+    they are constant where both ends are equal. Leading axes count intervals, and systems before them.
 
     Parameters
     ----------
     state : matrix, shape (..., n_states, n_states)
     constant, slope : matrix, shape (..., n_states)
+    law_begin, law_end : matrix, shape (..., n_states, n_laws)
     """
 
     state: Matrix
     constant: Matrix
     slope: Matrix
+    law_begin: Matrix
+    law_end: Matrix
 
 
 def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transition:
@@ -52,18 +55,26 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     from scipy.linalg import expm, matrix_balance
 
     n = len(systems[0].states)
+    inputs = [
+        system.b if (ports := system.law_ports) is None else np.hstack([system.b, ports.drive]) for system in systems
+    ]
+    m = inputs[0].shape[1]
     steps = np.asarray(durations, dtype=np.float64)
     # Displacement and velocity differ by the natural frequency: scaled alike, the exponential
     # needs fewer squarings. The scales are powers of two, which cost no digit.
     scales = matrix_balance(systems[0].a.real, permute=False, separate=True)[1][0]
-    kind = np.result_type(*(system.a for system in systems))
+    kind = np.result_type(*(system.a for system in systems), *inputs)
     # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a
     # constant 1 V and, times t, the response to a slope that reaches 1 V at t.
-    generator = np.zeros((len(systems), 1, n + 2, n + 2), kind)
+    generator = np.zeros((len(systems), 1, n + 2 * m, n + 2 * m), kind)
     for index, system in enumerate(systems):
         generator[index, 0, :n, :n] = system.a * scales / scales[:, None]
-        generator[index, 0, :n, n] = system.b[:, 0] / scales
-    generator[..., n, n + 1] = 1.0
+        generator[index, 0, :n, n : n + m] = inputs[index] / scales[:, None]
+    generator[..., range(n, n + m), range(n + m, n + 2 * m)] = 1.0
+    # An input is brought to about 1 by a power of two as well: its size costs neither squarings nor digits.
+    size = np.abs(generator[0, 0, :n, n : n + m]).max(axis=0)
+    levels = np.exp2(np.round(np.log2(np.where(size > 0.0, size, 1.0))))
+    generator[..., :n, n : n + m] /= levels
     # A jittering clock has as many durations as rows: one exponential serves all that lie close
     # together, and a short series the small rest of each.
     width = 2.0 * _SERIES_REACH / np.max(np.sum(np.abs(generator[0, 0]), axis=1))
@@ -73,10 +84,14 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     rest = steps - centres[group]
     if np.any(rest):
         exponential = exponential @ _short_exponential(generator * rest[:, None, None])
+    held = exponential[..., :n, n : n + m] * scales[:, None] * levels
+    ramped = exponential[..., :n, n + m :] * scales[:, None] * levels / steps[:, None, None]
     return Transition(
         state=exponential[..., :n, :n] * scales[:, None] / scales,
-        constant=exponential[..., :n, n] * scales,
-        slope=exponential[..., :n, n + 1] * scales / steps[:, None],
+        constant=held[..., 0],
+        slope=ramped[..., 0],
+        law_begin=held[..., 1:] - ramped[..., 1:],
+        law_end=ramped[..., 1:],
     )
 
 

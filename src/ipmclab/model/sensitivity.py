@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.actuator import Actuator, choose_outputs, state_vector
-from ipmclab.model.discretise import transitions
+from ipmclab.model.assemble import System
+from ipmclab.model.blocks import Matrix
+from ipmclab.model.dense import Dense, check_solved, law_numbers, parts
+from ipmclab.model.discretise import Transition, transitions
 from ipmclab.model.simulate import check_hold, checked_voltage, modal_coefficients
-from ipmclab.model.timeline import Timeline, timeline
+from ipmclab.model.timeline import Timeline, divided, timeline
 from ipmclab.run import Hold, check_time
 
 FloatArray = npt.NDArray[np.float64]
@@ -101,30 +104,17 @@ def simulate_outputs(
             kernels.modal(volts, coefficients, values)
             return values[chosen]
     line = timeline(times, volts, hold, delay=delay, from_rest=initial_state is None)
-    run_dense(actuator, line, state_vector(actuator, initial_state), values)
+    run_dense(actuator.system, line, state_vector(actuator, initial_state), values)
     return values[chosen]
 
 
-def run_dense(actuator: Actuator, line: Timeline, state: FloatArray, values: FloatArray) -> None:
-    """Write the outputs over a time line into ``values``, by the path that does not need poles."""
-    from ipmclab.model import kernels
+def run_dense(system: System, line: Timeline, state: FloatArray, values: FloatArray) -> None:
+    """Write the outputs over a time line into ``values``, by the path that does not need poles.
 
-    system = actuator.system
-    move = transitions([system], line.durations)
-    kernels.dense(
-        move.state[0],
-        move.constant[0],
-        move.slope[0],
-        line.interval,
-        line.start,
-        line.end,
-        line.row,
-        line.reading,
-        system.c,
-        np.ascontiguousarray(system.d[:, 0]),
-        state,
-        values,
-    )
+    The state is overwritten: on return it is that at the end.
+    """
+    line = divided(line, parts(system, line.durations))
+    Dense.of(system, line.durations).run(line.interval, line.start, line.end, line.row, line.reading, state, values)
 
 
 def sensitivities(
@@ -141,8 +131,9 @@ def sensitivities(
     """Outputs at the rows of a record, with exact derivatives by parameters, initial states and delay.
 
     The derivatives of the discretised matrices are taken by a complex step through the stages and
-    the matrix exponential; they are carried along with the state. No pole is computed, so that
-    equal poles are no exception.
+    the matrix exponential; they are carried along with the state, and through the equations of the laws.
+    No pole is computed, so that equal poles are no exception. At the threshold of a law, where it has a kink,
+    the derivative is that above it.
 
     Parameters
     ----------
@@ -168,52 +159,129 @@ def sensitivities(
     >>> bool(abs(slope.parameters[0, 2, 0] * actuator["coupling.gain"] / slope.values[0, 2] - 1) < 1e-12)
     True
     """
-    from ipmclab.model import kernels
-
     check_hold(hold)
     times, volts = _record(time, voltage)
     chosen = choose_outputs(outputs)
     line = timeline(times, volts, hold, delay=delay, from_rest=initial_state is None)
     state = state_vector(actuator, initial_state)
     system = actuator.system
-    n, n_outputs = len(state), len(chosen)
-    move = transitions([system], line.durations)
-    kinds, count = len(line.durations), len(names)
-    d_state, d_constant = np.empty((kinds, n, n, count)), np.empty((kinds, n, count))
-    d_slope, d_c, d_d = np.empty((kinds, n, count)), np.empty((n_outputs, n, count)), np.empty((n_outputs, count))
+    line = divided(line, parts(system, line.durations))
     stepped = [
         actuator.assembled({**actuator.parameter_values, name: complex(actuator[name], _COMPLEX_STEP)})
         for name in names
     ]
-    at_once = max(1, _MOST_EXPONENTIALS // kinds)
-    for first in range(0, count, at_once):
+    moves = _moves(system, stepped, line.durations)
+    if system.law_ports is not None:
+        return _with_laws(system, stepped, moves, line, chosen, state, len(times))
+    return _linear(system, stepped, moves, line, chosen, state, len(times))
+
+
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """The transitions, and their derivatives by each parameter along a last axis."""
+
+    at: tuple[FloatArray, ...]
+    by: tuple[FloatArray, ...]
+
+
+def _parts(move: Transition) -> tuple[Matrix, ...]:
+    return move.state, move.constant, move.slope, move.law_begin, move.law_end
+
+
+def _moves(system: System, stepped: Sequence[System], durations: FloatArray) -> _Moves:
+    at = tuple(np.ascontiguousarray(matrix[0]) for matrix in _parts(transitions([system], durations)))
+    by = tuple(np.empty((*matrix.shape, len(stepped))) for matrix in at)
+    at_once = max(1, _MOST_EXPONENTIALS // len(durations))
+    for first in range(0, len(stepped), at_once):
         some = slice(first, first + at_once)
-        stepped_move = transitions(stepped[some], line.durations)
-        d_state[..., some] = np.moveaxis(stepped_move.state.imag, 0, -1) / _COMPLEX_STEP
-        d_constant[..., some] = np.moveaxis(stepped_move.constant.imag, 0, -1) / _COMPLEX_STEP
-        d_slope[..., some] = np.moveaxis(stepped_move.slope.imag, 0, -1) / _COMPLEX_STEP
-    for index, at in enumerate(stepped):
-        d_c[..., index] = at.c[chosen].imag / _COMPLEX_STEP
-        d_d[..., index] = at.d[chosen, 0].imag / _COMPLEX_STEP
+        for target, matrix in zip(by, _parts(transitions(stepped[some], durations)), strict=True):
+            target[..., some] = np.moveaxis(matrix.imag, 0, -1) / _COMPLEX_STEP
+    return _Moves(at, by)
+
+
+def _slopes(matrices: Sequence[Matrix], shape: tuple[int, ...]) -> FloatArray:
+    """Derivatives of a matrix, one parameter each, along a last axis."""
+    if not matrices:
+        return np.zeros((*shape, 0))
+    return np.ascontiguousarray(np.stack([np.imag(matrix) for matrix in matrices], axis=-1) / _COMPLEX_STEP)
+
+
+def _linear(
+    system: System,
+    stepped: Sequence[System],
+    moves: _Moves,
+    line: Timeline,
+    chosen: list[int],
+    state: FloatArray,
+    rows: int,
+) -> Sensitivities:
+    from ipmclab.model import kernels
+
+    n, count = len(state), len(stepped)
     c, d = system.c[chosen], system.d[chosen, 0]
+    d_c = _slopes([at.c[chosen] for at in stepped], c.shape)
+    d_d = _slopes([at.d[chosen, 0] for at in stepped], d.shape)
     tangents = np.hstack([np.zeros((n, count)), np.eye(n)])
-    values = np.empty((n_outputs, len(times)))
-    derivatives = np.empty((n_outputs, len(times), count + n))
+    values = np.empty((len(chosen), rows))
+    derivatives = np.empty((len(chosen), rows, count + n))
     by_delay = np.empty_like(values)
-    kernels.dense_tangents(
-        *(move.state[0], move.constant[0], move.slope[0], d_state, d_constant, d_slope),
-        *(line.interval, line.start, line.end, line.row, line.reading),
-        *(c, d, d_c, d_d, state, tangents, values, derivatives),
-    )
+    along: list[Any] = [*moves.at[:3], *moves.by[:3], line.interval, line.start, line.end, line.row, line.reading]
+    kernels.dense_tangents(*[*along, c, d, d_c, d_d, state, tangents, values, derivatives])
+    moving: list[Any] = [line.interval, line.rate, line.jump, line.read_before_jump, line.row, line.reading_rate]
     kernels.dense_delay(
-        *(move.state[0], move.constant[0], line.interval, line.rate, line.jump, line.read_before_jump),
-        *(line.row, line.reading_rate, np.ascontiguousarray(system.b[:, 0]), c, d, by_delay),
+        *[*moves.at[:2], *moving, np.ascontiguousarray(system.b[:, 0]), c, d, by_delay],
     )
     return Sensitivities(
         values=values,
         parameters=derivatives[:, :, :count],
         states=derivatives[:, :, count:],
         delay=by_delay,
+    )
+
+
+def _with_laws(
+    system: System,
+    stepped: Sequence[System],
+    moves: _Moves,
+    line: Timeline,
+    chosen: list[int],
+    state: FloatArray,
+    rows: int,
+) -> Sensitivities:
+    from ipmclab.model.dense_laws_loop import dense_laws_tangents
+
+    n, count = len(state), len(stepped)
+    laws = law_numbers(system, moves.at[4])
+    ports = [at.law_ports for at in (system, *stepped) if at.law_ports is not None]
+    own, others = ports[0], ports[1:]
+    c, d, reach = np.ascontiguousarray(system.c[chosen]), system.d[chosen, 0], laws.reach[chosen]
+    d_read = (
+        _slopes([at.c[chosen] for at in stepped], c.shape),
+        _slopes([at.d[chosen, 0] for at in stepped], d.shape),
+        _slopes([at.reach[chosen] for at in others], reach.shape),
+    )
+    d_ports = (
+        _slopes([at.c for at in others], own.c.shape),
+        _slopes([at.d[:, 0] for at in others], own.d[:, 0].shape),
+        _slopes([at.loop for at in others], own.loop.shape),
+    )
+    d_coefficients = _slopes(
+        [np.array([law.coefficients for law in at.laws]) for at in others], laws.coefficients.shape
+    )
+    flow = np.ascontiguousarray(system.a), np.ascontiguousarray(system.b[:, 0]), np.ascontiguousarray(own.drive)
+    tangents = np.hstack([np.zeros((n, count)), np.eye(n), np.zeros((n, 1))])
+    values = np.empty((len(chosen), rows))
+    derivatives = np.empty((len(chosen), rows, count + n + 1))
+    along: list[Any] = [line.durations, line.interval, line.start, line.end, line.row, line.reading]
+    moving: list[Any] = [line.rate, line.reading_rate, line.arrives, line.leaves]
+    at_ports: list[Any] = [laws.ports, d_ports, laws.forms, laws.coefficients, d_coefficients]
+    matrices: list[Any] = [moves.at, moves.by, laws.drop, *along, *moving, flow, (c, d, reach), d_read, *at_ports]
+    check_solved(dense_laws_tangents(*[*matrices, state, tangents, values, derivatives]))
+    return Sensitivities(
+        values=values,
+        parameters=derivatives[:, :, :count],
+        states=derivatives[:, :, count : count + n],
+        delay=derivatives[:, :, -1],
     )
 
 

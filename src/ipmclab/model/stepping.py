@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.actuator import Actuator, state_vector
-from ipmclab.model.discretise import transitions
+from ipmclab.model.dense import Dense, parts
 from ipmclab.model.simulate import above_zero, check_hold, checked_voltage
 from ipmclab.run import Hold
 
@@ -52,9 +52,10 @@ class Simulator:
     ) -> None:
         check_hold(hold)
         system = actuator.system
-        move = transitions([system], [1.0 / above_zero("rate", rate, "Hz")])
-        self._matrices = move.state[0], move.constant[0], move.slope[0]
-        self._reading = system.c, np.ascontiguousarray(system.d[:, 0])
+        period = np.array([1.0 / above_zero("rate", rate, "Hz")])
+        self._parts = int(parts(system, period)[0])
+        self._dense = Dense.of(system, period / self._parts)
+        self._outputs = len(system.outputs)
         self._names = system.states
         self._hold = hold
         self._state = state_vector(actuator, initial_state)
@@ -90,12 +91,10 @@ class Simulator:
         InputError
             A voltage that is not finite.
         """
-        from ipmclab.model import kernels
-
         given = np.atleast_1d(np.asarray(voltages))
         volts = checked_voltage(given, given.size)
         rows = np.arange(len(volts))
-        outputs = np.empty((self._reading[0].shape[0], len(volts)))
+        outputs = np.empty((self._outputs, len(volts)))
         if len(volts) == 0:
             return outputs
         start = end = volts
@@ -110,6 +109,20 @@ class Simulator:
             if self._hold == "zero-before":
                 start = end
         self._last_voltage = float(volts[-1])
+        if self._parts > 1:
+            start, end, row = self._divided(start, end, row)
         interval = np.zeros(len(start), dtype=np.int64)
-        kernels.dense(*self._matrices, interval, start, end, row, volts, *self._reading, self._state, outputs)
+        self._dense.run(interval, start, end, row, volts, self._state, outputs)
         return outputs
+
+    def _divided(
+        self, start: FloatArray, end: FloatArray, row: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
+        """The intervals in their parts."""
+        count, rise = len(start), end - start
+        begun = np.arange(self._parts) / self._parts
+        ends = start[:, None] + rise[:, None] * (begun + 1.0 / self._parts)
+        ends[:, -1] = end
+        rows = np.full(count * self._parts + len(row) - count, -1, dtype=np.int64)
+        rows[:: self._parts] = row
+        return (start[:, None] + rise[:, None] * begun).ravel(), ends.ravel(), rows

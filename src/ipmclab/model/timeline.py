@@ -6,7 +6,7 @@ irregular clock). Both are put on one time line; between two neighbours the volt
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,9 @@ _SAME_DURATION = 1e-7
 class Timeline:
     """Intervals in order; the arguments of ``kernels.dense`` and ``kernels.dense_delay`` of the same names.
 
-    ``durations`` [s] has one entry for each kind of interval.
+    ``durations`` [s] has one entry for each kind of interval. Where a delay grows, an edge moves and a row does not:
+    ``arrives`` and ``leaves`` (shape (n_intervals + 1,)) tell by how much the end of the interval before and the begin
+    of the interval after it move there for a second of delay. They differ where an edge lies on a row.
     """
 
     durations: FloatArray
@@ -40,6 +42,8 @@ class Timeline:
     jump: FloatArray
     reading_rate: FloatArray
     read_before_jump: bool
+    arrives: FloatArray
+    leaves: FloatArray
 
 
 def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float, from_rest: bool) -> Timeline:
@@ -95,7 +99,55 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
     durations, interval = _kinds(lengths, _SAME_DURATION * period)
     row = np.full(len(events), -1, dtype=np.int64)
     row[np.searchsorted(events, time)] = np.arange(len(time))
-    return Timeline(durations, interval, start, end, row, reading, rate, jump, reading_rate, read_before)
+    moves = np.isin(events, edges)
+    if not (from_rest or read_before):
+        moves[0] = False  # the state is given behind this edge, and for its own time
+    both = moves & (row >= 0)
+    arrives, leaves = moves.astype(float), moves.astype(float)
+    (arrives if read_before else leaves)[both] = 0.0
+    return Timeline(
+        *(durations, interval, start, end, row, reading, rate, jump, reading_rate, read_before, arrives, leaves)
+    )
+
+
+def divided(line: Timeline, parts: IndexArray) -> Timeline:
+    """The same time line with each interval divided into equal parts.
+
+    Parameters
+    ----------
+    line : Timeline
+    parts : int array, shape (n_kinds,)
+        Into how many, for each kind of interval.
+    """
+    if np.all(parts == 1):
+        return line
+    count = parts[line.interval]
+    whole = np.repeat(np.arange(len(count)), count)
+    first = np.concatenate([[0], np.cumsum(count)])
+    begun = (np.arange(first[-1]) - first[whole]) / count[whole]  # part of the interval that has passed
+    done = begun + 1.0 / count[whole]
+    moved = line.arrives[1:] - line.leaves[:-1]
+    rise = line.end - line.start
+    row, jump = np.full(first[-1] + 1, -1, dtype=np.int64), np.zeros(first[-1] + 1)
+    row[first], jump[first] = line.row, line.jump
+    leaves = np.append(line.leaves[whole] + moved[whole] * begun, line.leaves[-1])
+    arrives = np.append(line.arrives[0], line.leaves[whole] + moved[whole] * done)
+    arrives[first] = line.arrives
+    end = line.start[whole] + rise[whole] * done
+    end[first[1:] - 1] = line.end  # to the last digit: a voltage that does not jump must not seem to
+    start = line.start[whole] + rise[whole] * begun
+    return replace(
+        line,
+        durations=line.durations / parts,
+        interval=line.interval[whole],
+        start=start,
+        end=end,
+        row=row,
+        rate=line.rate[whole],
+        jump=jump,
+        arrives=arrives,
+        leaves=leaves,
+    )
 
 
 def _snap(edges: FloatArray, time: FloatArray, tolerance: float) -> FloatArray:
