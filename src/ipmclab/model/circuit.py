@@ -5,10 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from ipmclab.model import geometry
-from ipmclab.model.blocks import Block, block
+from ipmclab.model.blocks import Block, Matrix, block
+from ipmclab.model.ladder import Node, ladder
+from ipmclab.model.membrane import membrane
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.units import PERMITTIVITY, RESISTANCE, RESISTIVITY, SHEET_RESISTANCE
+
+FloatArray = npt.NDArray[np.float64]
 
 
 class Elements(NamedTuple):
@@ -39,7 +46,9 @@ class Circuit:
     leak : bool
         Whether a current leaks past the branches; it then has the input port ``leak_current`` [A].
     clamp : bool
-        Whether a part of the clamped section is fed directly.
+        Whether a share of the clamped section is fed at once, by the contacts that lie on it: it charges, and leaks,
+        behind the contact resistance alone, and does not bend. The electrodes then feed the other part of the strip,
+        and R_e = R_s (L_f + (1 - share) L_c)/w.
     """
 
     branches: int
@@ -66,14 +75,27 @@ class Circuit:
                 ),
             )
         )
-        return (*fixed, *branches)
+        return (*fixed, *branches, *((geometry.DIRECT_SHARE,) if self.clamp else ()))
 
     def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
-        """Where it leaks: at the node, over the whole area."""
-        return (("node_voltage", "leak_current", geometry.area(values)),)
+        """Where it leaks: at the node, and at the contacts where they feed a part of the clamped section."""
+        width = values["geometry.width"]
+        node = ("node_voltage", "leak_current", geometry.line_length(values) * width)
+        return (contact_port(values), node) if self.clamp else (node,)
+
+    def profile(self, _values: Values, positions: FloatArray) -> tuple[tuple[str, ...], Matrix]:
+        """How the voltage along the free length is made of ports: here it is the same everywhere.
+
+        Returns
+        -------
+        ports : tuple of str
+            Outputs of ``block(values, along=True)``.
+        weights : matrix, shape (n_positions, n_ports)
+        """
+        return ("node_voltage",), np.ones((len(positions), 1))
 
     def elements(self, values: Values) -> Elements:
-        """The lumped elements (Friend, eqs 4.1 to 4.6)."""
+        """The lumped elements (Friend, eqs 4.1 to 4.6), the whole strip behind the electrodes."""
         scale = geometry.area_per_thickness(values)
         electrode = values["circuit.sheet_resistance"] * geometry.squares(values)
         indices = range(self.branches)
@@ -85,8 +107,13 @@ class Circuit:
             branch_capacitances=tuple(values[f"circuit.branches.{i}.permittivity"] * scale for i in indices),
         )
 
-    def block(self, values: Values) -> Block:
-        """``voltage`` to ``current`` and ``node_voltage``; its states are the capacitor voltages."""
+    def block(self, values: Values, *, along: bool = False) -> Block:
+        """``voltage`` to ``current`` and ``node_voltage``; its states are the capacitor voltages.
+
+        With ``along``, the ports of ``profile`` are outputs too; they are so anyway.
+        """
+        if self.clamp:
+            return self._with_clamp(values, along=along)
         element = self.elements(values)
         resistances, capacitances = element.branch_resistances, element.branch_capacitances
         conductance = 1.0 / element.series + 1.0 / element.dc + sum(1.0 / r for r in resistances)
@@ -109,3 +136,30 @@ class Circuit:
                 [from_voltage, *(-drop for drop in drawn)],
             ],
         )
+
+    def _with_clamp(self, values: Values, *, along: bool) -> Block:
+        length = geometry.line_length(values)
+        node = Node(
+            name="circuit",
+            membrane=membrane(values, self.branches, length),
+            voltage="node_voltage",
+            leak="leak_current" if self.leak else "",
+            resistance=geometry.electrodes(values, length),
+        )
+        return ladder([contact(values, self.branches, leak=self.leak, along=along), node], {})
+
+
+def contact(values: Values, branches: int, *, leak: bool, along: bool = False) -> Node:
+    """The part of the clamped section that the contacts feed at once, behind the contact resistance."""
+    return Node(
+        name="clamp",
+        membrane=membrane(values, branches, geometry.direct_length(values)),
+        voltage="contact_voltage" if leak or along else "",
+        leak="contact_leak_current" if leak else "",
+        resistance=values["circuit.contact_resistance"],
+    )
+
+
+def contact_port(values: Values) -> tuple[str, str, complex]:
+    """Where that part leaks, and its area."""
+    return "contact_voltage", "contact_leak_current", geometry.direct_length(values) * values["geometry.width"]

@@ -7,7 +7,7 @@ from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.model.parameters import Declaration, Values
-from ipmclab.units import LENGTH
+from ipmclab.units import LENGTH, NUMBER
 
 DECLARATIONS: Final = (
     Declaration("geometry.free_length", LENGTH, "L_f", 1e-4, 1.0),
@@ -16,6 +16,9 @@ DECLARATIONS: Final = (
     Declaration("geometry.thickness", LENGTH, "h", 1e-6, 0.01),
     Declaration("geometry.sensing_length", LENGTH, "L_s", 1e-4, 1.0),
 )
+
+DIRECT_SHARE: Final = Declaration("clamp.direct_share", NUMBER, "φ_c", 0.0, 1.0, "linear", typical=1.0)
+"""How much of the clamped section the contacts feed at once: it charges without bending."""
 
 
 def check(values: Mapping[str, float], *, where: str = "") -> None:
@@ -42,9 +45,19 @@ def area_per_thickness(values: Values) -> complex:
     return length * values["geometry.width"] / values["geometry.thickness"]
 
 
-def area(values: Values) -> complex:
-    """(L_f + L_c) w [m^2]: what is plated on each face."""
-    return (values["geometry.free_length"] + values["geometry.clamped_length"]) * values["geometry.width"]
+def direct_length(values: Values) -> complex:
+    """The part of the clamped section that is fed at once, without electrodes in between [m]; 0 without a clamp."""
+    return values.get("clamp.direct_share", 0.0) * values["geometry.clamped_length"]
+
+
+def line_length(values: Values) -> complex:
+    """What the electrodes have to feed [m]: the free length and the rest of the clamped section."""
+    return values["geometry.free_length"] + values["geometry.clamped_length"] - direct_length(values)
+
+
+def electrodes(values: Values, length: complex) -> complex:
+    """What both electrodes together have along a length of strip [ohm]."""
+    return 2.0 * values["circuit.sheet_resistance"] * length / values["geometry.width"]
 
 
 def squares(values: Values) -> complex:

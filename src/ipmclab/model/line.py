@@ -3,22 +3,58 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from ipmclab.model.blocks import Block
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.model import line_modes
+from ipmclab.model.blocks import Block, Matrix
+from ipmclab.model.circuit import Circuit, contact_port
+from ipmclab.model.line_segments import Segments
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.units import NUMBER
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class ErrorBound(NamedTuple):
+    """How far a line by modes can be off at any time, for each volt of the largest voltage that was applied.
+
+    ``current`` [A/V] and ``node_voltage`` [V/V], the mean that moves the sensing point.
+    """
+
+    current: float
+    node_voltage: float
 
 
 @dataclass(frozen=True)
 class Line:
-    """The electrode as an RC line.
+    """The electrodes as a line: resistance and membrane spread evenly from the contacts to the free end.
+
+    The line has the free length and that part of the clamped section which the contacts do not feed at once,
+    L = L_f + (1 - share) L_c, and the resistance 2 R_s L/w; the clamped part comes first. The contact resistance,
+    and what is fed at once, stand before it.
+
+    By segments it is a ladder, each segment with its node in its middle and, where there is one, its leak; the error
+    falls with the square of their number. By modes it is exact but for a tail with a known bound; a leak at every
+    place would couple the modes, so that it asks for segments.
 
     Parameters
     ----------
     branches : int
+        RC branches of the membrane.
     kind : "modes" or "segments"
     leak : bool
+        Whether each segment leaks: segment j then reads and takes the ports ``node_voltage.j`` and ``leak_current.j``.
     clamp : bool
+        Whether a share of the clamped section is fed at once.
+
+    Raises
+    ------
+    InputError
+        A line by modes that leaks.
     """
 
     branches: int
@@ -26,20 +62,69 @@ class Line:
     leak: bool = False
     clamp: bool = False
 
+    def __post_init__(self) -> None:
+        if self.leak and self.kind == "modes":
+            raise InputError(
+                "a line by modes is linear, it cannot leak at every place by a law of the voltage there",
+                code="leak-in-modes",
+                where="line.modes",
+                repair="give line.segments in its place, or leave the leak out",
+            )
+
     @property
     def declarations(self) -> tuple[Declaration, ...]:
         """The parameters of this stage."""
-        from ipmclab.model.circuit import Circuit
-
         circuit = Circuit(self.branches, leak=self.leak, clamp=self.clamp).declarations
-        typical, most = (12.0, 200.0) if self.kind == "modes" else (10.0, 200.0)
+        typical, most = (6.0, 200.0) if self.kind == "modes" else (10.0, 200.0)
         count = Declaration(f"line.{self.kind}", NUMBER, "N", 1.0, most, "count", default=typical, typical=typical)
         return (*circuit, count)
 
     def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
-        """Where it leaks."""
-        raise NotImplementedError
+        """Where it leaks: at the contacts where they feed a part of the clamped section, and at each segment."""
+        return (*((contact_port(values),) if self.clamp else ()), *self._segments(values).ports(values))
 
-    def block(self, values: Values) -> Block:
-        """``voltage`` to ``current`` and ``node_voltage``."""
-        raise NotImplementedError
+    def block(self, values: Values, *, along: bool = False) -> Block:
+        """``voltage`` to ``current`` and ``node_voltage``, the mean of the voltage that moves the sensing point.
+
+        That mean is (2/L_s^2) int_0^Ls (L_s - x) u(x) dx over the free length, because the curvature at x moves the
+        sensing point by its lever L_s - x. With ``along``, the ports of ``profile`` are outputs too.
+        """
+        if self.kind == "segments":
+            return self._segments(values).block(values, along=along)
+        return line_modes.block(values, self.branches, self._count(values), along=along)
+
+    def profile(self, values: Values, positions: FloatArray) -> tuple[tuple[str, ...], Matrix]:
+        """How the voltage between the electrodes at some places of the free length is made of ports.
+
+        Parameters
+        ----------
+        values : mapping of dotted name to number [SI]
+        positions : float array, shape (n_positions,) [m]
+            From the clamp's edge.
+
+        Returns
+        -------
+        ports : tuple of str
+            ``voltage`` and outputs of ``block(values, along=True)``.
+        weights : matrix, shape (n_positions, n_ports)
+        """
+        if self.kind == "segments":
+            return self._segments(values).profile(values, positions)
+        count = self._count(values)
+        reading = line_modes.at(values, line_modes.spectrum(values, count), positions)
+        ports = ("voltage", *(f"node_voltage.{i}" for i in range(count)), "tail_current")
+        return ports, np.hstack([reading.direct[:, None], reading.modes, -reading.drop[:, None]])
+
+    def error_bound(self, values: Values) -> ErrorBound:
+        """How far the modes that were left out can put current and node voltage off.
+
+        Derived in ``line_modes.error_bound``; it holds for every voltage and at every time. A line by segments has
+        none: its error is that of a ladder, and falls with the square of the number of segments.
+        """
+        return ErrorBound(*line_modes.error_bound(values, self.branches, self._count(values)))
+
+    def _count(self, values: Values) -> int:
+        return round(complex(values[f"line.{self.kind}"]).real)
+
+    def _segments(self, values: Values) -> Segments:
+        return Segments(self.branches, self._count(values), leak=self.leak, clamp=self.clamp)
