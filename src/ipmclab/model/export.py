@@ -1,4 +1,4 @@
-"""The linear system for other tools, in SI units."""
+"""The linear system for other tools, in SI units: with a leak, that of small voltages about 0 V."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ipmclab.errors import InputError
 from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.reduce import small_signal
 
 if TYPE_CHECKING:
     import control
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 def to_scipy(actuator: Actuator) -> scipy.signal.StateSpace:
     """The actuator as a ``scipy.signal.StateSpace``: voltage [V] to ``OUTPUTS`` [A, V, m, N].
 
+    A leak is in it with its slope at 0 V, as for small voltages.
+
     Examples
     --------
     >>> from ipmclab import load_actuator
@@ -23,12 +26,14 @@ def to_scipy(actuator: Actuator) -> scipy.signal.StateSpace:
     """
     import scipy.signal
 
-    system = actuator.system
+    system = small_signal(actuator.system)
     return scipy.signal.StateSpace(system.a, system.b, system.c, system.d)
 
 
 def to_control(actuator: Actuator) -> control.StateSpace:
     """The actuator as a python-control ``StateSpace`` with named signals; dots in state names become underscores.
+
+    A leak is in it with its slope at 0 V; the name then says that it holds about 0 V.
 
     Raises
     ------
@@ -45,11 +50,11 @@ def to_control(actuator: Actuator) -> control.StateSpace:
             repair="install it with: pip install 'ipmclab[control]'",
         ) from error
 
-    system = actuator.system
+    system = small_signal(actuator.system)
     return control.StateSpace(
         *(system.a, system.b, system.c, system.d),
         inputs=["voltage"],
         outputs=list(OUTPUTS),
         states=[name.replace(".", "_") for name in system.states],
-        name=actuator.name,
+        name=actuator.name if actuator.system.law_ports is None else f"{actuator.name} about 0 V",
     )

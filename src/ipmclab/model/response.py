@@ -9,12 +9,16 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator, choose_outputs
+from ipmclab.model.reduce import small_signal
 
 
 def frequency_response(
     actuator: Actuator, frequency: npt.ArrayLike, outputs: Sequence[str] | None = None
 ) -> npt.NDArray[np.complex128]:
     """Output over voltage at some frequencies, in closed form.
+
+    With a leak it is that of small voltages about 0 V, where a leak above a threshold draws nothing: at larger
+    voltages there is no frequency response, and ``simulate`` tells what happens.
 
     Parameters
     ----------
@@ -48,7 +52,7 @@ def frequency_response(
             where="frequency",
             repair="give a list of frequencies in Hz, from 0 up",
         )
-    system = actuator.system
+    system = small_signal(actuator.system)
     s = 2j * np.pi * frequencies[:, None, None]
     state = np.linalg.solve(s * np.eye(len(system.states)) - system.a, system.b[None].astype(complex))
     response: npt.NDArray[np.complex128] = (system.c @ state + system.d)[:, :, 0].T

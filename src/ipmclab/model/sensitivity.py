@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.actuator import Actuator, choose_outputs, state_vector
+from ipmclab.model.actuator import OUTPUTS, Actuator, choose_outputs, state_vector
 from ipmclab.model.assemble import System
 from ipmclab.model.blocks import Matrix
 from ipmclab.model.dense import Dense, check_solved, law_numbers, parts
 from ipmclab.model.discretise import Transition, transitions
+from ipmclab.model.laser import Laser, read_far
+from ipmclab.model.reduce import reduced, seen_states
 from ipmclab.model.simulate import check_hold, checked_voltage, modal_coefficients
 from ipmclab.model.timeline import Timeline, divided, timeline
 from ipmclab.run import Hold, check_time
@@ -85,6 +87,9 @@ def simulate_outputs(
         An unknown output or state, a hold that says nothing, time that does not increase, unequal
         lengths, a voltage that is not finite.
 
+    Where a laser has lost the strip, its reading goes on in a straight line here, for a search to follow;
+    ``simulate`` gives none (NaN).
+
     Examples
     --------
     >>> from ipmclab import load_actuator
@@ -97,15 +102,22 @@ def simulate_outputs(
     check_hold(hold)
     times, volts = _record(time, voltage)
     chosen = choose_outputs(outputs)
-    values = np.empty((actuator.system.c.shape[0], len(times)))
+    names = [OUTPUTS[place] for place in chosen]
     if initial_state is None and delay == 0.0 and _is_regular(times):
         coefficients = modal_coefficients(actuator, (times[-1] - times[0]) / (len(times) - 1), hold)
         if coefficients is not None:
-            kernels.modal(volts, coefficients, values)
-            return values[chosen]
+            every = np.empty((actuator.system.c.shape[0], len(times)))
+            kernels.modal(volts, coefficients, every)
+            values = every[chosen]
+            read_far(values, names, actuator.parameter_values)
+            return values
     line = timeline(times, volts, hold, delay=delay, from_rest=initial_state is None)
-    run_dense(actuator.system, line, state_vector(actuator, initial_state), values)
-    return values[chosen]
+    state = state_vector(actuator, initial_state)
+    seen = seen_states([actuator.system], chosen)
+    values = np.empty((len(chosen), len(times)))
+    run_dense(reduced(actuator.system, chosen, seen), line, state[seen], values)
+    read_far(values, names, actuator.parameter_values)
+    return values
 
 
 def run_dense(system: System, line: Timeline, state: FloatArray, values: FloatArray) -> None:
@@ -170,10 +182,30 @@ def sensitivities(
         actuator.assembled({**actuator.parameter_values, name: complex(actuator[name], _COMPLEX_STEP)})
         for name in names
     ]
+    seen = seen_states([system, *stepped], chosen)
+    system, *stepped = (reduced(each, chosen, seen) for each in (system, *stepped))
     moves = _moves(system, stepped, line.durations)
-    if system.law_ports is not None:
-        return _with_laws(system, stepped, moves, line, chosen, state, len(times))
-    return _linear(system, stepped, moves, line, chosen, state, len(times))
+    found = (_linear if system.law_ports is None else _with_laws)(system, stepped, moves, line, state[seen], len(times))
+    if len(seen) < len(state):
+        states = np.zeros((*found.values.shape, len(state)))
+        states[:, :, seen] = found.states
+        found = replace(found, states=states)
+    _before_laser(found, actuator, names, [OUTPUTS[place] for place in chosen])
+    return found
+
+
+def _before_laser(found: Sensitivities, actuator: Actuator, names: Sequence[str], outputs: Sequence[str]) -> None:
+    """Put what a laser reads in place of the displacement, where the strip stands before one, and its derivatives."""
+    if not actuator.structure.laser:
+        return
+    for row in (row for row, name in enumerate(outputs) if name == "displacement"):
+        reading = Laser().reading(found.values[row], actuator.parameter_values)
+        found.values[row] = reading.values
+        found.delay[row] *= reading.by_displacement
+        for slopes in (found.parameters, found.states):
+            slopes[row] *= reading.by_displacement[:, None]
+        for place in (place for place, name in enumerate(names) if name == "geometry.sensing_length"):
+            found.parameters[row, :, place] += reading.by_sensing_length
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,19 +243,18 @@ def _linear(
     stepped: Sequence[System],
     moves: _Moves,
     line: Timeline,
-    chosen: list[int],
     state: FloatArray,
     rows: int,
 ) -> Sensitivities:
     from ipmclab.model import kernels
 
     n, count = len(state), len(stepped)
-    c, d = system.c[chosen], system.d[chosen, 0]
-    d_c = _slopes([at.c[chosen] for at in stepped], c.shape)
-    d_d = _slopes([at.d[chosen, 0] for at in stepped], d.shape)
+    c, d = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
+    d_c = _slopes([at.c for at in stepped], c.shape)
+    d_d = _slopes([at.d[:, 0] for at in stepped], d.shape)
     tangents = np.hstack([np.zeros((n, count)), np.eye(n)])
-    values = np.empty((len(chosen), rows))
-    derivatives = np.empty((len(chosen), rows, count + n))
+    values = np.empty((len(c), rows))
+    derivatives = np.empty((len(c), rows, count + n))
     by_delay = np.empty_like(values)
     along: list[Any] = [*moves.at[:3], *moves.by[:3], line.interval, line.start, line.end, line.row, line.reading]
     kernels.dense_tangents(*[*along, c, d, d_c, d_d, state, tangents, values, derivatives])
@@ -244,7 +275,6 @@ def _with_laws(
     stepped: Sequence[System],
     moves: _Moves,
     line: Timeline,
-    chosen: list[int],
     state: FloatArray,
     rows: int,
 ) -> Sensitivities:
@@ -254,11 +284,11 @@ def _with_laws(
     laws = law_numbers(system, moves.at[4])
     ports = [at.law_ports for at in (system, *stepped) if at.law_ports is not None]
     own, others = ports[0], ports[1:]
-    c, d, reach = np.ascontiguousarray(system.c[chosen]), system.d[chosen, 0], laws.reach[chosen]
+    c, d = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
     d_read = (
-        _slopes([at.c[chosen] for at in stepped], c.shape),
-        _slopes([at.d[chosen, 0] for at in stepped], d.shape),
-        _slopes([at.reach[chosen] for at in others], reach.shape),
+        _slopes([at.c for at in stepped], c.shape),
+        _slopes([at.d[:, 0] for at in stepped], d.shape),
+        _slopes([at.reach for at in others], laws.reach.shape),
     )
     d_ports = (
         _slopes([at.c for at in others], own.c.shape),
@@ -270,12 +300,12 @@ def _with_laws(
     )
     flow = np.ascontiguousarray(system.a), np.ascontiguousarray(system.b[:, 0]), np.ascontiguousarray(own.drive)
     tangents = np.hstack([np.zeros((n, count)), np.eye(n), np.zeros((n, 1))])
-    values = np.empty((len(chosen), rows))
-    derivatives = np.empty((len(chosen), rows, count + n + 1))
+    values = np.empty((len(c), rows))
+    derivatives = np.empty((len(c), rows, count + n + 1))
     along: list[Any] = [line.durations, line.interval, line.start, line.end, line.row, line.reading]
     moving: list[Any] = [line.rate, line.reading_rate, line.arrives, line.leaves]
     at_ports: list[Any] = [laws.ports, d_ports, laws.forms, laws.coefficients, d_coefficients]
-    matrices: list[Any] = [moves.at, moves.by, laws.drop, *along, *moving, flow, (c, d, reach), d_read, *at_ports]
+    matrices: list[Any] = [moves.at, moves.by, laws.drop, *along, *moving, flow, (c, d, laws.reach), d_read, *at_ports]
     check_solved(dense_laws_tangents(*[*matrices, state, tangents, values, derivatives]))
     return Sensitivities(
         values=values,
