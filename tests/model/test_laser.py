@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ipmclab import load_actuator
+from ipmclab import Actuator, load_actuator
+from ipmclab.model import sensitivities, simulate, simulate_outputs
 from ipmclab.model.laser import Laser
 from ipmclab.model.shape import shape
 
@@ -57,3 +58,56 @@ def test_derivatives() -> None:
         by_difference = (ends[1] - ends[0]) / (2.0 * step)
         inside = ~LASER.lost(found.values, STRIP) | (name == "displacement")
         np.testing.assert_allclose(slope[inside], by_difference[inside], rtol=1e-6, atol=1e-7)
+
+
+def bends_far(stages: str = "laser") -> Actuator:
+    """friend-2 with ten times the coupling: 6.25 mm at 1 V, and up to 9.4 mm at 1.5 V, which leaves the laser."""
+    strip = load_actuator(f"friend-2+{stages}")
+    return strip.replace(**{"coupling.gain": 10.0 * strip["coupling.gain"], "laser.range": 0.5})
+
+
+@pytest.mark.parametrize("stages", ["laser", "leak.cubic+laser", "relaxation.displacement+laser"])
+def test_a_run_holds_no_reading_where_the_strip_has_left_the_laser(stages: str) -> None:
+    strip = bends_far(stages)
+    bent = load_actuator("+".join(["friend-2", *stages.split("+")[:-1]]))
+    bent = bent.replace(**{name: strip[name] for name in bent.parameter_values})
+    signal = "square 2.4 V 0.05 Hz"
+    run, small = (simulate(each, signal, duration=30.0, rate=20.0) for each in (strip, bent))
+    assert run.displacement is not None
+    assert small.displacement is not None
+    length, laser_at = strip["geometry.free_length"], strip["geometry.sensing_length"]
+    heights = [shape([2.0 * one / laser_at**2] * 60, length).height_at(laser_at) for one in small.displacement[::7]]
+    np.testing.assert_array_equal(np.isnan(run.displacement[::7]), np.isnan(heights))
+    np.testing.assert_allclose(run.displacement[::7], heights, rtol=1e-9)
+    assert 10 < np.isnan(run.displacement).sum() < len(run) - 10
+    for name in ("current", "applied_voltage", "force"):
+        np.testing.assert_array_equal(run.channels[name], small.channels[name])
+    stepped = strip.simulator(20.0)
+    blocks = np.hstack([stepped.block(run.voltage[:123]), stepped.block(run.voltage[123:])])
+    np.testing.assert_allclose(blocks[2], run.displacement, rtol=0, atol=1e-12)
+
+
+def test_what_a_search_follows_is_finite_and_has_exact_derivatives() -> None:
+    strip = bends_far()
+    names = ["coupling.gain", "geometry.sensing_length", "circuit.dc_resistivity"]
+    time = np.arange(0.0, 12.0, 0.2)
+    volts = np.full_like(time, 2.4)
+    found = sensitivities(strip, names, time, volts, "zero", outputs=["force", "displacement"], delay=0.05)
+    values = simulate_outputs(strip, time, volts, "zero", outputs=["displacement"], delay=0.05)
+    np.testing.assert_allclose(found.values[1], values[0], rtol=1e-12, atol=1e-18)
+    assert np.all(np.isfinite(values))
+    kept = ~LASER.lost(values[0], strip.parameter_values)
+    assert 5 < kept.sum() < len(time) - 5
+    for place, name in enumerate(names):
+        step = 1e-6 * strip[name]
+        ends = [
+            simulate_outputs(strip.replace(**{name: strip[name] + by}), time, volts, "zero", delay=0.05)[2]
+            for by in (-step, step)
+        ]
+        slope = (ends[1] - ends[0]) / (2.0 * step)
+        rows = kept if name == "geometry.sensing_length" else np.ones_like(kept)
+        np.testing.assert_allclose(
+            found.parameters[1, rows, place], slope[rows], rtol=1e-6, atol=1e-6 * np.abs(slope).max()
+        )
+    ends = [simulate_outputs(strip, time, volts, "zero", delay=0.05 + by)[2] for by in (-1e-6, 1e-6)]
+    np.testing.assert_allclose(found.delay[1], (ends[1] - ends[0]) / 2e-6, rtol=1e-5, atol=1e-10)

@@ -97,7 +97,7 @@ def shape(curvature: npt.ArrayLike, length: float) -> Shape:
     angle = np.concatenate([[0.0], np.cumsum(turn)])
     middle, chord = angle[:-1] + 0.5 * turn, step * np.sinc(turn / (2.0 * np.pi))
     return Shape(
-        along=step * np.arange(len(bent) + 1),
+        along=np.linspace(0.0, length, len(bent) + 1, dtype=np.float64),
         x=np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))]),
         y=np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))]),
         angle=angle,

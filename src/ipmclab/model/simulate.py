@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.laser import blank_lost, read_far
 from ipmclab.model.modal import coefficients, modes
 from ipmclab.run import Hold, Run, RunMetadata
 
@@ -126,7 +127,8 @@ def simulate(
     Returns
     -------
     run : Run
-        With current [A], applied voltage [V], displacement [m] and force [N].
+        With current [A], applied voltage [V], displacement [m] and force [N]; NaN is a displacement where a laser
+        has lost the strip. ``metadata.findings`` says where the model was asked beyond what it holds for.
 
     Raises
     ------
@@ -152,6 +154,7 @@ def simulate(
         values = np.empty((len(OUTPUTS), rows))
         with np.errstate(over="ignore", invalid="ignore"):  # the result is looked at below
             _modal_loop(rows)(volts, numbers, values)
+            read_far(values, OUTPUTS, actuator.parameter_values)
     else:
         from ipmclab.model.sensitivity import simulate_outputs
 
@@ -260,6 +263,7 @@ def _as_run(
             where="simulate",
             repair="these numbers are beyond floating point: correct the voltage, the rate or the initial state",
         )
+    blank_lost(values, OUTPUTS, actuator.parameter_values)
     current, applied_voltage, displacement, force = values
     return Run(
         time=time,

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.actuator import Actuator, state_vector
+from ipmclab.model.actuator import OUTPUTS, Actuator, state_vector
 from ipmclab.model.dense import Dense, parts
+from ipmclab.model.laser import blank_lost, read_far
 from ipmclab.model.simulate import above_zero, check_hold, checked_voltage
 from ipmclab.run import Hold
 
@@ -57,6 +58,7 @@ class Simulator:
         self._dense = Dense.of(system, period / self._parts)
         self._outputs = len(system.outputs)
         self._names = system.states
+        self._parameters = actuator.parameter_values
         self._hold = hold
         self._state = state_vector(actuator, initial_state)
         self._last_voltage: float | None = None
@@ -84,7 +86,8 @@ class Simulator:
         Returns
         -------
         outputs : float array, shape (n_outputs, n_time) [SI]
-            In the order of ``OUTPUTS``: current, applied voltage, displacement, force.
+            In the order of ``OUTPUTS``: current, applied voltage, displacement, force. Where a laser has lost the
+            strip, the displacement is NaN.
 
         Raises
         ------
@@ -113,6 +116,8 @@ class Simulator:
             start, end, row = self._divided(start, end, row)
         interval = np.zeros(len(start), dtype=np.int64)
         self._dense.run(interval, start, end, row, volts, self._state, outputs)
+        read_far(outputs, OUTPUTS, self._parameters)
+        blank_lost(outputs, OUTPUTS, self._parameters)
         return outputs
 
     def _divided(
