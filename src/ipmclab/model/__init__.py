@@ -10,6 +10,8 @@ from ipmclab.model.actuator_file import (
     load_actuator,
     write_actuator,
 )
+from ipmclab.model.curvature import curvature
+from ipmclab.model.line import ErrorBound, line_error_bound
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.sensitivity import Sensitivities, sensitivities, simulate_outputs
 from ipmclab.model.simulate import simulate
@@ -19,12 +21,15 @@ from ipmclab.model.variants import with_stages
 __all__ = [
     "OUTPUTS",
     "Actuator",
+    "ErrorBound",
     "Parameter",
     "Sensitivities",
     "Simulator",
     "actuator_from_text",
     "actuator_to_text",
+    "curvature",
     "library_names",
+    "line_error_bound",
     "load_actuator",
     "sensitivities",
     "simulate",

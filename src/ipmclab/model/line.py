@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,9 @@ from ipmclab.model.line_segments import Segments
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.units import NUMBER
 
+if TYPE_CHECKING:
+    from ipmclab.model.actuator import Actuator
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -27,6 +30,39 @@ class ErrorBound(NamedTuple):
 
     current: float
     node_voltage: float
+
+
+def line_error_bound(actuator: Actuator) -> ErrorBound:
+    """How far an actuator's line by modes can be off, because modes were left out, at any time and for any voltage.
+
+    Derived in ``line_modes.error_bound``. A line by segments has no such bound: its error is that of a ladder, and
+    falls with the square of the number of segments.
+
+    Parameters
+    ----------
+    actuator : Actuator
+
+    Raises
+    ------
+    InputError
+        The actuator's electrodes are no line by modes.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> bound = line_error_bound(load_actuator("friend-2+line.modes=12"))
+    >>> bound.current < 1e-5 and bound.node_voltage < 2e-5
+    True
+    """
+    structure, values = actuator.structure, actuator.parameter_values
+    if structure.line != "modes":
+        raise InputError(
+            f"the electrodes of {actuator.name!r} are no line by modes",
+            code="no-modes",
+            where="line.modes",
+            repair="add the stage, such as friend-2+line.modes=12",
+        )
+    return ErrorBound(*line_modes.error_bound(values, structure.branches, round(values["line.modes"])))
 
 
 @dataclass(frozen=True)
@@ -114,14 +150,6 @@ class Line:
         reading = line_modes.at(values, line_modes.spectrum(values, count), positions)
         ports = ("voltage", *(f"node_voltage.{i}" for i in range(count)), "tail_current")
         return ports, np.hstack([reading.direct[:, None], reading.modes, -reading.drop[:, None]])
-
-    def error_bound(self, values: Values) -> ErrorBound:
-        """How far the modes that were left out can put current and node voltage off.
-
-        Derived in ``line_modes.error_bound``; it holds for every voltage and at every time. A line by segments has
-        none: its error is that of a ladder, and falls with the square of the number of segments.
-        """
-        return ErrorBound(*line_modes.error_bound(values, self.branches, self._count(values)))
 
     def _count(self, values: Values) -> int:
         return round(complex(values[f"line.{self.kind}"]).real)
