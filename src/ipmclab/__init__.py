@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from ipmclab import signals as signals
     from ipmclab.errors import InputError as InputError
     from ipmclab.errors import IpmclabError as IpmclabError
+    from ipmclab.identify import Choice as Choice
     from ipmclab.identify import Fit as Fit
     from ipmclab.identify import Validation as Validation
+    from ipmclab.identify import choose as choose
     from ipmclab.identify import identify as identify
     from ipmclab.identify import read_fit as read_fit
     from ipmclab.identify import validate as validate
@@ -43,8 +45,10 @@ if TYPE_CHECKING:
 _HOMES: Final = {
     "InputError": "ipmclab.errors",
     "IpmclabError": "ipmclab.errors",
+    "Choice": "ipmclab.identify",
     "Fit": "ipmclab.identify",
     "Validation": "ipmclab.identify",
+    "choose": "ipmclab.identify",
     "identify": "ipmclab.identify",
     "read_fit": "ipmclab.identify",
     "validate": "ipmclab.identify",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ipmclab.identify.choice import Candidate, Choice
+from ipmclab.identify.choose import choose
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_file import read_fit, write_fit
 from ipmclab.identify.identify import identify
@@ -9,12 +11,15 @@ from ipmclab.identify.observation import Observation
 from ipmclab.identify.validate import RunValidation, Validation, validate
 
 __all__ = [
+    "Candidate",
+    "Choice",
     "Direction",
     "Fit",
     "FittedParameter",
     "Observation",
     "RunValidation",
     "Validation",
+    "choose",
     "identify",
     "read_fit",
     "validate",

@@ -1,0 +1,244 @@
+"""Fit a model without some readings, and see what it says of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import IpmclabError
+from ipmclab.identify.choosing.blocks import Block
+from ipmclab.identify.choosing.compare import HeldOut
+from ipmclab.identify.choosing.noise import Filtered, NoiseModel, Series, fit_noise
+from ipmclab.identify.fit import Fit
+from ipmclab.identify.fitted import fitted_outputs
+from ipmclab.identify.identify import identify
+from ipmclab.identify.observation import Record
+from ipmclab.identify.scores import Comparison
+from ipmclab.identify.validate import validate
+from ipmclab.model import Actuator
+from ipmclab.run import Run
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+Key = tuple[int, str]
+"""Place of a run, and an output."""
+
+
+@dataclass(frozen=True, eq=False)
+class Division:
+    """The runs, and how they are divided.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With every output that some model reads.
+    blocks : sequence of Block
+    keys : sequence of (place, output)
+        What is scored: the outputs of each run that every model reads.
+    whole_runs : bool
+        Whether the fit never sees anything of a run that is held out.
+    """
+
+    records: Sequence[Record]
+    blocks: Sequence[Block]
+    keys: Sequence[Key]
+    whole_runs: bool
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """What is scored, of any run."""
+        return tuple(dict.fromkeys(output for _, output in self.keys))
+
+    def outputs_of(self, place: int) -> list[str]:
+        """What is scored of one run."""
+        return [output for of_run, output in self.keys if of_run == place]
+
+    @property
+    def folds(self) -> int:
+        """How often each model is fitted to a part."""
+        return 1 + max(block.fold for block in self.blocks)
+
+    def held_rows(self, record: Record, fold: int) -> npt.NDArray[np.bool_]:
+        """Which rows of a run a fold holds out."""
+        held = np.zeros(len(record.run), dtype=bool)
+        for block in self.blocks:
+            if block.run == record.place and block.fold == fold:
+                held[block.start : block.stop] = True
+        return held
+
+    def series(self, key: Key, residual: FloatArray) -> Series:
+        """A residual with the yardsticks of its record, which are the same for every model."""
+        record = self.records[key[0]]
+        reading = record.readings[key[1]]
+        extent = float(np.ptp(reading.measured)) or 1.0
+        return Series(
+            time=record.run.time,
+            residual=np.where(reading.exact, residual, 0.0),
+            seen=reading.exact,
+            noise=max(reading.noise, 1e-9 * extent),
+            extent=extent,
+        )
+
+    def indices(self) -> tuple[IndexArray, IndexArray]:
+        """The block of each held-out reading, in the order of ``HeldOut``, and the run of each block."""
+        block_of = [
+            np.full(
+                int(np.count_nonzero(self.records[block.run].readings[output].exact[block.start : block.stop])),
+                number,
+                dtype=np.intp,
+            )
+            for number, block in enumerate(self.blocks)
+            for output in self.outputs_of(block.run)
+        ]
+        return np.concatenate(block_of), np.array([block.run for block in self.blocks], dtype=np.intp)
+
+
+Residuals = Mapping[Key, Series]
+
+
+def hold_out(
+    actuator: Actuator,
+    runs: Sequence[Run],
+    division: Division,
+    free: Sequence[str],
+    per_run: Sequence[str],
+    tell: Callable[[int], None],
+) -> tuple[Residuals, ...]:
+    """Fit a model to everything but each fold in turn, and see what it leaves of every reading.
+
+    A row is held out by taking its readings away; its time and its voltage stay, so that the model arrives at
+    the next row with its whole history.
+
+    Returns
+    -------
+    residuals : tuple of mapping of (place, output) to Series
+        One for each fold: in the rows that its fit saw and in those that it did not.
+    """
+    folds = []
+    for fold in range(division.folds):
+        tell(fold)
+        held = [division.held_rows(record, fold) for record in division.records]
+        kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
+        part = identify(
+            actuator,
+            [_seen(division.records[place], held[place]) for place in kept],
+            free=free,
+            per_run=per_run,
+            labels=[division.records[place].label for place in kept],
+        )
+        of_fold: dict[Key, Series] = {}
+        for place, run in enumerate(runs):
+            if place in kept:
+                of_fold |= residuals(division, part, run, place, kept.index(place))
+            else:
+                comparisons = validate(part.actuator, [run]).runs[0].comparisons
+                of_fold |= _series(division, place, comparisons)
+        folds.append(of_fold)
+    return tuple(folds)
+
+
+def residuals(division: Division, fit: Fit, run: Run, place: int, in_fit: int) -> dict[Key, Series]:
+    """What a fit leaves of a run that it saw, in all its rows; ``in_fit`` is the run's place in that fit."""
+    return _series(division, place, fitted_outputs(fit, run, in_fit))
+
+
+def _seen(record: Record, held: npt.NDArray[np.bool_]) -> Run:
+    """The run as the fit may see it: what ``check`` masked and what is held out is missing."""
+    channels = {
+        output: np.where(reading.used & ~held, reading.values, np.nan) for output, reading in record.readings.items()
+    }
+    missing: dict[str, FloatArray | None] = {
+        name: None for name in ("current", "displacement", "force") if name not in channels
+    }
+    return replace(record.run, **missing, **channels)
+
+
+def _series(division: Division, place: int, comparisons: Mapping[str, Comparison]) -> dict[Key, Series]:
+    found: dict[Key, Series] = {}
+    label = division.records[place].label
+    for output in division.outputs_of(place):
+        if output not in comparisons:
+            raise IpmclabError(
+                f"its fit to a part of the readings leaves the {output} out",
+                code="no-readings",
+                where=label,
+                repair="give runs with more readings of it",
+            )
+        one = comparisons[output]
+        series = division.series((place, output), one.measured - one.predicted)
+        lost = np.flatnonzero(~np.isfinite(series.residual))
+        if len(lost):
+            raise IpmclabError(
+                f"it predicts no {output} in {len(lost)} rows that have a reading, the first is row {lost[0]}",
+                code="not-finite",
+                where=label,
+                repair="see that the model holds for this run",
+            )
+        found[place, output] = series
+    return found
+
+
+def held_out_noise(folds: Sequence[Residuals], division: Division) -> dict[str, NoiseModel]:
+    """The noise of each output: that under which the held-out errors of this model are most likely."""
+    return {output: fit_noise(_held_out(folds, division, output)) for output in division.outputs}
+
+
+def held_out_rmse(folds: Sequence[Residuals], division: Division) -> dict[str, float]:
+    """Root mean square of the held-out errors of each output [SI]."""
+    found = {}
+    for output in division.outputs:
+        errors = np.concatenate([one.residual[one.seen] for one in _held_out(folds, division, output)])
+        found[output] = math.sqrt(float(np.mean(errors**2)))
+    return found
+
+
+def _held_out(folds: Sequence[Residuals], division: Division, output: str) -> list[Series]:
+    """The errors of each run, every block from the fit that did not see it."""
+    joined = []
+    for place in (of_run for of_run, name in division.keys if name == output):
+        residual = np.zeros(len(division.records[place].run))
+        for block in division.blocks:
+            if block.run == place:
+                rows = slice(block.start, block.stop)
+                residual[rows] = folds[block.fold][place, output].residual[rows]
+        joined.append(division.series((place, output), residual))
+    return joined
+
+
+def score_blocks(folds: Sequence[Residuals], division: Division, noise: Mapping[str, NoiseModel]) -> HeldOut:
+    """The log predictive density of every block, given the readings that the fit saw.
+
+    The noise hangs together in time, so what the fit saw before and after a block says something of the noise
+    in it: the density of a block is that of the seen readings with the block over that without it.
+    A model that bends with a drift gains nothing over one that leaves the drift to the noise. Of a run that was
+    held out whole nothing was seen: its blocks follow each other.
+    """
+    scores = np.zeros(len(division.blocks))
+    innovation: list[FloatArray] = []
+    variance: list[FloatArray] = []
+    known: dict[tuple[int, Key], Filtered] = {}
+    for number, block in enumerate(division.blocks):
+        held = division.held_rows(division.records[block.run], block.fold)
+        here = np.zeros(len(held), dtype=bool)
+        here[block.start : block.stop] = True
+        for output in division.outputs_of(block.run):
+            key = block.run, output
+            series = folds[block.fold][key]
+            if (block.fold, key) not in known:
+                seen = series.seen if division.whole_runs else series.seen & ~held
+                known[block.fold, key] = noise[output].filter(series, seen)
+            filtered, rows = known[block.fold, key], here & series.seen
+            if division.whole_runs:
+                error, spread = filtered.innovation[rows], filtered.variance[rows]
+                scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * spread) + error**2 / spread))
+            else:
+                before = filtered.total
+                filtered = noise[output].filter(series, series.seen & (~held | here))
+                scores[number] += filtered.total - before
+            innovation.append(filtered.innovation[rows])
+            variance.append(filtered.variance[rows])
+    return HeldOut(scores, np.concatenate(innovation), np.concatenate(variance))
