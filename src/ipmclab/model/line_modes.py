@@ -223,13 +223,13 @@ def _squares(line: complex, front: complex, mass: complex, count: int) -> Matrix
     low, high = np.maximum((n - 0.5) * np.pi, 0.0) ** 2, ((n + 0.5) * np.pi) ** 2
     sign = 1.0 - 2.0 * (n % 2)
     kappa = 0.5 * (low + high)
-    for _ in range(200):
+    for _ in range(100):
         value, slope = _boundary(kappa, complex(line).real, complex(front).real, complex(mass).real)
         low, high = np.where(sign * value < 0.0, kappa, low), np.where(sign * value < 0.0, high, kappa)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = kappa - value / slope
         following = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        done = np.all(np.abs(following - kappa) <= 1e-15 * following)
+        done = np.all(np.abs(following - kappa) <= 1e-12 * following)
         kappa = following
         if done:
             break
@@ -250,17 +250,15 @@ def _boundary(kappa: Matrix, line: complex, front: complex, mass: complex) -> tu
 def _entire(kappa: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     """cos k, sin k/k and (k - sin k)/k^3 as functions of kappa = k^2, which have no root in them."""
     small = kappa.real < 1.0
-    root = np.sqrt(np.where(small, 1.0, kappa))
+    far = np.where(small, 1.0, kappa)
+    root = np.sqrt(far)
     cosine, sine = np.cos(root), np.sin(root) / root
-    rest = (1.0 - sine) / np.where(small, 1.0, kappa)
-    z = np.where(small, kappa, 0.0)
-    series = [np.ones_like(z) for _ in range(3)]
-    for j in range(_SERIES, 0, -1):
-        for power, total in zip((0, 1, 3), series, strict=True):
-            total *= -z / ((2 * j + power - 1) * (2 * j + power))
-            total += 1.0
-    return (
-        np.where(small, series[0], cosine),
-        np.where(small, series[1], sine),
-        np.where(small, series[2] / 6.0, rest),
-    )
+    rest = (1.0 - sine) / far
+    if np.any(small):
+        z = -kappa[small]
+        for power, found in zip((0, 1, 3), (cosine, sine, rest), strict=True):
+            total = np.ones_like(z)
+            for j in range(_SERIES, 0, -1):
+                total = 1.0 + total * z / ((2 * j + power - 1) * (2 * j + power))
+            found[small] = total / 6.0 if power == 3 else total
+    return cosine, sine, rest
