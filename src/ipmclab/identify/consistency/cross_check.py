@@ -1,0 +1,122 @@
+"""Every cross-check on one strip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from ipmclab.identify.consistency.capacitance import CODE as CAPACITANCE
+from ipmclab.identify.consistency.capacitance import capacitance_out_of_range
+from ipmclab.identify.consistency.dry_mass import CODE as DRY_MASS
+from ipmclab.identify.consistency.dry_mass import dry_mass_against_layers
+from ipmclab.identify.consistency.facts import Fact, facts_of_runs
+from ipmclab.identify.consistency.flick import CODE as FLICK
+from ipmclab.identify.consistency.flick import flicks, resonance_against_stiffness
+from ipmclab.identify.consistency.known import Known
+from ipmclab.identify.consistency.mass import CODE as MASS
+from ipmclab.identify.consistency.mass import density_against_mass
+from ipmclab.identify.consistency.peak import CODE as PEAK
+from ipmclab.identify.consistency.peak import peak_above_series_resistance
+from ipmclab.identify.consistency.prefix import CODE as PREFIX
+from ipmclab.identify.consistency.prefix import compared_runs, prefix_of_facts, prefix_of_runs
+from ipmclab.identify.consistency.push import CODE as PUSH
+from ipmclab.identify.consistency.push import push_against_stiffness
+from ipmclab.identify.consistency.ratio import CODE as RATIO
+from ipmclab.identify.consistency.ratio import sine_against_step
+from ipmclab.identify.consistency.states import CODE as STATES
+from ipmclab.identify.consistency.states import two_states
+from ipmclab.identify.consistency.stiffness import CODE as STIFFNESS
+from ipmclab.identify.consistency.stiffness import motion_against_stiffness
+from ipmclab.identify.consistency.thickness import CODE as THICKNESS
+from ipmclab.identify.consistency.thickness import thickness_against_membrane
+from ipmclab.identify.consistency.water import CODE as WATER
+from ipmclab.identify.consistency.water import water_uptake
+from ipmclab.run import Finding, Run
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit
+    from ipmclab.model import Actuator
+    from ipmclab.sample import Sample
+
+CHECKS: Final = (
+    MASS,
+    THICKNESS,
+    DRY_MASS,
+    WATER,
+    CAPACITANCE,
+    STIFFNESS,
+    PUSH,
+    FLICK,
+    PEAK,
+    STATES,
+    PREFIX,
+    RATIO,
+)
+"""Codes of the findings, in their order."""
+
+
+def cross_check(
+    actuator: Actuator,
+    runs: Sequence[Run] = (),
+    *,
+    fit: Fit | None = None,
+    facts: Sequence[Fact] = (),
+    sample: Sample | None = None,
+) -> tuple[Finding, ...]:
+    """Hold what is known of one strip against what else is known of it.
+
+    Each finding says what was compared, both values with their standard uncertainties, how many combined standard
+    uncertainties they are apart (a finding begins at three), and the cheapest experiment that would decide. A check
+    that lacks a number says nothing.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With the uncertainties that its file states.
+    runs : sequence of Run, optional
+        Of this strip; a run that names another sample is left out.
+    fit : Fit, optional
+        Whose uncertainties count for the parameters that it fitted; ``actuator`` is then usually ``fit.actuator``.
+    facts : sequence of Fact, optional
+        Numbers that do not come from these runs, such as ``published_facts(2)`` or a push test.
+    sample : Sample, optional
+        What the strip is made of, where the actuator does not say.
+
+    Returns
+    -------
+    findings : tuple of Finding
+        Empty where everything agrees. ``values`` hold ``found`` and ``expected`` with their uncertainties, ``sigmas``,
+        and what belongs to the check, in SI units.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> from ipmclab.data import published_sample
+    >>> for finding in cross_check(load_actuator("friend-2"), sample=published_sample(2)):
+    ...     print(finding.code)
+    density-against-mass
+    thickness-against-membrane
+    dry-mass-against-layers
+    capacitance-out-of-range
+    """
+    known = Known(actuator, sample, fit)
+    own = known.sample.id if known.sample else None
+    mine = [run for run in runs if own is None or run.metadata.sample is None or run.metadata.sample.id == own]
+    together = compared_runs(mine)
+    compared = {(int(one.values["first"] or 0), int(one.values["second"] or 0)) for one in together}
+    every = (*facts, *facts_of_runs(mine), *flicks(mine))
+    return (
+        *density_against_mass(known),
+        *thickness_against_membrane(known),
+        *dry_mass_against_layers(known),
+        *water_uptake(known),
+        *capacitance_out_of_range(known),
+        *motion_against_stiffness(known, every),
+        *push_against_stiffness(known, every),
+        *resonance_against_stiffness(known, every),
+        *peak_above_series_resistance(known, every),
+        *two_states(every, compared),
+        *prefix_of_runs(together),
+        *prefix_of_facts(every),
+        *sine_against_step(known, every),
+    )
