@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -18,6 +17,7 @@ from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.observation import Observation, Record
+from ipmclab.identify.order import Order
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.profile import profile_interval
 from ipmclab.identify.response import CircuitResponder
@@ -35,7 +35,6 @@ _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still
 _SURE_AT_LIMITS: Final = 0.995
 _OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the readings leave of it
 _AT_BOUND: Final = 1e-3
-_BRANCH = re.compile(r"circuit\.branches\.(\d+)\.")
 
 _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
 
@@ -57,11 +56,11 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     open_directions = directions(asked, values, found, problem.records)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
 
-    order = _branch_order(actuator, problem, solution)
+    order = Order(problem.values(solution.theta, problem.records[0].place))
     edges_are_open = _edges_are_open(asked, found)
     fitted: dict[str, FittedParameter] = {}
     for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
-        name = _renamed(unknown.name, order)
+        name = order(unknown.name)
         error = math.inf if unknown.name in beyond else float(relative[number])
         value = float(values[number])
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
@@ -73,7 +72,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
             name=name,
             value=value,
             unit=parameters[unknown.base].unit if unknown.base in parameters else _unit(unknown.base),
-            symbol=parameters[_renamed(unknown.base, order)].symbol if unknown.base in parameters else "",
+            symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
             standard_error=_standard_error(unknown, value, float(found.covariance[number, number]), error),
             interval=interval,
             determined=alone and error <= DETERMINED and not (at_bound and unknown.log),
@@ -87,7 +86,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         for name, p in fitted.items()
         if not p.determined and not any(names_it(direction, name) for direction in named)
     )
-    correlations = _correlations([_renamed(u.name, order) for u in asked], found, relative, beyond, asked)
+    correlations = _correlations([order(u.name) for u in asked], found, relative, beyond, asked)
     observations = tuple(
         _observation(problem, solution, record, runs[record.place], order) for record in problem.records
     )
@@ -189,25 +188,11 @@ def _unit(base: str) -> str:
     return unit if base.startswith("observation.offset") else f"{unit}/s"
 
 
-def _branch_order(actuator: Actuator, problem: Problem, solution: Solution) -> dict[int, int]:
-    """New place of each branch, so that the fastest comes first."""
-    values = problem.values(solution.theta, problem.records[0].place)
-    speed = [
-        values[f"circuit.branches.{i}.resistivity"] * values[f"circuit.branches.{i}.permittivity"]
-        for i in range(actuator.circuit.branches)
-    ]
-    return {int(old): new for new, old in enumerate(np.argsort(speed, kind="stable"))}
-
-
-def _renamed(name: str, order: Mapping[int, int]) -> str:
-    return _BRANCH.sub(lambda match: f"circuit.branches.{order[int(match.group(1))]}.", name)
-
-
-def _rename_direction(direction: Direction, order: Mapping[int, int]) -> Direction:
+def _rename_direction(direction: Direction, order: Order) -> Direction:
     return replace(
         direction,
-        coefficients={_renamed(name, order): value for name, value in direction.coefficients.items()},
-        sentence=_renamed(direction.sentence, order),
+        coefficients={order(name): value for name, value in direction.coefficients.items()},
+        sentence=order(direction.sentence),
     )
 
 
@@ -232,7 +217,7 @@ def _fitted_actuator(
     problem: Problem,
     solution: Solution,
     fit: Fit,
-    order: Mapping[int, int],
+    order: Order,
 ) -> Actuator:
     every = [problem.values(solution.theta, record.place) for record in problem.records]
     means = np.mean([[run[name] for name in actuator.parameter_values] for run in every], axis=0)
@@ -240,8 +225,8 @@ def _fitted_actuator(
     uncertain = {
         n: u for n, u in actuator.standard_uncertainties.items() if n not in {x.base for x in problem.unknowns}
     }
-    values = {_renamed(name, order): value for name, value in values.items()}
-    uncertain = {_renamed(name, order): value for name, value in uncertain.items()}
+    values = {order(name): value for name, value in values.items()}
+    uncertain = {order(name): value for name, value in uncertain.items()}
     for name, parameter in fit.parameters.items():
         if name in values and parameter.determined:
             uncertain[name] = parameter.standard_error
@@ -254,9 +239,7 @@ def _fitted_actuator(
     )
 
 
-def _observation(
-    problem: Problem, solution: Solution, record: Record, run: Run, order: Mapping[int, int]
-) -> Observation:
+def _observation(problem: Problem, solution: Solution, record: Record, run: Run, order: Order) -> Observation:
     theta, place = solution.theta, record.place
 
     def own(what: str) -> dict[str, float]:
@@ -269,7 +252,7 @@ def _observation(
     state: dict[str, float] = {}
     if record.start == "free":
         found = problem.responder.initial_state(record, problem.values(theta, place), problem.start(theta, place))
-        state = {_renamed(name, order): value for name, value in found.items()}
+        state = {order(name): value for name, value in found.items()}
     return Observation(
         label=record.label,
         content_sha256=run.content_sha256,
@@ -307,7 +290,7 @@ def _fit_findings(
     stated: Mapping[str, float],
     exact: Sequence[str],
     asked: Sequence[Unknown],
-    order: Mapping[int, int],
+    order: Order,
     named: Sequence[Direction],
 ) -> list[Finding]:
     findings = []
@@ -342,13 +325,13 @@ def _fit_findings(
                 channel=output,
             )
         )
-    finite = np.array([math.isfinite(fitted[_renamed(u.name, order)].standard_error) for u in asked])
+    finite = np.array([math.isfinite(fitted[order(u.name)].standard_error) for u in asked])
     for name in (*stated, *exact):
         moved = np.where(finite, np.abs(found.leverage[name]), 0.0)
         largest = float(moved.max(initial=0.0))
         if largest < 1e-9:
             continue
-        most = _renamed(asked[int(moved.argmax())].name, order)
+        most = order(asked[int(moved.argmax())].name)
         leans = f"1 % of {name} moves {most} by {100.0 * largest:.2g} %"
         if name in stated:
             findings.append(

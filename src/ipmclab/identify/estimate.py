@@ -15,7 +15,7 @@ from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.free import FreeParameters
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
-from ipmclab.identify.response import ActuatorResponder, CircuitResponder, lumped
+from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
 from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, null_directions, polish, settle
 from ipmclab.identify.start import StartingPoint, fastest_rate, leak_shares, other_zeros, starting_points
 from ipmclab.identify.starts import is_idle, not_at_rest
@@ -31,6 +31,7 @@ _SAME_NOISE: Final = 0.002
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
+_SEVERAL_MINIMA: Final = ("coupling.", "relaxation.", "viscoelastic.", "leak.", "clamp.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +142,8 @@ def _fit(
         for record in records
         for output, reading in record.readings.items()
     }
-    # The coupling has several minima, of which noise can make the wrong one the first.
-    explore = any(name.startswith("coupling.") for name in names.actuator)
+    # These have several minima, of which noise can make the wrong one the first.
+    explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
     for point in starting_points(actuator, names, records):
         problem = _problem(actuator, parameters, names, records, point, noise)
@@ -213,7 +214,7 @@ def _problem(
     noise: Mapping[tuple[int, str], float],
 ) -> Problem:
     responder: CircuitResponder | ActuatorResponder
-    if all(set(record.readings) == {"current"} for record in records):
+    if is_lumped(actuator.structure) and all(set(record.readings) == {"current"} for record in records):
         responder = CircuitResponder(actuator.circuit.branches)
     else:
         responder = ActuatorResponder(actuator)
@@ -330,7 +331,10 @@ def _impossible_current(problem: Problem, solution: Solution, record: Record) ->
     if reading is None or not len(reading.measured):
         return None
     values = problem.values(solution.theta, record.place)
-    series = lumped(Structure.of(values).branches, values, record.series_resistance).series
+    structure = Structure.of(values)
+    if structure.clamp or structure.line:
+        return None
+    series = lumped(structure.branches, values, record.series_resistance).series
     voltage = record.run.voltage
     most = (max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)) / series if series else np.inf
     noise = problem.noise[record.place, "current"]

@@ -15,6 +15,17 @@ OBSERVATION_NAMES: Final = tuple(
 )
 """What a run's observation can have freed by name; its delay and its start are decided from the data."""
 
+_STAGES: Final[Mapping[str, str]] = {
+    "leak": "leak.exponential",
+    "relaxation": "relaxation.displacement",
+    "viscoelastic": "viscoelastic",
+    "clamp": "clamp",
+}
+"""Stages that are a group each, and what adds one to an actuator."""
+
+_BY_NAME_ONLY: Final = frozenset({"leak.cubic.linear"})
+"""Not in its group: it lies in parallel with R_dc, and no reading tells the two apart."""
+
 _PLACE = re.compile(r"\[\d+\]$")
 
 
@@ -50,7 +61,8 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     known : iterable of str
         The actuator's parameters.
     free : str or iterable of str
-        Groups (``electrical``, ``coupling``), dotted names, or comma lists of them.
+        Groups (``electrical``, ``coupling``, and of stages that the actuator has ``leak``, ``relaxation``,
+        ``viscoelastic``, ``clamp``), dotted names, or comma lists of them.
     per_run : str or iterable of str
         The same, for parameters of which each run has its own. Naming one here frees it.
 
@@ -61,7 +73,8 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     Raises
     ------
     InputError
-        An unknown name (with the nearest right one), nothing free, a per-run name with a place.
+        An unknown name (with the nearest right one), a group of a stage that the actuator lacks, nothing free, a
+        per-run name with a place.
 
     Examples
     --------
@@ -73,6 +86,7 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     groups = {
         "electrical": [n for n in names if n == "circuit.dc_resistivity" or n.startswith("circuit.branches.")],
         "coupling": [n for n in names if n.startswith("coupling.")],
+        **{stage: [n for n in names if n.startswith(f"{stage}.") and n not in _BY_NAME_ONLY] for stage in _STAGES},
     }
     shared = _expand(free, groups, names, "free")
     own = _expand(per_run, groups, names, "per_run")
@@ -105,6 +119,13 @@ def _expand(given: str | Iterable[str], groups: Mapping[str, list[str]], names: 
             name = word.strip()
             if not name:
                 continue
+            if name in _STAGES and not groups[name]:
+                raise InputError(
+                    f"this actuator has no {name}",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=f"add the stage to its name, such as friend-2+{_STAGES[name]}",
+                )
             if name in groups:
                 found.update(groups[name])
             elif name in names or name in OBSERVATION_NAMES:
@@ -137,7 +158,7 @@ def _expand(given: str | Iterable[str], groups: Mapping[str, list[str]], names: 
                     f"no parameter or group is called {name!r}",
                     code="unknown-parameter",
                     where=where,
-                    repair=suggest(name, [*groups, *names]),
+                    repair=suggest(name, [*(group for group, members in groups.items() if members), *names]),
                 )
     return found
 

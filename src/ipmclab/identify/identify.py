@@ -21,6 +21,9 @@ _ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown"})
 """Findings of a record that are no errors, but on which every time constant of the fit hangs."""
 
 
+_ELECTRICAL: Final = ("circuit.", "geometry.", "leak.", "clamp.", "line.")
+
+
 def identify(
     actuator: Actuator,
     runs: Sequence[Run] | Run,
@@ -33,8 +36,9 @@ def identify(
 
     No starting values are needed: a free parameter's value in ``actuator`` is not used, except that along a
     direction that the readings leave open altogether the answer stays nearest to it. The input is the
-    measured voltage. Current is used where a circuit parameter is free; displacement and force where
-    a coupling, beam or dimension parameter or a series resistance is.
+    measured voltage. Current is used where a parameter of the circuit, the leak or the clamp is free; displacement and
+    force where one of the coupling, the beam, the viscoelastic modulus or the dimensions or a series resistance is;
+    the one of them that relaxes where its relaxation is.
 
     Parameters
     ----------
@@ -43,7 +47,8 @@ def identify(
     runs : sequence of Run
         Of any lengths, rates and channels. They share every parameter that is not per run.
     free : str or iterable of str
-        ``electrical``, ``coupling``, dotted names, or comma lists of them. ``observation.offset.<output>`` and
+        ``electrical``, ``coupling``, ``leak``, ``relaxation``, ``viscoelastic``, ``clamp``, dotted names, or comma
+        lists of them. ``observation.offset.<output>`` and
         ``observation.drift.<output>`` free the zero and the slope of a sensor, for each run.
     per_run : str or iterable of str
         Parameters of which each run has its own, such as ``circuit.contact_resistance``.
@@ -71,6 +76,7 @@ def identify(
     """
     given = _runs(runs)
     names = parse_free(actuator.parameter_values, free, per_run)
+    _refuse_counts(actuator, names)
     outputs = _outputs(names)
     checked = [Checked.of(run) for run in given]
     found = [check_record(record) for record in checked]
@@ -84,7 +90,7 @@ def identify(
     if labels is not None:
         records = [replace(record, label=label) for record, label in zip(records, labels, strict=True)]
     earlier = fitted_runs(actuator.fit_table)
-    circuit_is_free = any(name.startswith(("circuit.", "geometry.")) for name in names.actuator)
+    circuit_is_free = any(name.startswith(_ELECTRICAL) for name in names.actuator)
     records = [
         as_read_before(record, earlier[run.content_sha256], circuit_is_free=circuit_is_free)
         if run.content_sha256 in earlier
@@ -96,6 +102,17 @@ def identify(
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
     return build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
+
+
+def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
+    for name in names.actuator:
+        if actuator.structure.declarations[name].transform == "count":
+            raise InputError(
+                f"{name!r} is a count, which a fit does not move",
+                code="count-not-fitted",
+                where="free",
+                repair="compare actuators with different counts: ipmclab choose",
+            )
 
 
 def _runs(runs: Sequence[Run] | Run) -> list[Run]:
@@ -137,10 +154,12 @@ def _outputs(names: FreeParameters) -> tuple[str, ...]:
     free = set(names.actuator)
     chosen = {name.split(".")[2] for name in names.observation}
     stages = {name.split(".")[0] for name in free}
-    if stages & {"circuit", "geometry"}:
+    if stages & {"circuit", "geometry", "leak", "clamp"}:
         chosen.add("current")
-    if stages & {"coupling", "beam", "geometry"} or free & {"circuit.sheet_resistance", "circuit.contact_resistance"}:
+    series = free & {"circuit.sheet_resistance", "circuit.contact_resistance"}
+    if stages & {"coupling", "beam", "geometry", "viscoelastic"} or series:
         chosen |= {"displacement", "force"}
+    chosen |= {name.split(".")[1].removesuffix("_pair") for name in free if name.startswith("relaxation.")}
     return tuple(output for output in READ_OUTPUTS if output in chosen)
 
 
@@ -163,6 +182,11 @@ def _need_readings(names: FreeParameters, records: Sequence[Record], silent: Seq
         "beam.": ("displacement", "force"),
         "beam.density": ("displacement",),
         "beam.damping_ratio": ("displacement",),
+        "leak.": ("current",),
+        "clamp.": ("current",),
+        "relaxation.displacement": ("displacement",),
+        "relaxation.force": ("force",),
+        "viscoelastic.": ("displacement", "force"),
     }
     for prefix, channels in needs.items():
         shared = [name for name in names.shared if name.startswith(prefix)]

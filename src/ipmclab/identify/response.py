@@ -14,6 +14,7 @@ from ipmclab.identify.observation import Record, drive, model_hold
 from ipmclab.identify.varpro import Drive, responses
 from ipmclab.model import Actuator
 from ipmclab.model.circuit import Circuit
+from ipmclab.model.structure import Structure
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,6 +55,11 @@ class Responder(Protocol):
         self, record: Record, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
     ) -> Response:
         """The outputs of one run, in the order of its readings."""
+
+
+def is_lumped(structure: Structure) -> bool:
+    """Whether the current is that of the linear lumped circuit, of which poles and residues are all there is."""
+    return not (structure.leak or structure.clamp or structure.line)
 
 
 def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> Elements:

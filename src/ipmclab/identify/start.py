@@ -13,6 +13,8 @@ from ipmclab.identify.observation import EdgeDelay, Record
 from ipmclab.identify.response import lumped
 from ipmclab.identify.start_circuit import circuit_values, find_circuit
 from ipmclab.identify.start_coupling import coupling_starts
+from ipmclab.identify.start_relaxation import relaxation_start
+from ipmclab.identify.start_viscoelastic import viscoelastic_starts
 from ipmclab.model import Actuator, geometry
 
 _SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
@@ -56,7 +58,8 @@ def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence
     """Starting points, the most likely first."""
     free = set(names.actuator)
     delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
-    bases = [{name: TYPICAL[name] for name in free if name in TYPICAL}]
+    usual = _usual(actuator, free)
+    bases = [usual]
     exact = False
     if any(name.startswith("circuit.") for name in free):
         with_current = [record for record in records if "current" in record.readings]
@@ -67,23 +70,55 @@ def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence
         delays.update(found.delays)
         seen = found.admittance
         bases = []
-        for base in [{name: TYPICAL[name] for name in free if name in TYPICAL}]:
-            for series_values in _series_values(actuator, free, base, seen.direct):
-                values = {**actuator.parameter_values, **base, **series_values}
-                series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
-                electric, exact = circuit_values(seen, values, series)
-                bases.append({**base, **series_values, **electric})
+        for series_values in _series_values(actuator, free, usual, seen.direct):
+            values = {**actuator.parameter_values, **usual, **series_values}
+            series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
+            electric, exact = circuit_values(seen, values, series)
+            bases.append({**usual, **series_values, **electric})
     points = []
+    known = {record.place: record.known_delay for record in records if record.known_delay is not None}
+    shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
+    only_electrical = exact and _only_electrical(actuator, free, records)
     for base in bases:
-        if any(name.startswith("coupling.") for name in free):
-            strip = actuator.replace(**_allowed(actuator, base))
-            known = {record.place: record.known_delay for record in records if record.known_delay is not None}
-            shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
-            for start in coupling_starts(strip, records, shifts, stiffness_is_free="beam.modulus" in free):
-                points.append(StartingPoint({**base, **start}, delays))
-        else:
-            points.append(StartingPoint(base, delays, exact and _only_electrical(actuator, free, records)))
+        strip = actuator.replace(**_allowed(actuator, base))
+        for motion in _motion_starts(strip, free, records, shifts):
+            points.append(StartingPoint({**base, **motion}, delays, only_electrical))
     return points
+
+
+def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:
+    """A usual size of each free parameter that has one; what the readings tell of it comes over it."""
+    found = {}
+    for name in sorted(free):
+        declared = actuator.structure.declarations[name]
+        usual = TYPICAL.get(name, declared.default if declared.typical is None else declared.typical)
+        if usual is not None:
+            found[name] = usual
+    return found
+
+
+def _motion_starts(
+    strip: Actuator, free: set[str], records: Sequence[Record], shifts: Mapping[int, float]
+) -> list[dict[str, float]]:
+    """Values of what only displacement and force show, for a circuit that is known; one empty where nothing is free."""
+    starts: list[dict[str, float]] = [{}]
+    relaxing = {name.split(".")[1].removesuffix("_pair") for name in free if name.startswith("relaxation.")}
+    if any(name.startswith("coupling.") for name in free):
+        starts = coupling_starts(strip, records, shifts, stiffness_is_free="beam.modulus" in free)
+    elif relaxing:
+        starts = [relaxation_start(strip, records, shifts, sorted(relaxing))]
+    if any(name.startswith("viscoelastic.") for name in free):
+        moved = [record for record in records if {"displacement", "force"} & set(record.readings)]
+        starts = [
+            {**start, **visco}
+            for start in starts
+            for visco in viscoelastic_starts(strip.replace(**_allowed(strip, _freed(start, free))), moved, shifts)
+        ]
+    return [_freed(start, free) for start in starts]
+
+
+def _freed(values: Mapping[str, float], free: set[str]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if name in free}
 
 
 def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[Record]) -> bool:

@@ -72,7 +72,18 @@ class Unknown:
 _FAR: Final = 100.0  # Nyquist rates
 
 # Where a linear parameter's value is zero its own size says nothing about what a large change is.
-_LINEAR_SCALES = {"circuit.contact_resistance": 1.0, "geometry.clamped_length": 1e-3}
+_LINEAR_SCALES: Final[Mapping[str, float]] = {
+    "circuit.contact_resistance": 1.0,
+    "geometry.clamped_length": 1e-3,
+    # At 2 V about 0.1 mA on the area of a usual strip, 1.5 cm^2.
+    "leak.cubic.linear": 0.5,
+    "leak.cubic.quadratic": 0.2,
+    "leak.cubic.cubic": 0.1,
+    "leak.exponential.current_density": 1.0,
+    "leak.butler_volmer.current_density": 1.0,
+    "leak.slow.growth": 0.1,
+}
+"""All others, ratios and volts, count in ones."""
 
 
 def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
