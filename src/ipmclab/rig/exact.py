@@ -1,4 +1,4 @@
-"""A linear system that is carried exactly over intervals of any length, as the clock of a chassis makes them."""
+"""A system that is carried exactly over intervals of any length, as the clock of a chassis makes them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from ipmclab.model.assemble import System
+    from ipmclab.model.dense import Dense
 
 FloatArray = npt.NDArray[np.float64]
 TickArray = npt.NDArray[np.int64]
@@ -19,7 +20,9 @@ TICK: Final = 1.0 / _TICKS_PER_SECOND
 """The unit of time [s], 0.2 ns: a 64th of that of a chassis (80 MHz), whose intervals are therefore whole numbers."""
 
 _RUNGS: Final = 56  # of the ladder: intervals up to 2^56 ticks, five months
-_KEPT: Final = 256  # transitions that are kept: a few of each rate
+_KEPT: Final = 512  # transitions that are kept: a few of each rate
+_LONGEST: Final = _TICKS_PER_SECOND // 50  # the longest interval for laws, as ``model.dense.LONGEST``
+_EQUAL: Final = 500  # pieces up to which they are equal
 
 
 def to_ticks(times: npt.ArrayLike) -> TickArray:
@@ -32,6 +35,7 @@ class ExactSystem:
 
     A matrix exponential for each interval would cost milliseconds where a program sets and reads once. Those of
     1, 2, 4, 8... ticks are computed once instead, and the transition over any interval is a product of some of them.
+    Where there are laws, such as a leak's, long intervals are divided as ``simulate`` divides them.
 
     Parameters
     ----------
@@ -44,15 +48,22 @@ class ExactSystem:
         from ipmclab.model.discretise import transitions
 
         n = len(system.states)
+        self._system = system
         self.state = np.zeros(n) if state is None else np.array(state, dtype=np.float64)
-        steps = transitions([system], 2.0 ** np.arange(_RUNGS) / _TICKS_PER_SECOND)
-        # The state with the input as one more component, which stays as it is.
-        self._ladder = np.zeros((_RUNGS, n + 1, n + 1))
+        lengths = 2.0 ** np.arange(_RUNGS) / _TICKS_PER_SECOND
+        steps = transitions([system], lengths)
+        m = steps.law_end.shape[-1]
+        # The state with what drives it as more components: the input and what the laws give, which stay as they are,
+        # and the rates of the laws, by which those grow.
+        self._ladder = np.tile(np.eye(n + 1 + 2 * m), (_RUNGS, 1, 1))
+        laws, rates = slice(n + 1, n + 1 + m), slice(n + 1 + m, None)
         self._ladder[:, :n, :n] = steps.state[0]
         self._ladder[:, :n, n] = steps.constant[0]
-        self._ladder[:, n, n] = 1.0
-        self._reading = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
+        self._ladder[:, :n, laws] = steps.law_begin[0] + steps.law_end[0]
+        self._ladder[:, :n, rates] = steps.law_end[0] * lengths[:, None, None]
+        self._ladder[:, laws, rates] = lengths[:, None, None] * np.eye(m)
         self._kept: dict[int, FloatArray] = {}
+        self._dense: dict[tuple[int, ...], Dense] = {}
 
     def advance(self, intervals: TickArray, inputs: FloatArray) -> FloatArray:
         """The outputs at the end of each interval, just before the input changes.
@@ -68,33 +79,39 @@ class ExactSystem:
         -------
         outputs : float array, shape (n_outputs, n_time)
         """
-        from ipmclab.model import kernels
-
         rows = len(intervals)
-        outputs = np.empty((self._reading[0].shape[0], rows))
+        outputs = np.empty((len(self._system.outputs), rows))
         if not rows:
             return outputs
-        state, constant, level, kind = self._kinds(intervals)
-        row = np.arange(-1, rows)
-        c, d = self._reading
-        kernels.dense(state, constant, level, kind, inputs, inputs, row, inputs, c, d, self.state, outputs)
+        levels, row = inputs, np.arange(-1, rows)
+        if self._system.law_ports is not None and int(intervals.max()) > _LONGEST:
+            pieces = [_pieces(int(length)) for length in intervals]
+            counts = np.array([len(piece) for piece in pieces])
+            levels, intervals = np.repeat(inputs, counts), np.concatenate(pieces)
+            row = np.full(len(intervals) + 1, -1, dtype=np.int64)
+            row[np.cumsum(counts)] = np.arange(rows)
+        lengths, kind = _kinds(intervals)
+        self._over(lengths).run(kind, levels, levels, row, inputs, self.state, outputs)
         return outputs
 
-    def _kinds(self, intervals: TickArray) -> tuple[FloatArray, FloatArray, FloatArray, TickArray]:
-        """The transitions over the lengths that occur, and which of them each interval has."""
-        if len(intervals) == 1:
-            lengths, kind = [int(intervals[0])], np.zeros(1, dtype=np.int64)
-        else:
-            shortest, longest = int(intervals.min()), int(intervals.max())
-            if longest - shortest <= 4:  # a steady clock, in which rounding moves an edge by a tick
-                lengths, kind = list(range(shortest, longest + 1)), intervals - shortest
-            else:
-                distinct, kind = np.unique(intervals, return_inverse=True)
-                lengths = distinct.tolist()
-        n = len(self.state)
-        moves = np.array([self._transition(length) for length in lengths])
-        state, constant = np.ascontiguousarray(moves[:, :n, :n]), np.ascontiguousarray(moves[:, :n, n])
-        return state, constant, np.zeros_like(constant), kind  # within an interval the input has no slope
+    def _over(self, lengths: tuple[int, ...]) -> Dense:
+        """The system over intervals of these lengths [ticks]."""
+        if lengths not in self._dense:
+            from ipmclab.model.dense import Dense
+            from ipmclab.model.discretise import Transition
+
+            if len(self._dense) >= _KEPT:
+                self._dense.clear()
+            n, ports = len(self.state), self._system.law_ports
+            laws = 0 if ports is None else len(ports.laws)
+            moves = np.array([self._transition(length) for length in lengths])
+            held, grown = moves[:, :n, n + 1 : n + 1 + laws], moves[:, :n, n + 1 + laws :]
+            ramped = grown / np.maximum(np.array(lengths) * TICK, TICK)[:, None, None]
+            constant = moves[:, :n, n]
+            # Within an interval the input has no slope.
+            move = Transition(moves[:, :n, :n], constant, np.zeros_like(constant), held - ramped, ramped)
+            self._dense[lengths] = Dense(self._system, move)
+        return self._dense[lengths]
 
     def _transition(self, ticks: int) -> FloatArray:
         """What an interval does to state and input together."""
@@ -108,3 +125,27 @@ class ExactSystem:
                     move = self._ladder[rung] @ move
             self._kept[ticks] = move
         return self._kept[ticks]
+
+
+def _kinds(intervals: TickArray) -> tuple[tuple[int, ...], TickArray]:
+    """The lengths that occur, and which of them each interval has."""
+    if len(intervals) == 1:
+        return (int(intervals[0]),), np.zeros(1, dtype=np.int64)
+    shortest, longest = int(intervals.min()), int(intervals.max())
+    if longest - shortest <= 4:  # a steady clock, in which rounding moves an edge by a tick
+        return tuple(range(shortest, longest + 1)), intervals - shortest
+    distinct, kind = np.unique(intervals, return_inverse=True)
+    return tuple(distinct.tolist()), kind.astype(np.int64)
+
+
+def _pieces(length: int) -> TickArray:
+    """An interval [ticks] in pieces short enough for laws: of 20 ms, and longer ones once the voltage stood long."""
+    count = max(1, -(-(length - 4) // _LONGEST))
+    if count > _EQUAL:
+        early = np.arange(_EQUAL // 2 + 1) * _LONGEST
+        late = np.geomspace(early[-1], length, _EQUAL // 2 + 1)[1:]
+        edges = np.concatenate([early, np.rint(late).astype(np.int64)])
+        edges[-1] = length
+    else:
+        edges = np.arange(count + 1) * length // count
+    return np.diff(edges)
