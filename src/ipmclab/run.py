@@ -191,6 +191,8 @@ class RunMetadata:
         Standard uncertainty of the calibration, with the change of its zero.
     limits : mapping of name to text
         What the guard watched.
+    findings : tuple of Finding
+        Of a simulated run: where its model was asked beyond what it holds for.
     """
 
     origin: Literal["measured", "simulated", "virtual bench"] = "measured"
@@ -232,6 +234,7 @@ class RunMetadata:
     zeros: tuple[ZeroReading, ...] = ()
     uncertainties: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, str] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ipmclab.model import load_actuator
+from ipmclab.model import load_actuator, validity
 from ipmclab.quality import censored, check, measure, usable
 from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.virtual import VirtualBench
@@ -85,6 +85,7 @@ def test_every_finding_is_explained_in_the_documentation() -> None:
     sources = "".join(path.read_text(encoding="utf-8") for path in (root / "src/ipmclab/quality").glob("*.py"))
     codes = set(re.findall(r'"([a-z]+(?:-[a-z]+)+)"', sources)) | {"spike", "slip", "stuck", "clipped"}
     codes -= {"utf-8", "no-pair"}  # an encoding, and the code of an error: no findings
+    codes |= set(validity.CODES)  # which a simulated run carries along
     table = (root / "docs" / "checks.md").read_text(encoding="utf-8")
     explained = set(re.findall(r"^\| `([a-z-]+)` \|", table, flags=re.MULTILINE))
     assert codes == explained

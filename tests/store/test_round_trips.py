@@ -12,7 +12,7 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata, ZeroReading
+from ipmclab.run import QUALITY_FLAGS, Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
 from ipmclab.store import export_run, import_run, read_run, write_run
 from ipmclab.units import CHANNELS
@@ -62,6 +62,22 @@ def metadata(draw: st.DrawFn) -> RunMetadata:
         ),
         uncertainties=draw(st.dictionaries(channels, finite, max_size=2)),
         limits=draw(st.dictionaries(texts, texts, max_size=2)),
+        findings=tuple(draw(st.lists(findings(), max_size=2))),
+    )
+
+
+def findings() -> st.SearchStrategy[Finding]:
+    rows = st.integers(0, 10**9)
+    return st.builds(
+        Finding,
+        code=texts,
+        severity=st.sampled_from(["info", "warning", "error"]),
+        message=texts,
+        repair=texts,
+        channel=st.none() | texts,
+        samples=st.lists(st.tuples(rows, rows), max_size=2).map(tuple),
+        effect=st.sampled_from(["none", "mask", "lower_bound", "upper_bound"]),
+        values=st.dictionaries(texts, finite | st.integers(-(2**40), 2**40) | texts | st.none(), max_size=3),
     )
 
 

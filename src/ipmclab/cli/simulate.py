@@ -10,7 +10,6 @@ import typer
 from ipmclab.cli.files import check_output
 from ipmclab.cli.options import ActuatorName, Force, Json, positive
 from ipmclab.cli.output import print_json, print_remarks, print_table, progress, read, with_unit
-from ipmclab.cli.remarks import remarks
 from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS, FREQUENCY, TIME
 
@@ -37,6 +36,7 @@ def simulate(
     """
     from ipmclab import load_actuator, signals, write_run
     from ipmclab.model.simulate import simulate as simulate_actuator
+    from ipmclab.model.validity import sentence
 
     if hold not in HOLDS:
         raise InputError(f"unknown hold {hold!r}", code="unknown-hold", where="--hold", repair=suggest(hold, HOLDS))
@@ -49,7 +49,7 @@ def simulate(
         run = simulate_actuator(model, applied, duration=seconds, rate=hertz, hold=hold)
         write_run(run, out, overwrite=force)
 
-    told = remarks(model, run)
+    told = [sentence(finding) for finding in run.metadata.findings]
     summary = {name: _summary(run, name) for name in run.channels if name != "voltage"}
     if as_json:
         print_json(
@@ -83,5 +83,7 @@ def simulate(
 def _summary(run: Run, channel: str) -> tuple[float, float, float]:
     """The value of largest magnitude, its time [s], and the last value."""
     values: Any = run.channels[channel]
-    row = int(abs(values).argmax())
+    sizes = abs(values)
+    sizes[sizes != sizes] = -1.0  # no reading: the laser lost the strip
+    row = int(sizes.argmax())
     return float(values[row]), float(run.time[row]), float(values[-1])

@@ -14,13 +14,11 @@ from ipmclab.cli.output import (
     finding_document,
     print_findings,
     print_json,
-    print_remarks,
     print_table,
     progress,
     read,
     significant,
 )
-from ipmclab.cli.remarks import remarks
 from ipmclab.units import CHANNELS, TIME
 
 if TYPE_CHECKING:
@@ -80,12 +78,13 @@ def print_validations(names: Sequence[str], validations: Sequence[Validation], r
         if validation.findings:
             print(f"{name}:")
             print_findings(validation.findings)
-    print_remarks(list(dict.fromkeys(text for validation in validations for text in _remarks(validation))))
 
 
 def _remarks(validation: Validation) -> list[str]:
     """Where the predictions leave what the model holds for, with the runs."""
-    return [f"{one.label}: {text}" for one in validation.runs for text in remarks(validation.actuator, one.predicted)]
+    from ipmclab.model.validity import sentence
+
+    return [f"{one.label}: {sentence(found)}" for one in validation.runs for found in one.predicted.metadata.findings]
 
 
 def _cells(score: Score) -> list[str]:

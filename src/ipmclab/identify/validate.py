@@ -23,6 +23,7 @@ from ipmclab.identify.observation import (
 )
 from ipmclab.identify.open_coupling import open_coupling
 from ipmclab.identify.scores import Comparison, Score, score
+from ipmclab.model.validity import validity
 from ipmclab.quality import check
 from ipmclab.run import Finding, Run, RunMetadata
 from ipmclab.units import CHANNELS
@@ -238,11 +239,17 @@ def _validate_run(
     scores = {name: score(name, [one]) for name, one in comparisons.items()}
     for name in silent & scores.keys():
         scores[name] = replace(scores[name], reason=_SILENT)
-    about = RunMetadata(origin="simulated", sample=actuator.sample, signal=run.metadata.signal)
+    answer = Run(time=run.time, voltage=run.voltage, hold=run.hold, **predicted)
+    about = RunMetadata(
+        origin="simulated",
+        sample=actuator.sample,
+        signal=run.metadata.signal,
+        findings=validity(model, answer, run.metadata.signal),
+    )
     return RunValidation(
         run=run,
         label=label,
-        predicted=Run(time=run.time, voltage=run.voltage, hold=run.hold, metadata=about, **predicted),
+        predicted=replace(answer, metadata=about),
         comparisons=comparisons,
         scores=scores,
         zeros=zeros,
@@ -304,6 +311,11 @@ def _findings(one: RunValidation) -> list[Finding]:
                 repair="begin a record when the strip is discharged, or judge the later part",
             )
         )
+    # Where the laser lost the strip, the rows of the prediction are none of the record's.
+    found += [
+        replace(beyond, message=f"{one.label}: {beyond.message}", samples=(), effect="none")
+        for beyond in one.predicted.metadata.findings
+    ]
     return found
 
 

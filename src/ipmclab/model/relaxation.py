@@ -42,11 +42,11 @@ class Relaxation:
         for i in range(self.modes):
             name = f"relaxation.{self.drive}.{i}"
             yield Declaration(f"{name}.ratio", NUMBER, f"r_{i + 1}", -1e3, 1e3, "linear", typical=0.5)
-            yield Declaration(f"{name}.time_constant", TIME, f"τ_{i + 1}", 1e-3, 1e6, typical=10.0 * 10.0**i)
+            yield Declaration(f"{name}.time_constant", TIME, f"τ_{i + 1}", 1e-3, 1e6, typical=min(10.0 * 10.0**i, 1e6))
 
     def _of_pairs(self) -> Iterator[Declaration]:
         for i in range(self.pairs):
-            name, slow = f"relaxation.{self.drive}_pair.{i}", 10.0 * 10.0**i
+            name, slow = f"relaxation.{self.drive}_pair.{i}", min(10.0 * 10.0**i, 1e6)
             yield Declaration(f"{name}.ratio", NUMBER, f"r_p{i + 1}", -1e3, 1e3, "linear", typical=0.5)
             yield Declaration(f"{name}.lead", TIME, f"l_p{i + 1}", -1e9, 1e9, "linear", typical=0.5 * slow)
             yield Declaration(f"{name}.time_constant", TIME, f"τ_p{i + 1}", 1e-3, 1e6, typical=slow)

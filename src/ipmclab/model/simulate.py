@@ -15,6 +15,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import OUTPUTS, Actuator
 from ipmclab.model.laser import blank_lost, read_far
 from ipmclab.model.modal import coefficients, modes
+from ipmclab.model.validity import validity
 from ipmclab.run import Hold, Run, RunMetadata
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def simulate(
     check_hold(hold)
     rows, frequency = count_rows(duration, rate)
     time = np.arange(rows) / frequency
-    volts, text = _voltage(signal, time, duration)
+    volts, given = _voltage(signal, time, duration)
     numbers = None if initial_state is not None else modal_coefficients(actuator, 1.0 / frequency, hold)
     if numbers is not None:
         values = np.empty((len(OUTPUTS), rows))
@@ -159,7 +160,7 @@ def simulate(
         from ipmclab.model.sensitivity import simulate_outputs
 
         values = simulate_outputs(actuator, time, volts, hold, initial_state=initial_state)
-    return _as_run(actuator, time, volts, values, hold, text, from_rest=initial_state is None)
+    return _as_run(actuator, time, volts, values, hold, given, from_rest=initial_state is None)
 
 
 def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], None]:
@@ -247,7 +248,7 @@ def _as_run(
     voltage: FloatArray,
     values: FloatArray,
     hold: Hold,
-    signal: str | None,
+    signal: Signal | str | None,
     *,
     from_rest: bool,
 ) -> Run:
@@ -265,7 +266,7 @@ def _as_run(
         )
     blank_lost(values, OUTPUTS, actuator.parameter_values)
     current, applied_voltage, displacement, force = values
-    return Run(
+    run = Run(
         time=time,
         voltage=voltage,
         current=current,
@@ -276,12 +277,14 @@ def _as_run(
         metadata=RunMetadata(
             origin="simulated",
             sample=actuator.sample,
-            signal=signal,
+            signal=None if signal is None else str(signal),
             starts_from_rest=from_rest,
             software_version=__version__,
             parameters=actuator.parameter_values,
         ),
     )
+    found = validity(actuator, run, signal)
+    return replace(run, metadata=replace(run.metadata, findings=found)) if found else run
 
 
 def above_zero(name: str, value: Any, unit: str) -> float:
@@ -326,7 +329,7 @@ def count_rows(duration: Any, rate: Any, *, most: int = MOST_ROWS) -> tuple[int,
     return round(wanted), hertz
 
 
-def _voltage(signal: Any, time: FloatArray, duration: Any) -> tuple[FloatArray, str | None]:
+def _voltage(signal: Any, time: FloatArray, duration: Any) -> tuple[FloatArray, Signal | None]:
     if isinstance(signal, str):
         from ipmclab.signals import parse
 
@@ -334,4 +337,4 @@ def _voltage(signal: Any, time: FloatArray, duration: Any) -> tuple[FloatArray, 
     if not hasattr(signal, "voltage"):
         return checked_voltage(signal, len(time)), None
     signal.check_fits(float(duration))
-    return checked_voltage(signal.voltage(time), len(time)), str(signal)
+    return checked_voltage(signal.voltage(time), len(time)), signal

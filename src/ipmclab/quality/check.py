@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
+from ipmclab.quality.asked import asked_beyond
 from ipmclab.quality.contact import missing_contact
 from ipmclab.quality.drift import before_step
 from ipmclab.quality.limits import clipping, possible_range_limit, range_limits
@@ -39,6 +40,7 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
     rising_current,
     before_step,
     seen_ringing,
+    asked_beyond,
 )
 _ORDER: Final = {"error": 0, "warning": 1, "info": 2}
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError, suggest
-from ipmclab.run import QUALITY_FLAGS, Hold, Mark, Run, RunMetadata, ZeroReading
+from ipmclab.run import QUALITY_FLAGS, Finding, Hold, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
 from ipmclab.units import CHANNELS, PRESSURE, RELATIVE_HUMIDITY, RESISTANCE, TEMPERATURE, Quantity, format_quantity
 
@@ -68,6 +68,8 @@ def metadata_table(metadata: RunMetadata) -> dict[str, Any]:
 
     try:
         table = _adapter().dump_python(metadata, exclude_none=True, warnings="error")
+        if not table["findings"]:  # which an older ipmclab does not know
+            del table["findings"]
         table = json.loads(json.dumps(table, allow_nan=False))
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise InputError(
@@ -169,6 +171,8 @@ def attributes_of(hold: Hold, metadata: RunMetadata, content_sha256: str) -> dic
             known[key] = "; ".join(f"{float(mark.time)!r} s: {mark.text}" for mark in value)
         elif key == "zeros":
             known[key] = "; ".join(_zero_text(zero) for zero in value)
+        elif key == "findings":
+            known[key] = "; ".join(f"{finding.severity} {finding.code}: {finding.message}" for finding in value)
         elif key in ("calibrations", "limits"):
             known[key] = "; ".join(f"{name}: {text}" for name, text in value.items())
         elif key == "uncertainties":
@@ -240,7 +244,7 @@ def parse_metadata(table: Any, *, where: str) -> RunMetadata:
     _refuse_unknown_keys(table, RunMetadata, where)
     if isinstance(table, dict):
         _refuse_unknown_keys(table.get("sample"), Sample, f"{where}.sample")
-        for key, kind in (("marks", Mark), ("zeros", ZeroReading)):
+        for key, kind in (("marks", Mark), ("zeros", ZeroReading), ("findings", Finding)):
             for item in table[key] if isinstance(table.get(key), list) else ():
                 _refuse_unknown_keys(item, kind, f"{where}.{key}")
     try:

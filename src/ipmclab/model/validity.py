@@ -1,0 +1,253 @@
+"""Validity: where a model is asked beyond what it holds for. Said in the run and where it is shown, never refused."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.beam import resonance
+from ipmclab.run import Finding, Run
+from ipmclab.units import LENGTH
+
+if TYPE_CHECKING:
+    from ipmclab.model.actuator import Actuator
+    from ipmclab.signals import Signal
+
+FloatArray = npt.NDArray[np.float64]
+
+ELECTROLYSIS: Final = 1.23
+"""Water decomposes above this voltage [V]."""
+
+SMALL_BENDING: Final = 0.2
+"""Displacement, as a part of the free length, up to which bending counts as small."""
+
+RESONANCE: Final = 1.0 / 3.0
+"""Part of the first resonance up to which one mode of the beam is enough."""
+
+RING: Final = 0.01
+"""A ring after an edge counts from this part of the largest displacement on."""
+
+CODES: Final = ("above-electrolysis", "large-bending", "laser-lost", "near-resonance", "resonance-aliased")
+"""What ``validity`` finds."""
+
+_FREQUENCIES: Final = ("frequency", "start_frequency", "end_frequency", "highest_frequency")
+_TIMES: Final = ("bit_time", "hold_time")
+
+
+def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -> tuple[Finding, ...]:
+    """Where a predicted run leaves what its actuator holds for.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    run : Run
+        Predicted by it.
+    signal : Signal or str, optional
+        What was applied; that of the run's metadata where it is left out, and the voltage itself where that tells none.
+
+    Returns
+    -------
+    findings : tuple of Finding
+        Empty where the model holds.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> run = simulate(strip, "step 2 V", duration=4.0, rate=50.0)
+    >>> [finding.code for finding in validity(strip, run)]
+    ['above-electrolysis']
+    >>> leaking = load_actuator("friend-2+leak.exponential")
+    >>> validity(leaking, simulate(leaking, "step 2 V", duration=4.0, rate=50.0))
+    ()
+    """
+    return (*_voltage(actuator, run), *_bending(actuator, run), *_speed(actuator, run, signal), *_ring(actuator, run))
+
+
+def sentence(finding: Finding) -> str:
+    """A finding in one line: what was seen, and what to do."""
+    return f"{finding.message}; {finding.repair}" if finding.repair else finding.message
+
+
+def _largest(values: FloatArray) -> float:
+    """The largest magnitude of the readings that there are."""
+    with np.errstate(invalid="ignore"):
+        ends = np.fmax.reduce(values), -np.fmin.reduce(values)
+    return float(np.nanmax([0.0, *ends]))
+
+
+def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
+    largest = _largest(run.voltage)
+    if largest <= ELECTROLYSIS or actuator.structure.leak:
+        return []
+    return [
+        Finding(
+            "above-electrolysis",
+            "warning",
+            f"the voltage reaches {largest:.4g} V, water decomposes above {ELECTROLYSIS:g} V: the model has no leak, "
+            "so a strip with water in it draws more current and moves otherwise",
+            "stay below, add a leak to the actuator, or be sure that the strip holds no water",
+            channel="voltage",
+            values={"largest_voltage": largest, "limit": ELECTROLYSIS},
+        )
+    ]
+
+
+def _bending(actuator: Actuator, run: Run) -> list[Finding]:
+    if run.displacement is None:
+        return []
+    if actuator.structure.laser:
+        return _lost(actuator, run.displacement, run)
+    length = actuator["geometry.free_length"]
+    bending = _largest(run.displacement)
+    if bending <= SMALL_BENDING * length:
+        return []
+    return [
+        Finding(
+            "large-bending",
+            "warning",
+            f"the displacement reaches {_mm(bending)}, more than {SMALL_BENDING:g} of the free length of "
+            f"{_mm(length)}: the beam is one of small bending",
+            "lower the voltage, check the coupling, or add a laser to the actuator, which reads large bending as it is",
+            channel="displacement",
+            values={"largest_displacement": bending, "limit": SMALL_BENDING * length},
+        )
+    ]
+
+
+def _lost(actuator: Actuator, displacement: FloatArray, run: Run) -> list[Finding]:
+    from ipmclab.model.laser import Laser
+
+    laser = Laser()
+    rows = np.isnan(displacement) | laser.lost(np.nan_to_num(displacement), actuator.parameter_values)
+    if not rows.any():
+        return []
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]])))
+    samples = tuple((int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
+    last = laser.last_reading(actuator.parameter_values)
+    first = float(run.time[samples[0][0]])
+    by_range = last >= actuator["laser.range"] * (1.0 - 1e-9)
+    why = "it reads no further" if by_range else "the end of the strip has then come nearer to the clamp than the laser"
+    return [
+        Finding(
+            "laser-lost",
+            "warning",
+            f"the strip leaves the laser in {int(rows.sum())} of {len(rows)} rows, first at {first:.4g} s, beyond a "
+            f"height of {_mm(last)}: {why}",
+            "these rows have no reading; lower the voltage, or put the laser nearer to the clamp",
+            channel="displacement",
+            samples=samples,
+            effect="mask",
+            values={"count": int(rows.sum()), "first_time": first, "last_reading": last},
+        )
+    ]
+
+
+def _speed(actuator: Actuator, run: Run, signal: Signal | str | None) -> list[Finding]:
+    first = resonance(actuator.parameter_values).frequency
+    told = highest_frequency(signal if signal is not None else run.metadata.signal)
+    fastest = _mean_frequency(run) if told is None else told
+    if fastest <= RESONANCE * first:
+        return []
+    goes = "varies at" if told is None else "goes up to"
+    return [
+        Finding(
+            "near-resonance",
+            "warning",
+            f"the signal {goes} {fastest:.4g} Hz, more than a third of the first resonance at {first:.4g} Hz: the "
+            "model has this one mode only, and the damping of its ring is a guess unless it was identified",
+            "stay below, or trust the current alone",
+            channel="voltage",
+            values={"frequency": fastest, "resonance": first},
+        )
+    ]
+
+
+def _ring(actuator: Actuator, run: Run) -> list[Finding]:
+    """A ring after an edge that the rows are too few to show."""
+    first = resonance(actuator.parameter_values)
+    if run.displacement is None or run.hold == "first" or run.rate >= 2.0 * first.frequency or first.damping_ratio >= 1:
+        return []
+    jump = max(_largest(np.diff(run.voltage)), abs(float(run.voltage[0])))
+    # After an edge the beam rings by what its drive holds at the resonance.
+    amplitude = jump * _gain_at_resonance(actuator, first.frequency)
+    largest = _largest(run.displacement)
+    if amplitude <= RING * largest:
+        return []
+    image = abs(first.frequency - run.rate * round(first.frequency / run.rate))
+    return [
+        Finding(
+            "resonance-aliased",
+            "warning",
+            f"after an edge the strip rings by {_mm(amplitude)} at {first.frequency:.4g} Hz; at {run.rate:.4g} rows a "
+            f"second that looks like {image:.4g} Hz",
+            f"ask for {math.ceil(4.0 * first.frequency):d} rows a second or more",
+            channel="displacement",
+            values={"resonance": first.frequency, "apparent_frequency": image, "amplitude": amplitude},
+        )
+    ]
+
+
+def _gain_at_resonance(actuator: Actuator, frequency: float) -> float:
+    """The displacement of small bending [m] that a volt at the resonance would drive without the beam."""
+    kept: dict[str, float] = actuator.__dict__.setdefault("_gain_at_resonance", {})
+    if "value" not in kept:
+        from ipmclab.model.assemble import assemble
+
+        values = actuator.parameter_values
+        laws = actuator.structure.laws(values)
+        system = assemble(actuator.blocks(), external="voltage", outputs=["displacement_drive"], laws=laws)
+        s = 2j * math.pi * frequency
+        moving = np.linalg.solve(s * np.eye(len(system.states)) - system.a, system.b[:, 0].astype(complex))
+        drive = abs(complex(system.c[0] @ moving + system.d[0, 0]))
+        kept["value"] = 3.0 * values["geometry.sensing_length"] ** 2 / values["geometry.thickness"] ** 2 * drive
+    return kept["value"]
+
+
+def highest_frequency(signal: Signal | str | None) -> float | None:
+    """Of the waveforms of a signal [Hz]: 0 where none has a frequency; None where there is no signal.
+
+    Examples
+    --------
+    >>> highest_frequency("step 1 V for 1 s then sine 1 V 14 Hz"), highest_frequency("noted by hand")
+    (14.0, None)
+    """
+    given: Any = _parsed(signal) if signal is None or isinstance(signal, str) else signal
+    parts = getattr(given, "signals", (given,))
+    # Voltages from a file or an array have no waveform: they speak for themselves.
+    if given is None or any(hasattr(part, "times") for part in parts):
+        return None
+    found = [float(getattr(part, name, 0.0)) for part in parts for name in _FREQUENCIES]
+    found += [0.5 / float(getattr(part, name)) for part in parts for name in _TIMES if hasattr(part, name)]
+    return max(found)
+
+
+def _parsed(text: str | None) -> Signal | None:
+    from ipmclab.errors import InputError
+    from ipmclab.signals import parse
+
+    if not text or "file " in text:  # which would be read
+        return None
+    try:
+        return parse(text)
+    except InputError:  # what was noted with a measured run need not be a signal
+        return None
+
+
+def _mean_frequency(run: Run) -> float:
+    """The frequency [Hz] of the sine that changes from row to row as much as this voltage does, in the mean square."""
+    if len(run) < 2:
+        return 0.0
+    steps = np.diff(run.voltage)
+    power = float(run.voltage @ run.voltage) / len(run)
+    if power == 0.0:
+        return 0.0
+    chord = math.sqrt(float(steps @ steps) / len(steps) / power)
+    return run.rate / math.pi * math.asin(min(1.0, 0.5 * chord))
+
+
+def _mm(length: float) -> str:
+    return f"{LENGTH.to_display(length):.4g} mm"
