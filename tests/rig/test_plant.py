@@ -153,3 +153,19 @@ def test_time_does_not_go_back(strip: Actuator) -> None:
     plant.advance([2.0], {})
     with pytest.raises(ValueError, match="the time goes back to 1 s, from 2 s"):
         plant.advance([1.0], {})
+
+
+def test_a_strip_that_bends_far_is_lost_by_the_laser_as_in_the_simulation() -> None:
+    strip = load_actuator("friend-2+laser")
+    strip = strip.replace(**{"coupling.gain": 10.0 * strip["coupling.gain"], "laser.range": 5e-3})
+    plant = StripPlant(QUIET, strip)
+    volts = np.where(np.arange(1500) > 20, 1.2, 0.0)
+    read = advance(plant, np.arange(1500) / 50.0, volts)[LASER]
+    in_series = strip.replace(**{"circuit.contact_resistance": 1.0})
+    exact = simulate(in_series, volts, duration=30.0, rate=50.0, hold="zero-before").displacement
+    assert exact is not None
+    kept = np.isfinite(exact)
+    assert 50 < kept.sum() < 1400
+    laser = THESIS_RIG["displacement"]
+    np.testing.assert_allclose(laser.to_quantity(read[kept]) - laser.rest, exact[kept], rtol=1e-6, atol=1e-12)
+    assert np.all(read[~kept] == laser.lost)

@@ -41,6 +41,8 @@ DUMMY_RESISTANCE: Final = 10.0
 DUMMY_CAPACITANCE: Final = 0.1
 """The dummy load of ``rig prove`` [ohm, F], in series."""
 
+_BEYOND_ANY_SENSOR: Final = 1.0  # [m]
+
 _TEMPERATURE_LIMITS: Final = (-40.0, 150.0)  # of the thesis's chamber (Espec SH-262) [degC]
 
 
@@ -151,7 +153,7 @@ class StripPlant:
             if name == "current":
                 return current
             if name == "displacement":
-                return np.zeros_like(current) if self._tip == "on cell" else displacement
+                return np.zeros_like(current) if self._tip == "on cell" else self._before_laser(displacement)
             if name == "force":
                 return force
             return (self.temperature if name == "temperature" else self.relative_humidity).at(times)
@@ -166,6 +168,16 @@ class StripPlant:
             return np.full(len(times), self._surface_resistance(probe.spacing))
 
         return _Terminals(self.terminals, terminal)
+
+    def _before_laser(self, displacement: FloatArray) -> FloatArray:
+        """What a laser reads of large bending [m]; beyond the range of any sensor where it has lost the strip."""
+        if self._actuator is None or not self._actuator.structure.laser:
+            return displacement
+        from ipmclab.model.laser import Laser
+
+        laser, values = Laser(), self._actuator.parameter_values
+        read = laser.reading(displacement, values).values
+        return np.where(laser.lost(read, values), read + np.copysign(_BEYOND_ANY_SENSOR, read), read)
 
     def _drop(self) -> float:
         """The resistance [ohm] between the output and where the voltage is sensed."""

@@ -32,6 +32,7 @@ _SET_BY_IMPORT: Final = (
     "source_file",
     "software_version",
     "parameters",
+    "findings",
 )
 
 _SENSIBLE: Final[dict[str, tuple[float, float]]] = {
