@@ -239,7 +239,9 @@ def test_a_foreign_record_that_cannot_be_used(command, tmp_path: Path, content: 
         (("report", "step.nc", "--runs", "step.nc", "--out", "r.html"), ("step.nc",)),
         (("report", "strip.toml", "--runs", "step.nc", "--out", "r.html"), ("strip.toml", "[fit]")),
         (("validate", "friend-2", "step.nc", "--also", "freind-2"), ("freind-2", "did you mean 'friend-2'")),
-        (("check", "strip.toml"), ("this is an actuator, not a run",)),
+        (("plot", "strip.toml", "--out", "p.svg"), ("this is an actuator, not a run",)),
+        (("check", "step.nc", "freind-2"), ("did you mean 'friend-2'",)),
+        (("check", "no.toml"), ("no.toml",)),
         (("check", "map.toml"), ("this is an import map, not a run", "ipmclab import RECORD --map map.toml")),
         (("check", "note.toml"), ("this is a TOML file, not a run", "ends in .nc")),
         (

@@ -17,3 +17,36 @@ def test_a_model_foretells_an_aliased_resonance(command) -> None:
     refused = command("check", "slow.nc", "--actuator", "freind-2")
     assert refused.status == 2
     assert "did you mean 'friend-2'" in refused.err
+
+
+def test_an_actuator_is_held_against_what_is_known_of_it(command, tmp_path) -> None:
+    words = ("--signal", "step 1 V", "--duration", "10 s", "--rate", "50 Hz", "--out", "s.nc")
+    assert command("simulate", "friend-2", *words).status == 0
+    both = command("check", "friend-2", "s.nc", "--json")
+    assert both.status == 0
+    assert [one["run"] for one in both.document["runs"]] == ["s.nc"]
+    (strip,) = both.document["actuators"]
+    assert strip["actuator"] == "friend-2"
+    found = {finding["code"]: finding["values"] for finding in strip["findings"]}
+    assert abs(found["two-states"]["found"] - 0.2048) < 1e-9
+    assert abs(found["two-states"]["expected"] - 0.06701) < 1e-9
+    assert both.document["worst"] == "warning"
+    text = command("check", "friend-2", "--fail-on", "warning")
+    assert text.status == 1
+    assert "friend-2: 9 findings" in text.out
+    assert "cheapest experiment that decides" in text.out
+    # A variant of it is the same strip; a file that does not say what the strip is made of has few facts to compare.
+    variant = command("check", "friend-2+relaxation.displacement", "--json").document["actuators"][0]
+    assert "density-against-mass" in {finding["code"] for finding in variant["findings"]}
+
+
+def test_a_strip_of_ones_own_is_checked_from_its_file_and_runs(command, tmp_path) -> None:
+    from ipmclab import load_actuator, write_actuator
+
+    strip = load_actuator("friend-2")
+    layers = {f"circuit.branches.{i}.permittivity": 0.1 * strip[f"circuit.branches.{i}.permittivity"] for i in (0, 1)}
+    write_actuator(strip.replace(**layers), tmp_path / "mine.toml")
+    words = ("--signal", "step 1 V", "--duration", "10 s", "--rate", "50 Hz", "--out", "s.nc")
+    assert command("simulate", "mine.toml", *words).status == 0
+    assert command("check", "mine.toml", "s.nc", "--json").document["actuators"][0]["findings"] == []
+    assert "mine.toml: no findings" in command("check", "mine.toml", "s.nc").out

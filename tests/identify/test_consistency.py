@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -423,3 +425,8 @@ def test_a_file_with_sample_and_uncertainties_is_read_and_checked(tmp_path, stri
     stated = replace(strip.actuator, standard_uncertainties={"geometry.thickness": 2e-6})
     write_actuator(stated, tmp_path / "strip.toml")
     assert cross_check(load_actuator(tmp_path / "strip.toml"), list(strip.runs.values())) == ()
+
+
+def test_the_page_lists_every_check_once() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "consistency.md").read_text(encoding="utf-8")
+    assert tuple(re.findall(r"^\| `([\w-]+)` \|", page, flags=re.MULTILINE)) == CHECKS

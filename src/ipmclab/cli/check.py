@@ -1,21 +1,35 @@
-"""``ipmclab check``: what is wrong with records."""
+"""``ipmclab check``: what is wrong with records, and with what is known of a strip."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ipmclab.cli.files import read_runs
-from ipmclab.cli.options import Json, RunFiles
+from ipmclab.cli.options import Json
 from ipmclab.cli.output import finding_document, print_findings, print_json, progress
 from ipmclab.errors import InputError, suggest
 
+if TYPE_CHECKING:
+    from ipmclab.run import Finding, Run
+
 SEVERITIES = ("info", "warning", "error")
+
+Items = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="RUN|ACTUATOR...", help="Runs (.nc); actuators (library names, TOML files).", show_default=False
+    ),
+]
 
 
 def check(
-    runs: RunFiles,
+    items: Items,
     actuator: Annotated[
         str | None,
         typer.Option(metavar="ACTUATOR", help="A model of the strip: foretells a resonance that the rate cannot show."),
@@ -26,10 +40,12 @@ def check(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check records; those of one sample also against each other.
+    """Check records, those of one sample also against each other, and strips against all that is known of them.
 
     \b
     ipmclab check step.nc sine.nc --fail-on error
+    ipmclab check friend-2
+    ipmclab check fitted.toml step.nc sine.nc
     """
     if fail_on is not None and fail_on not in SEVERITIES:
         raise InputError(
@@ -43,15 +59,18 @@ def check(
         from ipmclab import load_actuator
 
         model = load_actuator(actuator)
+    strips = [item for item in items if _is_actuator(item)]
+    runs = [Path(item) for item in items if item not in strips]
     loaded = read_runs(runs)
     with progress("checking"):
         from ipmclab.quality import check as check_run
         from ipmclab.quality import check_together
 
+        known = [(strip, _conflicts(strip, loaded)) for strip in strips]
         found = [check_run(run, model) for run in loaded]
         between = check_together(loaded) if len(loaded) > 1 else ()
 
-    everything = [finding for findings in (*found, between) for finding in findings]
+    everything = [finding for findings in (*found, between, *(one for _, one in known)) for finding in findings]
     ranks = [SEVERITIES.index(finding.severity) for finding in everything]
     if as_json:
         print_json(
@@ -61,16 +80,58 @@ def check(
                     for path, findings in zip(runs, found, strict=True)
                 ],
                 "together": [finding_document(finding) for finding in between],
+                "actuators": [
+                    {"actuator": strip, "findings": [finding_document(finding) for finding in findings]}
+                    for strip, findings in known
+                ],
                 "worst": SEVERITIES[max(ranks)] if ranks else None,
             }
         )
     else:
         for place, (path, findings) in enumerate(zip(runs, found, strict=True)):
-            name = f"run {place}, {path}" if len(runs) > 1 else str(path)
-            print(f"{name}: {len(findings) or 'no'} finding{'' if len(findings) == 1 else 's'}")
-            print_findings(findings)
+            _print(f"run {place}, {path}" if len(runs) > 1 else str(path), findings)
         if between:
             print("together:")
             print_findings(between)
+        for strip, findings in known:
+            _print(strip, findings)
     if fail_on is not None and any(rank >= SEVERITIES.index(fail_on) for rank in ranks):
         raise typer.Exit(1)
+
+
+def _print(name: str, findings: Sequence[Finding]) -> None:
+    print(f"{name}: {len(findings) or 'no'} finding{'' if len(findings) == 1 else 's'}")
+    print_findings(findings)
+
+
+def _is_actuator(item: str) -> bool:
+    """Whether a word names an actuator: in the library, a variant of one, or a TOML file with a geometry."""
+    base = item if Path(item).exists() else item.partition("+")[0].strip()
+    path = Path(base)
+    if path.suffix.lower() == ".toml":
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        except (OSError, ValueError, RecursionError):
+            return True  # whose message tells what is wrong with it
+        return "geometry" in table
+    # A name without an ending that is no file is meant for the library, rightly or not.
+    return not path.suffix and not path.exists() and path.name == base
+
+
+def _conflicts(strip: str, runs: Sequence[Run]) -> tuple[Finding, ...]:
+    """The cross-checks on one actuator; to a sample of the thesis belongs what the thesis states of it."""
+    from ipmclab import load_actuator, read_fit
+    from ipmclab.data import published_sample
+    from ipmclab.identify.consistency import cross_check, published_facts
+
+    model = load_actuator(strip)
+    fit = read_fit(strip) if model.fit_table is not None else None
+    published = None if Path(strip).exists() else re.fullmatch(r"friend-([1-7])", strip.partition("+")[0].strip())
+    if published is None:
+        found = cross_check(model, runs, fit=fit)
+    else:
+        number = int(published.group(1))
+        sample = model.sample or published_sample(number)
+        found = cross_check(model, runs, fit=fit, facts=published_facts(number), sample=sample)
+    # What the runs say of each other stands under "together".
+    return tuple(finding for finding in found if not (finding.code == "prefix-disagrees" and "until" in finding.values))
