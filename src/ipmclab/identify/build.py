@@ -20,6 +20,7 @@ from ipmclab.identify.observation import Observation, Record
 from ipmclab.identify.order import Order
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.profile import profile_interval
+from ipmclab.identify.relaxing import set_point_findings
 from ipmclab.identify.response import CircuitResponder
 from ipmclab.identify.solve import Solution
 from ipmclab.identify.unknowns import Unknown
@@ -110,7 +111,10 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         residuals=_residuals(problem, solution),
         software_version=__version__,
     )
-    return replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
+    fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
+    held = set_point_findings(fit)
+    fit = replace(fit, findings=(*fit.findings, *held)) if held else fit
+    return replace(fit, actuator=replace(fit.actuator, fit_table=fit_to_table(fit)))
 
 
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
@@ -235,7 +239,6 @@ def _fitted_actuator(
         parameter_values={name: values[name] for name in actuator.parameter_values},
         standard_uncertainties=uncertain,
         sample=actuator.sample,
-        fit_table=fit_to_table(fit),
     )
 
 
