@@ -120,7 +120,7 @@ def the(findings: tuple[Finding, ...], code: str) -> Finding:
     return found
 
 
-@settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_every_check_is_silent_on_a_consistent_strip(data) -> None:
     one = strip_of(lambda low, high: data.draw(st.floats(low, high)))
@@ -247,9 +247,27 @@ def test_a_push_of_another_stiffness_is_found(strip: Strip) -> None:
 
 
 def test_a_run_of_another_sample_is_left_out(strip: Strip) -> None:
-    runs = changed(strip, "step force", force=0.3)
+    runs = changed(strip, "step force", force=0.3, current=0.5)
     other = RunMetadata(sample=Sample(id="another"))
     assert strip.findings(runs=[replace(run, metadata=other) for run in runs]) == ()
+    # The others keep the places that they have in the call.
+    first = replace(strip.runs["step displacement"], metadata=other)
+    found = the(strip.findings(runs=[first, *runs])[:1], "motion-against-stiffness")
+    assert "in run 4 (step 1 V)" in found.message
+    assert "in run 1 (step 1 V)" in found.message
+
+
+def test_a_channel_that_holds_only_noise_has_no_number(strip: Strip) -> None:
+    step = strip.runs["step displacement"]
+    silent = replace(step, force=1e-4 * np.random.default_rng(SEED).standard_normal(len(step)))
+    assert {fact.metric for fact in facts_of_runs([silent])} == {"peak_current", "max_displacement"}
+
+
+def test_force_and_motion_of_one_run_belong_together() -> None:
+    strip = load_actuator("friend-2")
+    run = simulate(strip, "step 1 V", duration=20.0, rate=50.0)
+    stiff = replace(run, force=2.0 * run.force, displacement=2.0 * run.displacement)
+    assert "motion-against-stiffness" not in {one.code for one in cross_check(strip, [run, stiff])}
 
 
 @pytest.mark.parametrize("damping_ratio", [0.01, 0.1])

@@ -101,10 +101,11 @@ def cross_check(
     """
     known = Known(actuator, sample, fit)
     own = known.sample.id if known.sample else None
-    mine = [run for run in runs if own is None or run.metadata.sample is None or run.metadata.sample.id == own]
-    together = compared_runs(mine)
+    mine = {place for place, run in enumerate(runs) if own in (None, _sample_of(run) or own)}
+    together = [one for one in compared_runs(runs) if {one.values["first"], one.values["second"]} <= mine]
     compared = {(int(one.values["first"] or 0), int(one.values["second"] or 0)) for one in together}
-    every = (*facts, *facts_of_runs(mine), *flicks(mine))
+    of_runs = (*facts_of_runs(runs), *flicks(runs))
+    every = (*facts, *(fact for fact in of_runs if fact.place in mine))
     return (
         *density_against_mass(known),
         *thickness_against_membrane(known),
@@ -120,3 +121,7 @@ def cross_check(
         *prefix_of_facts(every),
         *sine_against_step(known, every),
     )
+
+
+def _sample_of(run: Run) -> str | None:
+    return run.metadata.sample.id if run.metadata.sample else None

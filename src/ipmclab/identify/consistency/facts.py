@@ -175,7 +175,9 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
     waveform, amplitude, frequency = _applied(record)
     if waveform is None:
         return
-    clipped = {finding.channel for finding in check_record(record) if finding.effect == "lower_bound"}
+    findings = check_record(record)
+    clipped = {finding.channel for finding in findings if finding.effect == "lower_bound"}
+    noise = {finding.channel for finding in findings if finding.code == "noise-only"}
     names = {
         ("step", "peak_at_first_edge", "current"): "peak_current",
         ("step", "peak_at_first_edge", "displacement"): "max_displacement",
@@ -190,11 +192,11 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
     }
     metrics = measure(run)
     times = {metric.channel: metric.value for metric in metrics if metric.name == "time_to_peak"}
-    mechanical = [name for name in ("displacement", "force") if name in record.channels]
+    mechanical = [name for name in ("displacement", "force") if name in record.channels.keys() - noise]
     sample = run.metadata.sample
     for metric in metrics:
         name = names.get((waveform, metric.name, metric.channel))
-        if name is None:
+        if name is None or metric.channel in noise:
             continue
         low, high = metric.interval or (metric.value, metric.value)
         yield Fact(

@@ -37,12 +37,12 @@ def motion_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Findin
     In the base model that ratio is the stiffness at the sensing point for every signal; with slow modes it is read from
     the model as it was measured. A step is told before a sine or a square.
     """
-    pairs = [
-        (force, motion)
-        for force in facts
-        for motion in facts
-        if force.metric == "max_force" and motion.metric == "max_displacement" and force.like(motion)
-    ]
+    forces = [fact for fact in facts if fact.metric == "max_force"]
+    motions = [fact for fact in facts if fact.metric == "max_displacement"]
+    pairs = [(force, motion) for force in forces for motion in motions if force.like(motion)]
+    # A run that has both is no partner for another.
+    own = {one.where for one, other in pairs if one.where == other.where}
+    pairs = [pair for pair in pairs if pair[0].where == pair[1].where or not {pair[0].where, pair[1].where} & own]
     found = []
     for force, motion in pairs:
         ratio = force.value / motion.value
