@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from ipmclab.quality.asked import asked_beyond
 from ipmclab.quality.contact import missing_contact
 from ipmclab.quality.drift import before_step
+from ipmclab.quality.kink import RATE_ROWS, rate_jumps
 from ipmclab.quality.limits import clipping, possible_range_limit, range_limits
 from ipmclab.quality.lost import flagged_rows, lost_readings
 from ipmclab.quality.record import Record
@@ -33,6 +34,7 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
     range_limits,
     possible_range_limit,
     sudden_changes,
+    rate_jumps,
     channel_skew,
     stale_readings,
     opposite_response,
@@ -89,6 +91,10 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
     opposite = {finding.channel for finding in findings if finding.code == "response-opposite"}
 
     stated = [finding for finding in findings if finding.code == "range-limit"]
+    jumped: dict[str | None, set[int]] = {}
+    for finding in findings:
+        if finding.code in ("slip", "spike"):
+            jumped.setdefault(finding.channel, set()).update(row for pair in finding.samples for row in pair)
 
     def is_echo(finding: Finding) -> bool:
         starts = {start for start, _ in finding.samples}
@@ -103,6 +109,9 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
                 )
             case "contact-lost":
                 return stops <= late
+            case "rate-jump":
+                ends_of_it = late | jumped.get(finding.channel, set())
+                return any(abs(start - row) <= 2 * RATE_ROWS for start in starts for row in ends_of_it)
             case "current-rises":
                 return "current" in opposite or any(min(starts) <= stop < max(stops) for stop in lost)
             case "possible-range-limit":
