@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ipmclab.identify import Fit as Fit
     from ipmclab.identify import Validation as Validation
     from ipmclab.identify import choose as choose
+    from ipmclab.identify import forecast as forecast
     from ipmclab.identify import identify as identify
     from ipmclab.identify import read_fit as read_fit
     from ipmclab.identify import validate as validate
@@ -49,6 +50,7 @@ _HOMES: Final = {
     "Fit": "ipmclab.identify",
     "Validation": "ipmclab.identify",
     "choose": "ipmclab.identify",
+    "forecast": "ipmclab.identify",
     "identify": "ipmclab.identify",
     "read_fit": "ipmclab.identify",
     "validate": "ipmclab.identify",

@@ -6,6 +6,8 @@ from ipmclab.identify.choice import Candidate, Choice
 from ipmclab.identify.choose import choose
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_file import read_fit, write_fit
+from ipmclab.identify.forecast import Forecast, forecast, with_slow_modes
+from ipmclab.identify.forecast_values import Settings as ForecastSettings
 from ipmclab.identify.identify import identify
 from ipmclab.identify.observation import Observation
 from ipmclab.identify.validate import RunValidation, Validation, validate
@@ -16,12 +18,16 @@ __all__ = [
     "Direction",
     "Fit",
     "FittedParameter",
+    "Forecast",
+    "ForecastSettings",
     "Observation",
     "RunValidation",
     "Validation",
     "choose",
+    "forecast",
     "identify",
     "read_fit",
     "validate",
+    "with_slow_modes",
     "write_fit",
 ]
