@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
@@ -17,13 +17,15 @@ from markupsafe import Markup, escape
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError
 from ipmclab.identify.fitted import fitted_outputs
-from ipmclab.identify.scores import LAGS, score
+from ipmclab.identify.scores import LAGS, Comparison, score
 from ipmclab.identify.validate import RunValidation, Validation, run_labels, validate
+from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.quality import check, measure
 from ipmclab.report import tables
 from ipmclab.report.figures.frequency import frequency_figure
 from ipmclab.report.figures.prediction import prediction_figure
 from ipmclab.report.figures.residuals import autocorrelation_figure
+from ipmclab.report.figures.shape import shape_figure
 from ipmclab.report.svg import inline_svg
 from ipmclab.report.wording import NO_BREAK, percent, plain
 from ipmclab.run import Finding, Run
@@ -151,16 +153,8 @@ def html(
         # What is undetermined stands under the parameters already.
         fit_findings=[finding for finding in fit.findings if finding.code != "undetermined"],
         fit_figures=[
-            Picture(
-                label,
-                inline_svg(
-                    prediction_figure(run, {"model": comparisons}),
-                    f"fit-{place}",
-                    f"Measured and modelled {_listed(comparisons)} of {label} over time, with the residuals",
-                ),
-                f"{label}: measured (grey) and fitted model, with what is left over below.",
-            )
-            for place, (run, label, comparisons) in enumerate(zip(runs, labels, fitted, strict=True))
+            *(_fit_picture(*each) for each in zip(range(len(runs)), runs, labels, fitted, strict=True)),
+            *_shapes(fit.actuator, list(zip(runs, labels, fitted, strict=True)), "fit-shape"),
         ],
         frequency=_frequency_part(models, runs),
         records=[
@@ -299,6 +293,9 @@ def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None
                 f"{one.label}: measured (grey) and predicted from the voltage alone, with the error below.",
             )
         )
+    pictures += _shapes(
+        validations[0].actuator, [(one.run, one.label, one.comparisons) for one in validations[0].runs], "shape"
+    )
     lags = [
         (run.label, score) for run in validations[0].runs for score in run.scores.values() if len(score.autocorrelation)
     ]
@@ -329,6 +326,38 @@ def _findings_of_each(names: Sequence[str], validations: Sequence[Validation]) -
     if all(one == found[0] for one in found):
         return [("", found[0])] if found[0] else []
     return [(name, one) for name, one in zip(names, found, strict=True) if one]
+
+
+def _fit_picture(place: int, run: Run, label: str, comparisons: Mapping[str, Comparison]) -> Picture:
+    return Picture(
+        label,
+        inline_svg(
+            prediction_figure(run, {"model": comparisons}),
+            f"fit-{place}",
+            f"Measured and modelled {_listed(comparisons)} of {label} over time, with the residuals",
+        ),
+        f"{label}: measured (grey) and fitted model, with what is left over below.",
+    )
+
+
+def _shapes(
+    actuator: Actuator, runs: Sequence[tuple[Run, str, Mapping[str, Comparison]]], name: str
+) -> Iterator[Picture]:
+    """The strip from the side, for the runs in which it bends far."""
+    small = SMALL_BENDING * actuator["geometry.free_length"]
+    for place, (run, label, comparisons) in enumerate(runs):
+        one = comparisons.get("displacement")
+        if one is None or not np.nanmax(np.abs(one.predicted), initial=0.0) > small:
+            continue
+        held = replace(run, hold="zero") if run.hold == "unknown" else run  # a part of a row changes no shape
+        yield Picture(
+            f"{label}: the strip from the side",
+            inline_svg(
+                shape_figure(actuator, held), f"{name}-{place}", f"The shape of the strip at some times of {label}"
+            ),
+            f"{label}: how far the modelled strip bends, to scale, from rest and without the beam's inertia. A dot is "
+            "what a laser reads; a dashed strip has left it.",
+        )
 
 
 def _model_names(models: Sequence[Actuator]) -> list[str]:
