@@ -20,7 +20,7 @@ import ipmclab
 from benchmarks.harness import finish
 from ipmclab.identify.choice import Choice
 
-SEED, RATE = 20261121, 50.0
+SEED, RATE = 20261121, 25.0
 WHITE = {"current": 1e-4, "displacement": 5e-6, "force": 2e-6}
 Array = npt.NDArray[np.float64]
 

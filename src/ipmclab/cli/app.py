@@ -15,6 +15,7 @@ import typer
 
 from ipmclab.cli import (
     check,
+    choose,
     demo,
     export,
     identify,
@@ -53,6 +54,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "plot": plot.plot,
     "identify": identify.identify,
     "validate": validate.validate,
+    "choose": choose.choose,
     "report": report.report,
     "record": record.record,
     "recover": recover.recover,

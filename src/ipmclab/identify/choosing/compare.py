@@ -12,6 +12,9 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
+_NOISE_FITTED: Final = 1.0
+"""Variance [nat^2] of a difference that the fitted noise itself leaves open: models that say the same are alike."""
+
 ENOUGH_RUNS: Final = 4
 """Runs from which their scatter says something of its own."""
 
@@ -84,9 +87,10 @@ def difference(
 
     with delta the distance of the two predictions in its standard deviation and rho the ratio of its variance to
     the other's (a difference of two Gaussian log densities). The differences are taken as d = b q + error, the
-    error's variance as phi q. The blocks themselves say what phi is: their scatter about b q, with the correlation of
-    neighbours (Newey and West) and, from four runs on, the scatter between runs, whichever is
-    largest, and never below 1, what the noise alone makes. The standard error of the sum is sqrt(phi sum(q)).
+    error's variance as phi q. The blocks themselves say what phi is: their scatter about b q, with the correlation
+    of neighbours (Newey and West) and, from four runs on, the scatter between runs, whichever is largest, and never
+    below 1, what the noise alone makes. The standard error of the sum is sqrt(phi sum(q) + 1): the noise of each
+    model was fitted too, which alone moves its score by about a nat.
 
     Parameters
     ----------
@@ -129,7 +133,7 @@ def difference(
         between = float(of_runs @ of_runs) / (len(runs) - 1)
         if between > phi:
             phi, freedom = between, len(runs) - 1
-    error = math.sqrt(max(phi, 1.0) * float(able.sum()))
+    error = math.sqrt(max(phi, 1.0) * float(able.sum()) + _NOISE_FITTED)
     return Difference(name, other_name, float(told.sum()), error, float(stdtrit(freedom, 0.975)), count)
 
 
