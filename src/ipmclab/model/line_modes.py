@@ -70,8 +70,7 @@ def spectrum(values: Values, count: int) -> Spectrum:
     cosine, sine, _ = _entire(squares)
     overlap = sine + mass * cosine
     norms = 0.5 * (1.0 + sine * cosine) + mass * cosine**2
-    # R/k^2 in a form that stays where k nears 0 (contacts only) and where the contact resistance is 0.
-    resistances = front * overlap * cosine + line * sine**2
+    resistances = line / squares
     weights = overlap**2 / norms
     weight = 1.0 + mass - np.sum(weights)
     drop = front * (1.0 + mass) ** 2 + line / 3.0
