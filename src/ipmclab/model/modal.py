@@ -135,7 +135,7 @@ def modes(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> 
     return Modes(tuple(sections), tuple(signals[name] for name in outputs))
 
 
-def _exponential_integrals(z: complex) -> tuple[complex, complex]:
+def exponential_integrals(z: complex) -> tuple[complex, complex]:
     """phi_1(z) = (exp(z) - 1)/z and phi_2(z) = (phi_1(z) - 1)/z, by series where they would cancel."""
     if abs(z) > 0.5:
         first = (cmath.exp(z) - 1.0) / z
@@ -164,7 +164,7 @@ _NOBODY: Final = _Mode(0j, 0j, 0j, 0j)
 def _mode(pole: complex, period: float, hold: Hold) -> _Mode | None:
     """One pole for one hold, from rest; None where it vanishes."""
     a = cmath.exp(pole * period)
-    first, second = _exponential_integrals(pole * period)
+    first, second = exponential_integrals(pole * period)
     if hold == "zero":
         return _Mode(a, period * first, 0j, 0j)
     if hold == "zero-before":

@@ -15,6 +15,7 @@ from ipmclab.model.blocks import Matrix
 from ipmclab.model.dense import Dense, check_solved, law_numbers, parts
 from ipmclab.model.discretise import Transition, transitions
 from ipmclab.model.laser import Laser, read_far
+from ipmclab.model.law_modal import law_loop
 from ipmclab.model.reduce import reduced, seen_states
 from ipmclab.model.simulate import check_hold, checked_voltage, modal_coefficients
 from ipmclab.model.timeline import Timeline, divided, timeline
@@ -104,10 +105,14 @@ def simulate_outputs(
     chosen = choose_outputs(outputs)
     names = [OUTPUTS[place] for place in chosen]
     if initial_state is None and delay == 0.0 and _is_regular(times):
-        coefficients = modal_coefficients(actuator, (times[-1] - times[0]) / (len(times) - 1), hold)
-        if coefficients is not None:
-            every = np.empty((actuator.system.c.shape[0], len(times)))
-            kernels.modal(volts, coefficients, every)
+        period = (times[-1] - times[0]) / (len(times) - 1)
+        coefficients, with_law = modal_coefficients(actuator, period, hold), law_loop(actuator, period, hold)
+        if coefficients is not None or with_law is not None:
+            every = np.empty((len(OUTPUTS), len(times)))
+            if coefficients is not None:
+                kernels.modal(volts, coefficients, every)
+            elif with_law is not None:
+                with_law(volts, every)
             values = every[chosen]
             read_far(values, names, actuator.parameter_values)
             return values
