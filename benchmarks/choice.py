@@ -46,8 +46,8 @@ MIXED = ("step 1 V", "square 1 V 0.1 Hz", "sine 1 V 0.3 Hz")
 THREE = (("circuit.branches.2.resistivity", 120.0), ("circuit.branches.2.permittivity", 1.2))
 SLOW = (("relaxation.displacement.0.ratio", 0.6), ("relaxation.displacement.0.time_constant", 6.0))
 CASES = (
-    Case("1 of 3 branches, white", "branches=1", BRANCHES),
-    Case("1 of 3 branches, correlated", "branches=1", BRANCHES, correlated=True),
+    Case("1 of 2 branches, white", "branches=1", BRANCHES[:2]),
+    Case("1 of 2 branches, correlated", "branches=1", BRANCHES[:2], correlated=True),
     Case("2 of 3 branches, white", "branches=2", BRANCHES),
     Case("2 of 3 branches, correlated", "branches=2", BRANCHES, correlated=True),
     Case("2 of 3 branches, white, 3 runs", "branches=2", BRANCHES, signals=MIXED),

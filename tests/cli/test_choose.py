@@ -1,0 +1,70 @@
+"""``ipmclab choose``: one document, a table for people, files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ipmclab
+from tests.cli.conftest import Command
+
+
+@pytest.fixture
+def step(tmp_path: Path) -> Path:
+    """A step of friend-2, 10 s, with a name that HTML must not take for its own."""
+    clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V delay=1 s", duration=10.0, rate=25.0)
+    noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(clean))
+    run = ipmclab.Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=clean.current + noise,
+        metadata=ipmclab.RunMetadata(signal="step <1 V>", starts_from_rest=True),
+    )
+    return ipmclab.write_run(run, tmp_path / "step.nc") or tmp_path / "step.nc"
+
+
+def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Path) -> None:
+    files = ("--out", "best.toml", "--report", "choice.html", "--plot", "choice.svg")
+    outcome = command("choose", "step.nc", "--actuator", "friend-2", "--models", "branches=1,2", *files, "--json")
+    assert outcome.status == 0, outcome.err
+    assert outcome.err == ""
+    document = outcome.document
+    assert document["preferred"] == "branches=2"
+    assert [one["name"] for one in document["models"]] == ["branches=2", "branches=1"]
+    assert document["models"][1]["to_best"]["told"] is True
+    assert document["out"] == "best.toml"
+    fit = ipmclab.read_fit(tmp_path / "best.toml")
+    assert fit.actuator.structure.branches == 2
+    page = (tmp_path / "choice.html").read_text("utf-8")
+    assert "branches=2 predicts best" in page
+    assert "step &lt;1 V&gt;" in page
+    assert "<1 V>" not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert (tmp_path / "choice.svg").stat().st_size > 1000
+
+
+def test_a_table_for_people(command: Command, step: Path) -> None:
+    outcome = command("choose", "step.nc", "--actuator", "friend-2", "--models", "branches=1", "--models", "branches=2")
+    assert outcome.status == 0
+    assert "preferred" in outcome.out
+    assert "independent ones" in outcome.out
+    assert "branches=1 predicts worse than branches=2" in " ".join(outcome.out.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--models", "branches=1,2"), "it does not say of which actuator"),
+        (("--models", "friend-2"), "1 model was given"),
+        (("--models", "branches=1,2", "--actuator", "friend-2", "--hold-out", "all"), "--hold-out"),
+        (("--models", "branches=1,2", "--actuator", "friend-2", "--report", "x.pdf"), "must end in .html"),
+        (("--models", "branches=1,2", "--actuator", "friend-2", "--folds", "0"), "blocks in 0 folds"),
+    ],
+)
+def test_bad_input_ends_with_2_and_says_what(command: Command, step: Path, words: tuple[str, ...], told: str) -> None:
+    outcome = command("choose", "step.nc", *words)
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert "Traceback" not in outcome.err
