@@ -25,7 +25,7 @@ FRIEND_2_TEXT = (resources.files("ipmclab.model") / "library" / "friend-2.toml")
 
 
 def test_friend_2_is_the_published_tables(friend_2: Actuator) -> None:
-    assert library_names() == ["friend-2"]
+    assert "friend-2" in library_names()
     for name, value in FRIEND_2.dotted().items():
         assert friend_2[name] == pytest.approx(value, rel=1e-15), name
     assert list(friend_2.parameters()) == list(Structure(2).declarations)

@@ -4,6 +4,9 @@
 P. J. Friend's thesis, "Modelling and experimental characterization of an ionic polymer
 metal composite actuator", states in words about its seven samples: peak currents,
 steady currents, largest displacements and forces, masses and platings.
+
+``measured_parameters.csv`` and ``measured_contacts.csv`` say where the parameters of the library's
+``friend-1-measured`` and its neighbours come from; ``python -m benchmarks.published --write`` makes them.
 """
 
 from __future__ import annotations
@@ -35,6 +38,9 @@ class PublishedMeasurement:
     measured : "displacement" or "force"
         What was measured beside the current.
     waveform : "step", "sine" or "square"
+    amplitude : float [V]
+    frequency : float [Hz], optional
+        None for a step.
     conditions : str
         ``"room"``, or temperature and relative humidity.
     metric : str
@@ -49,6 +55,8 @@ class PublishedMeasurement:
     figure: str
     measured: str
     waveform: str
+    amplitude: float
+    frequency: float | None
     conditions: str
     metric: str
     number: str
@@ -87,6 +95,8 @@ def published_measurements(sample: int, *, conditions: str = "room") -> tuple[Pu
                 figure=row["figure"],
                 measured=row["measured"],
                 waveform=row["waveform"],
+                amplitude=float(row["amplitude_V"]),
+                frequency=float(row["frequency_Hz"]) if row["frequency_Hz"] else None,
                 conditions=where,
                 metric=row["metric"],
                 number=f"{row['value']} {row['unit']}",
@@ -121,6 +131,82 @@ def published_sample(number: int) -> Sample:
             "source": SOURCE,
         }
         | ({"plated_by": row["plated_by"]} if row["plated_by"] else {})
+    )
+
+
+@dataclass(frozen=True)
+class ParameterSource:
+    """Where one parameter of a strip in the library comes from.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name.
+    role : str
+        ``"stated"`` in the thesis, ``"computed"`` from what is stated, ``"assumed"``, ``"determined"`` by the printed
+        numbers, or ``"free"``: the numbers hardly narrow what was taken before.
+    usual : float [SI], optional
+        What was taken before any number, for a parameter that was searched for.
+    usual_factor, factor : float, optional
+        One standard deviation before and with the numbers, as factors above 1.
+    reason : str
+        The numbers that determine it, or why it has its value.
+    """
+
+    name: str
+    role: str
+    usual: float | None
+    usual_factor: float | None
+    factor: float | None
+    reason: str
+
+
+def measured_names() -> tuple[str, ...]:
+    """Names of the library's strips that were identified from printed numbers.
+
+    Examples
+    --------
+    >>> measured_names()[:2]
+    ('friend-1-measured', 'friend-2-measured-displacement')
+    """
+    return tuple(sorted({row["actuator"] for row in _table("measured_contacts.csv")}))
+
+
+def measured_contacts(actuator: str) -> dict[str, float]:
+    """The contact resistance [ohm] of each run, by figure, with which a strip gives its printed numbers.
+
+    Examples
+    --------
+    >>> sorted(measured_contacts("friend-6-measured"))
+    ['5.54', '5.55', '5.56']
+    """
+    rows = [row for row in _table("measured_contacts.csv") if row["actuator"] == actuator]
+    return {row["figure"]: float(row["contact_resistance_ohm"]) for row in rows}
+
+
+def measured_parameters(actuator: str) -> tuple[ParameterSource, ...]:
+    """Where each parameter of a strip that was identified from printed numbers comes from.
+
+    Examples
+    --------
+    >>> {source.role for source in measured_parameters("friend-6-measured")} >= {"stated", "free", "determined"}
+    True
+    """
+
+    def number(text: str) -> float | None:
+        return float(text) if text else None
+
+    return tuple(
+        ParameterSource(
+            row["parameter"],
+            row["role"],
+            number(row["usual_si"]),
+            number(row["usual_factor"]),
+            number(row["factor"]),
+            row["reason"],
+        )
+        for row in _table("measured_parameters.csv")
+        if row["actuator"] == actuator
     )
 
 

@@ -33,8 +33,8 @@ def library_names() -> list[str]:
 
     Examples
     --------
-    >>> library_names()
-    ['friend-2']
+    >>> library_names()[:2]
+    ['friend-1-measured', 'friend-2']
     """
     return sorted(entry.name.removesuffix(".toml") for entry in _LIBRARY.iterdir() if entry.name.endswith(".toml"))
 
