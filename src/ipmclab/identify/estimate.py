@@ -31,6 +31,10 @@ _SAME_NOISE: Final = 0.002
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
+_LONGEST: Final = 300  # evaluations of one search
+_SHORTLY: Final = 15  # of a search that is only to show whether it is worth more
+_HOPE: Final = 1.2  # times the best cost: a search above that is left
+
 _SEVERAL_MINIMA: Final = ("coupling.", "relaxation.", "viscoelastic.", "leak.", "clamp.")
 
 
@@ -145,13 +149,16 @@ def _fit(
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
-    for point in starting_points(actuator, names, records):
+    points = starting_points(actuator, names, records)
+    shortly = _SHORTLY if explore and len(points) > 1 else _LONGEST
+    for point in points:
         problem = _problem(actuator, parameters, names, records, point, noise)
         theta = _first(problem, point)
-        solution = (polish(problem, theta) if point.exact else None) or minimise(problem, theta)
+        solution = (polish(problem, theta) if point.exact else None) or minimise(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
         if not explore and solution.converged and _at_floor(problem, solution):
             break
+    tried = _to_the_end(tried)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
     valley = _along_valleys(actuator, names, problem, solution)
     if valley and min(other.evaluation.cost for other in valley) < solution.evaluation.cost - 1e-3:
@@ -167,6 +174,19 @@ def _fit(
         if other is not solution and other.evaluation.cost <= allowed
     )
     return *_weigh(problem, solution), rivals
+
+
+def _to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem, Solution]]:
+    """The searches that were left early, those that may still win followed to their minimum; the best first."""
+    best = np.inf
+    found = []
+    for problem, solution in sorted(tried, key=lambda pair: pair[1].evaluation.cost):
+        if not solution.converged and solution.evaluation.cost < _HOPE * best:
+            more = minimise(problem, solution.theta, evaluations=_LONGEST)
+            solution = replace(more, evaluations=more.evaluations + solution.evaluations)
+        best = min(best, solution.evaluation.cost)
+        found.append((problem, solution))
+    return found
 
 
 def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution) -> list[Solution]:

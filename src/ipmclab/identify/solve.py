@@ -186,7 +186,8 @@ def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, to
         return kept[key]
 
     finite = np.isfinite(problem.upper - problem.lower)
-    margin = np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0)
+    # A wide range is no reason to start far from its end.
+    margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
     inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
     # Turned by the Q of its own point, residual and Jacobian are a few rows with the same cost and the same steps.
     found = least_squares(

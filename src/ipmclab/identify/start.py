@@ -13,12 +13,18 @@ from ipmclab.identify.observation import EdgeDelay, Record
 from ipmclab.identify.response import lumped
 from ipmclab.identify.start_circuit import circuit_values, find_circuit
 from ipmclab.identify.start_coupling import coupling_starts
+from ipmclab.identify.start_leak import leak_starts
 from ipmclab.identify.start_relaxation import relaxation_start
 from ipmclab.identify.start_viscoelastic import viscoelastic_starts
 from ipmclab.model import Actuator, geometry
 
 _SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
 """Parts of the first resistance V/I(0+) that are tried as series resistance where it is free."""
+
+_SERIES: Final = frozenset({"circuit.sheet_resistance", "circuit.contact_resistance"})
+
+_LEAK_STARTS: Final = 2
+"""Leaks that are tried for each series resistance; one more where that is known."""
 
 _SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
 
@@ -64,7 +70,7 @@ def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence
     if any(name.startswith("circuit.") for name in free):
         with_current = [record for record in records if "current" in record.readings]
         series_known = None
-        if not free & {"circuit.sheet_resistance", "circuit.contact_resistance"}:
+        if not free & _SERIES:
             series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
         found = find_circuit(with_current, actuator.circuit.branches, series_known)
         delays.update(found.delays)
@@ -72,9 +78,15 @@ def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence
         bases = []
         for series_values in _series_values(actuator, free, usual, seen.direct):
             values = {**actuator.parameter_values, **usual, **series_values}
+            if actuator.structure.leak:
+                bases += _with_leak(actuator, free, with_current, delays, {**usual, **series_values})
+                continue
             series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
             electric, exact = circuit_values(seen, values, series)
             bases.append({**usual, **series_values, **electric})
+    elif any(name.startswith("leak.") for name in free):
+        with_current = [record for record in records if "current" in record.readings]
+        bases = _with_leak(actuator, free, with_current, delays, usual)
     points = []
     known = {record.place: record.known_delay for record in records if record.known_delay is not None}
     shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
@@ -84,6 +96,21 @@ def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence
         for motion in _motion_starts(strip, free, records, shifts):
             points.append(StartingPoint({**base, **motion}, delays, only_electrical))
     return points
+
+
+def _with_leak(
+    actuator: Actuator,
+    free: set[str],
+    records: Sequence[Record],
+    delays: Mapping[int, EdgeDelay],
+    base: Mapping[str, float],
+) -> list[dict[str, float]]:
+    """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
+    strip = actuator.replace(**_allowed(actuator, base))
+    located = {place: delay.value for place, delay in delays.items()}
+    most = _LEAK_STARTS if free & _SERIES else _LEAK_STARTS + 1
+    starts = leak_starts(strip, free, records, located, most)
+    return [{**base, **_freed(start, free)} for start in starts]
 
 
 def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:

@@ -79,19 +79,25 @@ _LINEAR_SCALES: Final[Mapping[str, float]] = {
     "leak.cubic.linear": 0.5,
     "leak.cubic.quadratic": 0.2,
     "leak.cubic.cubic": 0.1,
-    "leak.exponential.current_density": 1.0,
-    "leak.butler_volmer.current_density": 1.0,
     "leak.slow.growth": 0.1,
 }
 """All others, ratios and volts, count in ones."""
+
+_LEAST: Final[Mapping[str, float]] = {
+    "leak.exponential.current_density": 1e-12,
+    "leak.butler_volmer.current_density": 1e-12,
+}
+"""Parameters that may be zero, but are moved as logarithms: their size trades against an exponent. Whether they are
+zero is asked of the readings apart (``unseen``)."""
 
 
 def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
     """The unknown of one actuator parameter."""
     name = parameter.name if place is None else f"{parameter.name}[{place}]"
-    log = parameter.transform == "log"
+    log = parameter.transform == "log" or parameter.name in _LEAST
     scale = 1.0 if log else _LINEAR_SCALES.get(parameter.name, 1.0)
-    return Unknown(name, parameter.name, place, log, scale, parameter.lower, parameter.upper)
+    lower = max(parameter.lower, _LEAST.get(parameter.name, parameter.lower))
+    return Unknown(name, parameter.name, place, log, scale, lower, parameter.upper)
 
 
 def unknowns_of(
