@@ -84,7 +84,7 @@ class Structure:
             leak=forms or (FORMS[0] if _under(given, "leak.") else ""),
             slow_leak=_under(given, "leak.slow."),
             clamp=_under(given, "clamp."),
-            line=line or ("modes" if _under(given, "line.") else ""),
+            line=line or ("segments" if _under(given, "line.") else ""),
             displacement_modes=_count(given, "relaxation.displacement."),
             force_modes=_count(given, "relaxation.force."),
             viscoelastic=_count(given, "viscoelastic."),
