@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ipmclab import Finding, load_actuator
+from ipmclab import Finding, load_actuator, simulate
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.channels import THESIS_RIG, Converter, Rig, Thermometer
 from ipmclab.rig.checks.check import RigCheck, check_rig
+from ipmclab.rig.checks.ranges import expected_peak
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.signals import Signal
 
@@ -197,3 +198,15 @@ def test_one_fault_of_several_channels_is_told_once() -> None:
     finding = only(check_rig(Without(rig=CALIBRATED), STRIP, today=TODAY))
     assert (finding.code, finding.channel) == ("no-device", None)
     assert finding.message == "current, force: there is no module 'M'"
+
+
+@pytest.mark.parametrize("name", ["friend-2+clamp", "friend-2+line.modes=6", "friend-2+clamp+line.segments=5"])
+def test_the_peak_of_a_strip_that_draws_past_its_electrodes_is_foreseen(name: str) -> None:
+    """The first row of a step behind the rig's own resistances, which is far above V/2R_e."""
+    behind = THESIS_RIG.shunt_resistance + THESIS_RIG.source_resistance
+    strip = load_actuator(name)
+    loaded = strip.replace(**{"circuit.contact_resistance": behind})
+    run = simulate(loaded, "step 2 V", duration=1.0, rate=50.0)
+    assert run.current is not None
+    assert expected_peak(THESIS_RIG, strip, 2.0) == pytest.approx(run.current[0], rel=1e-3)
+    assert run.current[0] > 2.0 * expected_peak(THESIS_RIG, STRIP, 2.0)

@@ -24,6 +24,8 @@ _SCALE_TOLERANCE: Final = 0.05
 def expected_peak(rig: Rig, actuator: Actuator, amplitude: float) -> float:
     """The current [A] that an edge of some volts draws at most: V / (2 R_e + contacts + shunt + source).
 
+    Where the contacts feed a part of the membrane at once, what the strip draws at once takes the place of 2 R_e.
+
     Examples
     --------
     >>> from ipmclab import load_actuator
@@ -31,7 +33,11 @@ def expected_peak(rig: Rig, actuator: Actuator, amplitude: float) -> float:
     >>> round(1e3 * expected_peak(THESIS_RIG, load_actuator("friend-2"), 1.0), 1)
     58.8
     """
-    strip = 2.0 * actuator.circuit_elements().electrode.real + actuator["circuit.contact_resistance"]
+    if actuator.structure.clamp or actuator.structure.line:
+        # Some of the membrane is fed past the electrodes: nothing draws more than at once, with all capacitors empty.
+        strip = 1.0 / float(actuator.system.d[0, 0])
+    else:
+        strip = 2.0 * actuator.circuit_elements().electrode.real + actuator["circuit.contact_resistance"]
     return amplitude / (strip + rig.shunt_resistance + rig.source_resistance)
 
 
