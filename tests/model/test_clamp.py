@@ -55,6 +55,18 @@ def test_without_contact_resistance_the_free_part_knows_nothing_of_the_clamped_o
     assert_same(ours[:1], expected[:1] + extra, of_peak=2e-6)
 
 
+def test_what_leaks_at_contacts_of_no_resistance_is_the_law_of_the_voltage_itself() -> None:
+    law = {"leak.cubic.linear": 5.0, "leak.cubic.quadratic": 2.0, "leak.cubic.cubic": 30.0}
+    free_only = {**FRIEND_2.dotted(), "geometry.clamped_length": 0.0}
+    leaking = responses(clamped(FRIEND_2, 1.0, **law))
+    free = responses(Actuator(name="free", parameter_values={**free_only, **law}))
+    assert_same(leaking[1:], free[1:], of_peak=1e-6)
+    charging = responses(clamped(FRIEND_2, 1.0))[:1] - responses(Actuator(name="free", parameter_values=free_only))[:1]
+    volts, area = rough(), FRIEND_2.clamped_length * FRIEND_2.width
+    leak = area * (5.0 * volts + 2.0 * volts * np.abs(volts) + 30.0 * volts**3)
+    assert_same(leaking[:1], free[:1] + charging + leak, of_peak=1e-6)
+
+
 @pytest.mark.parametrize(("share", "contact"), [(0.3, 0.0), (1.0, 2.0), (0.7, 0.5)])
 def test_current_and_node_voltage_over_frequency(share: float, contact: float) -> None:
     """Kirchhoff's laws written out by impedances."""
