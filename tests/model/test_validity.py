@@ -128,3 +128,16 @@ def test_what_a_signal_tells_of_its_frequencies() -> None:
 def test_a_finding_in_a_line() -> None:
     (finding,) = simulate(load_actuator("friend-2"), "step 2 V", duration=4.0, rate=50.0).metadata.findings
     assert sentence(finding) == f"{finding.message}; {finding.repair}"
+
+
+def test_extreme_runs_are_judged_too() -> None:
+    strip = load_actuator("friend-2")
+    run = simulate(strip, [0.0, 1e200, -1e200, 1e200], duration=4.0, rate=1.0)
+    assert "above-electrolysis" in {finding.code for finding in run.metadata.findings}
+    assert simulate(strip, [0.0] * 4, duration=4.0, rate=1.0).metadata.findings == ()
+    # A laser at the very end of the strip loses it at the first motion.
+    at_end = load_actuator("friend-2+laser").replace(**{"geometry.sensing_length": 0.025})
+    run = simulate(at_end, [1.0] * 400, duration=8.0, rate=50.0)
+    assert run.displacement is not None
+    assert np.isnan(run.displacement[1:]).all()
+    assert [finding.code for finding in run.metadata.findings] == ["laser-lost"]

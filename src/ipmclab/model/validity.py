@@ -175,7 +175,7 @@ def _ring(actuator: Actuator, run: Run) -> list[Finding]:
     # After an edge the beam rings by what its drive holds at the resonance.
     amplitude = jump * _gain_at_resonance(actuator, first.frequency)
     largest = _largest(run.displacement)
-    if amplitude <= RING * largest:
+    if amplitude <= RING * largest or largest == 0.0:
         return []
     image = abs(first.frequency - run.rate * round(first.frequency / run.rate))
     return [
@@ -241,11 +241,12 @@ def _mean_frequency(run: Run) -> float:
     """The frequency [Hz] of the sine that changes from row to row as much as this voltage does, in the mean square."""
     if len(run) < 2:
         return 0.0
-    steps = np.diff(run.voltage)
-    power = float(run.voltage @ run.voltage) / len(run)
-    if power == 0.0:
+    largest = _largest(run.voltage)
+    if largest == 0.0:
         return 0.0
-    chord = math.sqrt(float(steps @ steps) / len(steps) / power)
+    volts = run.voltage / largest
+    steps = np.diff(volts)
+    chord = math.sqrt(float(steps @ steps) / len(steps) / (float(volts @ volts) / len(volts)))
     return run.rate / math.pi * math.asin(min(1.0, 0.5 * chord))
 
 
