@@ -31,7 +31,7 @@ def to_scipy(actuator: Actuator) -> scipy.signal.StateSpace:
 
 
 def to_control(actuator: Actuator) -> control.StateSpace:
-    """The actuator as a python-control ``StateSpace`` with named signals; dots in state names become underscores.
+    """The actuator as a python-control ``StateSpace`` with named signals; dots in names become underscores.
 
     A leak is in it with its slope at 0 V; the name then says that it holds about 0 V.
 
@@ -56,5 +56,5 @@ def to_control(actuator: Actuator) -> control.StateSpace:
         inputs=["voltage"],
         outputs=list(OUTPUTS),
         states=[name.replace(".", "_") for name in system.states],
-        name=actuator.name if actuator.system.law_ports is None else f"{actuator.name} about 0 V",
+        name=actuator.name.replace(".", "_") + ("" if actuator.system.law_ports is None else " about 0 V"),
     )

@@ -124,36 +124,53 @@ def eliminate(matrix: FloatArray, right: FloatArray) -> None:
 
 
 @kernel
-def _residual(
-    forms: IndexArray,
-    k: FloatArray,
-    q: FloatArray,
-    r: FloatArray,
-    p: FloatArray,
-    w: FloatArray,
-    slope: FloatArray,
-    miss: FloatArray,
-) -> float:
-    """Write the laws at p and what is missing in each equation; its squared length."""
+def _newton(
+    forms: IndexArray, k: FloatArray, q: FloatArray, r: FloatArray, p: FloatArray, w: FloatArray, most: float
+) -> bool:
+    """Newton's steps from the points of the laws at p; whether they arrived, with the solution in p and w.
+
+    A step that leads outwards on an exponential ends where the law gives the current of the straight line, not where
+    it has that voltage: so it cannot run beyond what the port can carry, and halts at a threshold that it crosses.
+    """
     m = p.shape[0]
-    for i in range(m):
-        w[i], slope[i] = law(forms[i], k[i], p[i])
-    total = 0.0
-    for i in range(m):
-        missing = p[i] - r[i]
-        for j in range(m):
-            missing += q[i, j] * w[j]
-        miss[i] = missing
-        total += missing * missing
-    return total
+    slope, jacobian, target = np.empty(m), np.empty((m, m)), np.empty((m, 1))
+    for _ in range(40):
+        for i in range(m):
+            w[i], slope[i] = law(forms[i], k[i], p[i])
+        for i in range(m):
+            total = r[i]
+            for j in range(m):
+                total -= q[i, j] * (w[j] - slope[j] * p[j])
+                jacobian[i, j] = q[i, j] * slope[j]
+            jacobian[i, i] += 1.0
+            target[i, 0] = total
+        eliminate(jacobian, target)
+        widest = 0.0
+        for i in range(m):
+            step = target[i, 0] - p[i]
+            widest = max(widest, abs(step))
+            w[i] += slope[i] * step
+        if math.isnan(widest):
+            return False
+        arrived = widest <= 1e-13 * most
+        for i in range(m):
+            new = target[i, 0]
+            if not arrived and forms[i] != CUBIC and abs(new) > k[i, 1] and abs(new) > abs(p[i]):
+                carried = max(w[i] if new > 0.0 else -w[i], 0.0)
+                new = math.copysign(min(abs(new), reach(forms[i], k[i], carried)), new)
+            p[i] = new
+        if arrived:
+            return True
+    return False
 
 
 @kernel
 def solve_several(forms: IndexArray, k: FloatArray, q: FloatArray, r: FloatArray, p: FloatArray, w: FloatArray) -> bool:
-    """The one p and w = law(p) with ``p + q w = r``, for several laws and a q that is positive semidefinite.
+    """The one p and w = law(p) with ``p + q w = r``, for several laws and a symmetric, positive semidefinite q.
 
-    The Jacobian ``1 + q law'`` is regular wherever one stands, so that Newton's direction always makes the residual
-    smaller: where a full step does not, a shorter one does.
+    The w that solve it are where a convex function is least, ``w q w/2 - r w`` and what belongs to each law. Going
+    there along one law after the other is sure and slow, Newton's steps are fast where they arrive: those are tried
+    first, and again after every few rounds of the others.
 
     Parameters
     ----------
@@ -169,13 +186,12 @@ def solve_several(forms: IndexArray, k: FloatArray, q: FloatArray, r: FloatArray
     Returns
     -------
     found : bool
+        False only where numbers overflow.
     """
     m = p.shape[0]
     if m == 1:
         p[0], w[0] = solve_one(forms[0], k[0], q[0, 0], r[0])
         return not math.isnan(p[0])
-    slope, miss, trial, jacobian = np.empty(m), np.empty(m), np.empty(m), np.empty((m, m))
-    step = np.empty((m, 1))
     most = 0.0
     for i in range(m):
         most = max(most, abs(r[i]))
@@ -186,43 +202,20 @@ def solve_several(forms: IndexArray, k: FloatArray, q: FloatArray, r: FloatArray
     if not most < np.inf:
         return False
     for i in range(m):  # a law that is far beyond what its port can carry tells nothing about the way
-        limit = min(most, reach(forms[i], k[i], 4.0 * most / q[i, i]))
+        limit = most if q[i, i] <= 0.0 else min(most, reach(forms[i], k[i], 4.0 * most / q[i, i]))
         p[i] = min(max(p[i], -limit), limit)
-    length = _residual(forms, k, q, r, p, w, slope, miss)
-    if not length < np.inf:
-        p[:] = 0.0
-        length = _residual(forms, k, q, r, p, w, slope, miss)
-    for _ in range(200):
+    if _newton(forms, k, q, r, p, w, most):
+        return True
+    along = np.zeros(m)
+    for rounds in range(2000):
         for i in range(m):
+            rest = r[i]
             for j in range(m):
-                jacobian[i, j] = q[i, j] * slope[j]
-            jacobian[i, i] += 1.0
-            step[i, 0] = -miss[i]
-        eliminate(jacobian, step)
-        widest = 0.0
-        for i in range(m):
-            widest = max(widest, abs(step[i, 0]))
-        if widest <= 1e-13 * most:
-            for i in range(m):
-                p[i] += step[i, 0]
-                w[i] += slope[i] * step[i, 0]
+                if j != i:
+                    rest -= q[i, j] * along[j]
+            p[i], along[i] = solve_one(forms[i], k[i], q[i, i], rest)
+            if math.isnan(along[i]) or abs(along[i]) == np.inf:
+                return False
+        if rounds % 10 == 9 and _newton(forms, k, q, r, p, w, most):
             return True
-        better = False
-        for i in range(m):
-            limit = min(2.0 * most, reach(forms[i], k[i], 4.0 * most / q[i, i]))
-            trial[i] = min(max(p[i] + step[i, 0], -limit), limit)
-        new = _residual(forms, k, q, r, trial, w, slope, miss)
-        if new < 0.99 * length:
-            better = True
-        part = 1.0
-        while not better and part > 1e-12:
-            for i in range(m):
-                trial[i] = p[i] + part * step[i, 0]
-            new = _residual(forms, k, q, r, trial, w, slope, miss)
-            better = new < (1.0 - 1e-4 * part) * length
-            part *= 0.5
-        if not better:
-            return False
-        p[:] = trial
-        length = new
     return False
