@@ -275,7 +275,8 @@ def actuator_to_text(actuator: Actuator) -> str:
             table = parent
             array, _, last = parent.rpartition(".")
             lines.append(f"[[{array}]]" if last.isdecimal() else f"[{parent}]")
-        value = _number_text(parameter.value, parameter.quantity)
+        whole = parameter.transform == "count"
+        value = f"{parameter.value:.0f}" if whole else _number_text(parameter.value, parameter.quantity)
         if parameter.standard_uncertainty > 0:
             uncertainty = _number_text(parameter.standard_uncertainty, parameter.quantity)
             value = f"{{ value = {value}, standard_uncertainty = {uncertainty} }}"
