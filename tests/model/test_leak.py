@@ -86,8 +86,9 @@ def test_several_equations_have_one_solution(
 ) -> None:
     rng = np.random.default_rng(seed)
     m = len(laws)
-    factor = rng.normal(size=(m, max(1, m - missing))) * 10.0 ** rng.uniform(-2.0, 2.0)
-    q = factor @ factor.T  # positive semidefinite: some combinations of currents may lower no voltage
+    factor = rng.normal(size=(m, m))
+    q = (factor @ factor.T + 1e-3 * np.eye(m)) * 10.0 ** rng.uniform(-2.0, 2.0)
+    q[: min(missing, m - 1)] = q[:, : min(missing, m - 1)] = 0.0  # ports that no current lowers, as a contact
     forms = np.array([form for form, _ in laws])
     k = np.array([numbers for _, numbers in laws])
     k[forms != 0, 2] = np.maximum(k[forms != 0, 2], 0.02 * volts)  # else q may ask for a current beyond floats

@@ -133,28 +133,28 @@ def _newton(
     it has that voltage: so it cannot run beyond what the port can carry, and halts at a threshold that it crosses.
     """
     m = p.shape[0]
-    slope, jacobian, target = np.empty(m), np.empty((m, m)), np.empty((m, 1))
+    slope, jacobian, steps = np.empty(m), np.empty((m, m)), np.empty((m, 1))
     for _ in range(40):
         for i in range(m):
             w[i], slope[i] = law(forms[i], k[i], p[i])
         for i in range(m):
-            total = r[i]
+            missing = r[i] - p[i]
             for j in range(m):
-                total -= q[i, j] * (w[j] - slope[j] * p[j])
+                missing -= q[i, j] * w[j]
                 jacobian[i, j] = q[i, j] * slope[j]
             jacobian[i, i] += 1.0
-            target[i, 0] = total
-        eliminate(jacobian, target)
+            steps[i, 0] = missing
+        eliminate(jacobian, steps)
         widest = 0.0
         for i in range(m):
-            step = target[i, 0] - p[i]
+            step = steps[i, 0]
+            if not abs(step) < np.inf:
+                return False
             widest = max(widest, abs(step))
             w[i] += slope[i] * step
-        if math.isnan(widest):
-            return False
         arrived = widest <= 1e-13 * most
         for i in range(m):
-            new = target[i, 0]
+            new = p[i] + steps[i, 0]
             if not arrived and forms[i] != CUBIC and abs(new) > k[i, 1] and abs(new) > abs(p[i]):
                 carried = max(w[i] if new > 0.0 else -w[i], 0.0)
                 new = math.copysign(min(abs(new), reach(forms[i], k[i], carried)), new)
