@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import Record, model_hold
 from ipmclab.identify.slow_modes import slow_modes, slow_poles, slow_values
+from ipmclab.identify.start_turning import TurningFit, search_turning
 from ipmclab.identify.varpro import Drive, PoleFit, Series, all_minima, responses, search_poles
 from ipmclab.model import Actuator, simulate_outputs
 
@@ -20,6 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
 _MINIMA: Final = 2
+_BETTER: Final = 0.99  # part of the least cost of real poles below which complex ones are tried
 
 
 def coupling_starts(
@@ -44,20 +46,47 @@ def coupling_starts(
     moving, pressing = seen.of("displacement"), seen.of("force")
     separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
     if slow["displacement"] == slow["force"] == 0:
-        found = _from(moving if separate else seen, 0)
+        every = moving if separate else seen
+        found = _from(every, all_minima(every.series, 2, sensors(every))[:_MINIMA])
         stiffness = _stiffness(_best(moving), pressing.series) if separate else 1.0
         return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
     starts = []
     for of, other in ((moving, pressing), (pressing, moving)):
         if not of.series or (separate and of is pressing):
             continue
-        for start in _from(of, slow[of.output]):
-            values = _named(start) | slow_values(actuator, of.output, start.slow)
+        for start, own in _with_slow_modes(actuator, of, slow[of.output]):
+            values = _named(start) | own
             if other.series:
                 stiffness, of_other = _beside(start, other, slow[other.output], separate=separate)
                 values |= slow_values(actuator, other.output, of_other) | _modulus(actuator, stiffness, separate)
             starts.append(values)
     return starts
+
+
+def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
+    """Starts of d(s) with the slow modes of one output, those with complex poles first where they explain more."""
+    real = all_minima(of.series, 2 + slow, sensors(of))[:_MINIMA]
+    if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
+        turning = search_turning(of.series, sensors(of))
+        if turning is not None and turning.cost < _BETTER * min(found.cost for found in real):
+            yield _turning(of, turning)
+    for start in _from(of, real):
+        yield start, slow_values(actuator, of.output, start.slow)
+
+
+def _turning(of: MotionSeries, found: TurningFit) -> tuple[_Start, dict[str, float]]:
+    p1, p2 = float(-np.sum(found.poles)), float(np.prod(found.poles))
+    level, gain = -float(found.residues @ found.poles[::-1]), float(np.sum(found.residues))
+    level = level if level > 0 else 1e-12
+    nyquist = float(np.pi * max(record.run.rate for record, _ in of.labels))
+    name, static = f"relaxation.{of.output}_pair.0", level / p2
+    values = {
+        f"{name}.ratio": -found.constant / static,
+        f"{name}.lead": -found.lead / static,
+        f"{name}.time_constant": found.time_constant,
+        f"{name}.damping_ratio": found.damping_ratio,
+    }
+    return _Start(level, min(level / gain, nyquist) if gain > 0 else nyquist, p1, p2), values
 
 
 def _modulus(actuator: Actuator, stiffness: float, separate: bool) -> dict[str, float]:
@@ -88,10 +117,10 @@ def _best(seen: MotionSeries) -> PoleFit:
     return min(all_minima(seen.series, 2, sensors(seen)), key=lambda found: found.cost)
 
 
-def _from(seen: MotionSeries, slow: int) -> list[_Start]:
+def _from(seen: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:
     nyquist = float(np.pi * max(record.run.rate for record, _ in seen.labels))
     starts: list[_Start] = []
-    for found in all_minima(seen.series, 2 + slow, sensors(seen))[:_MINIMA]:
+    for found in minima:
         fast, level, gain = _fast_pair(found)
         p1, p2 = float(-np.sum(found.poles[fast])), float(np.prod(found.poles[fast]))
         modes = slow_modes(np.delete(found.poles, fast), np.delete(found.residues, fast), level / p2)
