@@ -307,7 +307,11 @@ def _informed(one: Candidate, left: Left, effective: float) -> Candidate:
     noises = {key[1]: noise for key, (_, noise) in left.items()}
     count = one.parameters + sum(noise.parameters for noise in noises.values())
     return replace(
-        one, aic=2.0 * count - 2.0 * likely, bic=count * math.log(effective) - 2.0 * likely, log_likelihood=likely
+        one,
+        aic=2.0 * count - 2.0 * likely,
+        # A drift may leave two or three independent readings: BIC would then ask for less than AIC.
+        bic=count * max(math.log(effective), 2.0) - 2.0 * likely,
+        log_likelihood=likely,
     )
 
 

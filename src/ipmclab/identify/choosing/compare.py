@@ -119,12 +119,12 @@ def difference(
     told = mine.score - its.score
     count = len(told)
     nearer, further = (mine, its) if told.sum() >= 0.0 else (its, mine)
-    able = np.bincount(block_of, _variance(nearer, further), minlength=count)
+    able = np.asarray(np.bincount(block_of, _variance(nearer, further), minlength=count), dtype=np.float64)
     whole = float(able.sum())
     if count < 2 or whole <= 0.0:
         return Difference(name, other_name, float(told.sum()), math.inf if told.any() else 0.0, math.inf, count)
     # A block that can say nothing would let rounding speak.
-    able += 1e-3 * whole / count
+    able = able + 1e-3 * whole / count
     left = told - told.sum() / able.sum() * able
     phi, freedom = _scatter(left / np.sqrt(able)), count - 1
     runs = np.unique(run_of)
@@ -150,4 +150,4 @@ def _scatter(normal: FloatArray) -> float:
     square = float(normal @ normal)
     lags = round(count ** (1.0 / 3.0))
     shared = sum((1.0 - lag / (lags + 1.0)) * float(normal[:-lag] @ normal[lag:]) for lag in range(1, lags + 1))
-    return (square + 2.0 * max(shared, 0.0)) / (count - 1)
+    return float((square + 2.0 * max(shared, 0.0)) / (count - 1))

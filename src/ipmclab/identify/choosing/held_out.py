@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ from ipmclab.identify.choosing.noise import Filtered, NoiseModel, Series, fit_no
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fitted import fitted_outputs
 from ipmclab.identify.identify import identify
-from ipmclab.identify.observation import Record
+from ipmclab.identify.observation import READ_OUTPUTS, Record
 from ipmclab.identify.scores import Comparison
 from ipmclab.identify.validate import validate
 from ipmclab.model import Actuator
@@ -148,13 +149,10 @@ def residuals(division: Division, fit: Fit, run: Run, place: int, in_fit: int) -
 
 def _seen(record: Record, held: npt.NDArray[np.bool_]) -> Run:
     """The run as the fit may see it: what ``check`` masked and what is held out is missing."""
-    channels = {
-        output: np.where(reading.used & ~held, reading.values, np.nan) for output, reading in record.readings.items()
-    }
-    missing: dict[str, FloatArray | None] = {
-        name: None for name in ("current", "displacement", "force") if name not in channels
-    }
-    return replace(record.run, **missing, **channels)
+    channels: dict[str, Any] = dict.fromkeys(READ_OUTPUTS)
+    for output, reading in record.readings.items():
+        channels[output] = np.where(reading.used & ~held, reading.values, np.nan)
+    return replace(record.run, **channels)
 
 
 def _series(division: Division, place: int, comparisons: Mapping[str, Comparison]) -> dict[Key, Series]:
