@@ -25,6 +25,7 @@ from ipmclab.identify.response import CircuitResponder
 from ipmclab.identify.solve import Solution
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.model import Actuator
+from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding, Run
 from ipmclab.version import __version__
 
@@ -80,14 +81,28 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
             at_bound=at_bound,
         )
     rank_names = list(actuator.parameter_values)
+    for one in result.unseen:
+        for unknown in one.unknowns:
+            fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
     fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], rank_names)))
     named = tuple(_rename_direction(direction, order) for direction in open_directions)
+    named += tuple(
+        Direction(
+            {order(unknown.name): len(one.unknowns) ** -0.5 for unknown in one.unknowns}, order(one.sentence), math.inf
+        )
+        for one in result.unseen
+    )
+    named = tuple(replace(d, coefficients=dict.fromkeys(fitted, 0.0) | dict(d.coefficients)) for d in named)
     named += tuple(
         direction_of_one(list(fitted), name, "it went to its bound" if p.at_bound else "other values fit as well")
         for name, p in fitted.items()
         if not p.determined and not any(names_it(direction, name) for direction in named)
     )
     correlations = _correlations([order(u.name) for u in asked], found, relative, beyond, asked)
+    correlations = {
+        one: {other: correlations.get(one, {}).get(other, 1.0 if one == other else math.nan) for other in fitted}
+        for one in fitted
+    }
     observations = tuple(
         _observation(problem, solution, record, runs[record.place], order) for record in problem.records
     )
@@ -117,6 +132,26 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     return replace(fit, actuator=replace(fit.actuator, fit_table=fit_to_table(fit)))
 
 
+def _unseen_parameter(
+    unknown: Unknown, order: Order, value: float, parameters: Mapping[str, Parameter]
+) -> FittedParameter:
+    """A parameter of a stage that the readings do not show: it may be anything."""
+    declared = parameters[order(unknown.base)]
+    return FittedParameter(
+        name=order(unknown.name),
+        value=value,
+        unit=declared.unit,
+        symbol=declared.symbol,
+        standard_error=math.inf,
+        interval=_open_ends(unknown),
+        determined=False,
+    )
+
+
+def _open_ends(unknown: Unknown) -> tuple[float, float]:
+    return (0.0 if unknown.log or unknown.lower == 0.0 else -math.inf, math.inf)
+
+
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
     """Fixed parameters without a stated uncertainty on which the answer leans."""
     candidates = ["circuit.sheet_resistance"]
@@ -139,7 +174,7 @@ def _interval(
     from scipy.special import stdtrit
 
     entry = float(solution.theta[place])
-    open_ends = (0.0 if unknown.log or unknown.lower == 0.0 else -math.inf, math.inf)
+    open_ends = _open_ends(unknown)
     hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else DETERMINED
     if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
         return open_ends
@@ -210,7 +245,7 @@ def _correlations(
 ) -> dict[str, dict[str, float]]:
     deviation = np.sqrt(np.maximum(found.covariance.diagonal(), 1e-300))
     matrix = (found.covariance / (deviation[:, None] * deviation)).clip(-1.0, 1.0)
-    unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked])
+    unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked], dtype=bool)
     matrix[unknown], matrix[:, unknown] = np.nan, np.nan
     np.fill_diagonal(matrix, 1.0)
     return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}

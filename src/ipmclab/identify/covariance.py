@@ -88,6 +88,9 @@ def uncertainty(
         Fixed parameters without one, whose leverage is to be known.
     """
     nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
+    if nuisance.all():
+        nothing = np.zeros((0, 0))
+        return Uncertainty(nothing, nothing, nothing, np.zeros(0), dict.fromkeys((*fixed, *exact), np.zeros(0)), ())
     singular, directions = _of_the_asked(evaluation, nuisance)
     asked = len(directions)
     seen = singular > STRUCTURAL * singular[0] if singular[0] > 0 else np.zeros(asked, dtype=bool)

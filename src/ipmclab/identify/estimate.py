@@ -20,6 +20,7 @@ from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, nul
 from ipmclab.identify.start import StartingPoint, fastest_rate, leak_shares, other_zeros, starting_points
 from ipmclab.identify.starts import is_idle, not_at_rest
 from ipmclab.identify.unknowns import Unknown, unknowns_of
+from ipmclab.identify.unseen import Unseen, without_unseen
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.structure import Structure
@@ -32,9 +33,12 @@ _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
 _LONGEST: Final = 300  # evaluations of one search
+_DEAR: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth of chi-square
+_CHEAP: Final = 1e-10
 _SHORTLY: Final = 15  # of a search that is only to show whether it is worth more
-_HOPE: Final = 1.2  # times the best cost: a search above that is left
+_HOPE: Final = 1.05  # times the best cost: a search above that is left
 
+_ELECTRICAL: Final = ("circuit.", "leak.", "clamp.")
 _SEVERAL_MINIMA: Final = ("coupling.", "relaxation.", "viscoelastic.", "leak.", "clamp.")
 
 
@@ -43,7 +47,7 @@ class Estimate:
     """The solved problem, and what was found out about the runs on the way.
 
     ``parameters`` are those of the actuator that was given. ``rivals`` are other minima, as entries by name, that the
-    readings do not tell from the solution.
+    readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem.
     """
 
     parameters: Mapping[str, Parameter]
@@ -51,6 +55,7 @@ class Estimate:
     solution: Solution
     rivals: tuple[Mapping[str, float], ...]
     findings: tuple[Finding, ...]
+    unseen: tuple[Unseen, ...] = ()
 
 
 def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> Estimate:
@@ -72,13 +77,16 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
             break
         given_up |= moving
         records = [replace(record, start="free") if record.place in moving else record for record in records]
-    if len(null_directions(solution.evaluation)):
+    problem, solution, unseen = without_unseen(problem, solution)
+    if unseen and problem.unknowns:
+        problem, solution = _weigh(problem, solution)
+    if problem.unknowns and len(null_directions(solution.evaluation)):
         solution = settle(problem, solution, _reference(problem, solution))
     solution = _nearest_zero(problem, solution)
     findings = [_not_at_rest(r) for r in problem.records if r.place in given_up and r.start == "free"]
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
-    return Estimate(parameters, problem, solution, rivals, tuple(findings))
+    return Estimate(parameters, problem, solution, rivals, tuple(findings), unseen)
 
 
 def _is_asked(unknown: Unknown, names: FreeParameters) -> bool:
@@ -134,7 +142,7 @@ def _without_idle(problem: Problem, solution: Solution, names: FreeParameters) -
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )
     theta = solution.theta[kept]
-    again = polish(smaller, theta) or minimise(smaller, theta)
+    again = polish(smaller, theta) or _minimise(smaller, theta)
     return _weigh(smaller, replace(again, evaluations=again.evaluations + solution.evaluations))
 
 
@@ -149,12 +157,13 @@ def _fit(
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
-    points = starting_points(actuator, names, records)
+    circuit = _circuit_first(actuator, parameters, names, records)
+    points = starting_points(actuator, names, records, circuit)
     shortly = _SHORTLY if explore and len(points) > 1 else _LONGEST
     for point in points:
         problem = _problem(actuator, parameters, names, records, point, noise)
         theta = _first(problem, point)
-        solution = (polish(problem, theta) if point.exact else None) or minimise(problem, theta, evaluations=shortly)
+        solution = (polish(problem, theta) if point.exact else None) or _minimise(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
         if not explore and solution.converged and _at_floor(problem, solution):
             break
@@ -163,7 +172,7 @@ def _fit(
     valley = _along_valleys(actuator, names, problem, solution)
     if valley and min(other.evaluation.cost for other in valley) < solution.evaluation.cost - 1e-3:
         lowest = min(valley, key=lambda other: other.evaluation.cost)
-        solution = minimise(problem, lowest.theta)
+        solution = _minimise(problem, lowest.theta)
         valley = _along_valleys(actuator, names, problem, solution)
     tried += [(problem, other) for other in valley]
     solution = replace(solution, evaluations=sum(other.evaluations for _, other in tried))
@@ -176,17 +185,57 @@ def _fit(
     return *_weigh(problem, solution), rivals
 
 
+def _minimise(problem: Problem, theta: FloatArray, *, evaluations: int = _LONGEST) -> Solution:
+    """The minimum from a point, as near to it as readings can tell where each evaluation is dear."""
+    dear = not isinstance(problem.responder, CircuitResponder)
+    return minimise(problem, theta, evaluations=evaluations, tolerance=_DEAR if dear else _CHEAP)
+
+
+def _circuit_first(
+    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[Record]
+) -> StartingPoint | None:
+    """The circuit and its leak from the current alone, where that is dear and the motion is asked for too.
+
+    None where poles and residues find the circuit at once, or where the current does not determine it.
+    """
+    series = {"circuit.sheet_resistance", "circuit.contact_resistance"}
+    electrical = [name for name in names.actuator if name.startswith(_ELECTRICAL)]
+    if is_lumped(actuator.structure) or not electrical or len(electrical) == len(names.actuator):
+        return None
+    with_current = [replace(r, readings={"current": r.readings["current"]}) for r in records if "current" in r.readings]
+    if not with_current or series & set(names.actuator) or any(n.startswith("geometry.") for n in names.actuator):
+        return None
+    own = [f"observation.{what}.current" for what in ("offset", "drift")]
+    fewer = FreeParameters(
+        tuple(name for name in names.shared if name in electrical),
+        tuple(name for name in names.per_run if name in electrical),
+        tuple(name for name in names.observation if name in own),
+    )
+    noise = {(record.place, "current"): max(record.readings["current"].noise, 1e-300) for record in with_current}
+    points = starting_points(actuator, fewer, with_current)
+    tried = []
+    for point in points:
+        problem = _problem(actuator, parameters, fewer, with_current, point, noise)
+        tried.append((problem, _minimise(problem, _first(problem, point), evaluations=_SHORTLY)))
+    problem, solution = _to_the_end(tried)[0]
+    found = problem.values(solution.theta, with_current[0].place)
+    return StartingPoint({name: found[name] for name in electrical}, points[0].delays)
+
+
 def _to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem, Solution]]:
     """The searches that were left early, those that may still win followed to their minimum; the best first."""
     best = np.inf
     found = []
+    longest = _LONGEST
     for problem, solution in sorted(tried, key=lambda pair: pair[1].evaluation.cost):
         if not solution.converged and solution.evaluation.cost < _HOPE * best:
-            more = minimise(problem, solution.theta, evaluations=_LONGEST)
+            more = _minimise(problem, solution.theta, evaluations=longest)
             solution = replace(more, evaluations=more.evaluations + solution.evaluations)
         best = min(best, solution.evaluation.cost)
+        if solution.converged and _at_floor(problem, solution):
+            longest = _SHORTLY
         found.append((problem, solution))
-    return found
+    return sorted(found, key=lambda pair: pair[1].evaluation.cost)
 
 
 def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution) -> list[Solution]:
@@ -306,7 +355,7 @@ def _weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
             break
         weighed = problem.with_noise(noise)
         here = problem.weighed(solution.evaluation, noise)
-        again = polish(weighed, solution.theta, here) or minimise(weighed, solution.theta)
+        again = polish(weighed, solution.theta, here) or _minimise(weighed, solution.theta)
         spent = again.evaluations + solution.evaluations
         problem, solution = weighed, replace(again, converged=again.converged and solution.converged, evaluations=spent)
     return problem, solution

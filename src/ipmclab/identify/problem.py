@@ -175,6 +175,11 @@ class Problem:
         other.noise = dict(noise)  # nothing else depends on it
         return other
 
+    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
+        """The problem with fewer unknowns, and other values of what is no longer free."""
+        kept = [unknown for column, unknown in enumerate(self.unknowns) if column not in set(columns)]
+        return Problem({**self.base, **values}, self.records, kept, self.responder, self.noise)
+
     def weighed(self, here: Evaluation, noise: Noise) -> Evaluation:
         """An evaluation of this problem as it is under other weights."""
         rows = here.rows.copy()

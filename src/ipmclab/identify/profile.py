@@ -14,6 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
 _LONGEST_STEP: Final = 1.0
+_NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
 _CLOSE: Final = 0.02  # of the threshold's root
 
 
@@ -95,7 +96,7 @@ def _height(
 ) -> tuple[float, FloatArray] | None:
     """Root of the excess cost with one entry held, and the others there."""
     pinned = Pinned(problem, place, entry)
-    found = polish(pinned, others) or minimise(pinned, others, evaluations=60)
+    found = polish(pinned, others) or minimise(pinned, others, evaluations=60, tolerance=_NEAR)
     there = problem.spared(np.insert(found.theta, place, entry))
     excess = found.evaluation.cost - there - (solution.evaluation.cost - problem.spared(solution.theta))
     return (float(np.sqrt(max(excess, 0.0))), found.theta) if np.isfinite(excess) else None

@@ -23,6 +23,9 @@ _SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
 
 _SERIES: Final = frozenset({"circuit.sheet_resistance", "circuit.contact_resistance"})
 
+_DIRECT_SHARES: Final = (0.5, 0.95, 0.1)
+"""Shares of the clamped section that are tried as fed at once."""
+
 _LEAK_STARTS: Final = 2
 """Leaks that are tried for each series resistance; one more where that is known."""
 
@@ -60,14 +63,19 @@ class StartingPoint:
     exact: bool = False
 
 
-def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> list[StartingPoint]:
-    """Starting points, the most likely first."""
+def starting_points(
+    actuator: Actuator, names: FreeParameters, records: Sequence[Record], circuit: StartingPoint | None = None
+) -> list[StartingPoint]:
+    """Starting points, the most likely first; around a circuit where that is found already."""
     free = set(names.actuator)
     delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
     usual = _usual(actuator, free)
     bases = [usual]
     exact = False
-    if any(name.startswith("circuit.") for name in free):
+    if circuit is not None:
+        bases = [{**usual, **circuit.values}]
+        delays.update(circuit.delays)
+    elif any(name.startswith("circuit.") for name in free):
         with_current = [record for record in records if "current" in record.readings]
         series_known = None
         if not free & _SERIES:
@@ -87,6 +95,9 @@ def starting_points(actuator: Actuator, names: FreeParameters, records: Sequence
     elif any(name.startswith("leak.") for name in free):
         with_current = [record for record in records if "current" in record.readings]
         bases = _with_leak(actuator, free, with_current, delays, usual)
+    share = "clamp.direct_share"
+    if share in free and circuit is None:
+        bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
     points = []
     known = {record.place: record.known_delay for record in records if record.known_delay is not None}
     shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
