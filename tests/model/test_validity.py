@@ -37,6 +37,11 @@ def test_voltage_and_frequency(actuator: str, signal: str, rate: float, expected
     assert codes(actuator, signal, rate) == expected
 
 
+def test_a_leak_that_is_switched_off_is_none() -> None:
+    off = {"leak.exponential.current_density": 0.0}
+    assert codes("friend-2+leak.exponential", "step 3 V", **off) == ["above-electrolysis"]
+
+
 def test_a_stiffer_modulus_moves_the_limit() -> None:
     stiff = {"viscoelastic.0.amplitude": 3.0, "viscoelastic.0.frequency": 1.0}  # at 40 Hz four times Y, twice the rate
     assert codes("friend-2+viscoelastic", "sine 1 V 20 Hz", 500.0, **stiff) == []

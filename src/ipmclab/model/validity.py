@@ -81,7 +81,7 @@ def _largest(values: FloatArray) -> float:
 
 def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
     largest = _largest(run.voltage)
-    if largest <= ELECTROLYSIS or actuator.structure.leak:
+    if largest <= ELECTROLYSIS or _leaks(actuator):
         return []
     return [
         Finding(
@@ -94,6 +94,17 @@ def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
             values={"largest_voltage": largest, "limit": ELECTROLYSIS},
         )
     ]
+
+
+def _leaks(actuator: Actuator) -> bool:
+    """Whether any current leaks: a leak that is switched off is none."""
+    return any(
+        value > 0.0 for name, value in actuator.parameter_values.items() if name.startswith("leak.") and _is_size(name)
+    )
+
+
+def _is_size(name: str) -> bool:
+    return name.rpartition(".")[2] in ("linear", "quadratic", "cubic", "current_density")
 
 
 def _bending(actuator: Actuator, run: Run) -> list[Finding]:
