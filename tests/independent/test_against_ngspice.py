@@ -17,7 +17,17 @@ RATE = 50.0
 DURATION = 20.0
 
 
-def netlist(voltage: np.ndarray, time: np.ndarray, table: Path) -> str:
+AREA = FRIEND_2.width * (FRIEND_2.free_length + FRIEND_2.clamped_length)
+
+LEAKS = {
+    "cubic": f"{AREA} * (0.5*v(u) + 1.5*v(u)*abs(v(u)) + 3*v(u)^3)",
+    "exponential": f"abs(v(u)) > 1.23 ? sgn(v(u)) * {AREA}*10 * (exp((abs(v(u)) - 1.23)/0.5) - 1) : 0",
+    "butler_volmer": f"abs(v(u)) > 1.23 ? sgn(v(u)) * {AREA}*10 * 2*sinh((abs(v(u)) - 1.23)/(2*0.5)) : 0",
+}
+"""What a behavioural source draws at the voltage of node u [A]: the laws of the leak in the words of ngspice."""
+
+
+def netlist(voltage: np.ndarray, time: np.ndarray, table: Path, leak: str = "") -> str:
     """Electrodes, dc resistance and two RC branches, fed with straight lines through the rows."""
     points = [f"+ {t:.10g} {v:.15g}" for t, v in zip(time, voltage, strict=True)]
     lines = ["* equivalent circuit of an ipmc", "Vin in 0 pwl(", *points, "+ )"]
@@ -25,6 +35,8 @@ def netlist(voltage: np.ndarray, time: np.ndarray, table: Path) -> str:
     lines += [f"Rdc node bottom {FRIEND_2.dc_resistance}"]
     for i, (r, c) in enumerate(zip(FRIEND_2.branch_resistances, FRIEND_2.branch_capacitances, strict=True)):
         lines += [f"R{i} node mid{i} {r:.15g}", f"C{i} mid{i} bottom {c:.15g} ic=0"]
+    if leak:
+        lines += ["Bseen u 0 v = v(node)-v(bottom)", "Rseen u 0 1k", f"Bleak node bottom i = {LEAKS[leak]}"]
     lines += [
         ".options method=gear reltol=1e-7 abstol=1e-15 vntol=1e-12 chgtol=1e-18",
         ".control",
@@ -39,17 +51,29 @@ def netlist(voltage: np.ndarray, time: np.ndarray, table: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize(("text", "hold"), [("step 1 V", "zero"), ("sine 1 V 0.1 Hz", "first")])
+@pytest.mark.parametrize(
+    ("text", "hold", "leak"),
+    [
+        ("step 1 V", "zero", ""),
+        ("sine 1 V 0.1 Hz", "first", ""),
+        ("step 3 V", "zero", "exponential"),
+        ("sine 3 V 0.1 Hz", "first", "butler_volmer"),
+        ("step 2.5 V", "zero", "cubic"),
+    ],
+)
 def test_circuit_agrees_with_ngspice(
-    text: str, hold: str, tmp_path: Path, require: Callable[[str, object], None]
+    text: str, hold: str, leak: str, tmp_path: Path, require: Callable[[str, object], None]
 ) -> None:
     program = shutil.which("ngspice")
     require("ngspice", program)
     assert program is not None
-    run = ipmclab.simulate(ipmclab.load_actuator("friend-2"), text, duration=DURATION, rate=RATE, hold=hold)
+    actuator = ipmclab.load_actuator(f"friend-2+leak.{leak}" if leak else "friend-2")
+    if leak == "cubic":
+        actuator = actuator.replace(**{"leak.cubic.linear": 0.5, "leak.cubic.quadratic": 1.5})
+    run = ipmclab.simulate(actuator, text, duration=DURATION, rate=RATE, hold=hold)
     table = tmp_path / "out.txt"
     circuit = tmp_path / "strip.cir"
-    circuit.write_text(netlist(run.voltage, run.time, table), encoding="utf-8")
+    circuit.write_text(netlist(run.voltage, run.time, table, leak), encoding="utf-8")
     subprocess.run([program, "-b", str(circuit)], check=True, capture_output=True, timeout=100, cwd=tmp_path)
     columns = np.loadtxt(table)
     time, current, node = columns[:, 0], -columns[:, 1], columns[:, 2]
