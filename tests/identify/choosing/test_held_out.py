@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ipmclab.identify.choosing.blocks import run_blocks, time_blocks
-from ipmclab.identify.choosing.held_out import Division, score_blocks
+from ipmclab.identify.choosing.held_out import Division, Fold, score_blocks
 from ipmclab.identify.choosing.held_out import _seen as seen_by_the_fit
 from ipmclab.identify.choosing.noise import NoiseModel, Part
 from ipmclab.identify.observation import prepare
@@ -37,27 +37,35 @@ def division(*, whole_runs: bool) -> Division:
     return Division(records, cut(records, 8, 2), [(0, "current"), (1, "current")], whole_runs)
 
 
-def residual_of(divided: Division) -> dict[tuple[int, str], object]:
+def fold_of(divided: Division, columns: int = 0) -> Fold:
+    """Residuals, and how far they may be off along some columns."""
     generator = np.random.default_rng([SEED, 1])
-    return {key: divided.series(key, 0.1 * generator.standard_normal(ROWS)) for key in divided.keys}
+    return Fold(
+        {key: divided.series(key, 0.1 * generator.standard_normal(ROWS)) for key in divided.keys},
+        {key: 0.1 * generator.standard_normal((ROWS, columns)) for key in divided.keys},
+    )
 
 
-def dense(divided: Division, key: tuple[int, str], rows: np.ndarray, residual: np.ndarray) -> float:
+def dense(
+    divided: Division, key: tuple[int, str], rows: np.ndarray, residual: np.ndarray, off: np.ndarray | None = None
+) -> float:
     """Log density of some rows, from the covariance of every two of them."""
     series = divided.series(key, residual)
     time = series.time[rows]
     matrix = np.diag(np.full(len(time), series.noise**2))
     matrix += (0.3 * series.extent) ** 2 * np.exp(-np.abs(time[:, None] - time) / 0.5)
+    if off is not None:
+        matrix += off[rows] @ off[rows].T
     return float(multivariate_normal(cov=matrix).logpdf(residual[rows])) if len(time) else 0.0
 
 
 def test_a_block_of_a_run_is_judged_by_what_was_seen_on_both_sides() -> None:
     divided = division(whole_runs=False)
-    folds = (residual_of(divided), residual_of(divided))
+    folds = (fold_of(divided), fold_of(divided))
     found = score_blocks(folds, divided, {"current": NOISE})
     for number, block in enumerate(divided.blocks):
         key = block.run, "current"
-        residual = folds[block.fold][key].residual
+        residual = folds[block.fold].residuals[key].residual
         kept = np.flatnonzero(~divided.held_rows(divided.records[block.run], block.fold))
         both = np.sort(np.concatenate([kept, np.arange(block.start, block.stop)]))
         wanted = dense(divided, key, both, residual) - dense(divided, key, kept, residual)
@@ -66,13 +74,25 @@ def test_a_block_of_a_run_is_judged_by_what_was_seen_on_both_sides() -> None:
 
 def test_the_blocks_of_a_whole_run_add_up_to_it() -> None:
     divided = division(whole_runs=True)
-    folds = (residual_of(divided), residual_of(divided))
+    folds = (fold_of(divided), fold_of(divided))
     found = score_blocks(folds, divided, {"current": NOISE})
     for place in range(2):
         mine = [number for number, block in enumerate(divided.blocks) if block.run == place]
-        series = folds[divided.blocks[mine[0]].fold][place, "current"]
+        series = folds[divided.blocks[mine[0]].fold].residuals[place, "current"]
         wanted = dense(divided, (place, "current"), np.arange(ROWS), series.residual)
         assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
+
+
+def test_parameters_that_are_not_known_widen_the_prediction() -> None:
+    """Of a whole run, and of a block: the dense covariance with the outer product of the columns."""
+    divided = division(whole_runs=True)
+    folds = (fold_of(divided, 3), fold_of(divided, 3))
+    found = score_blocks(folds, divided, {"current": NOISE})
+    mine = [number for number, block in enumerate(divided.blocks) if block.run == 0]
+    fold = folds[divided.blocks[mine[0]].fold]
+    key = 0, "current"
+    wanted = dense(divided, key, np.arange(ROWS), fold.residuals[key].residual, fold.spreads[key])
+    assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
 
 
 def test_what_is_held_out_is_hidden_and_its_voltage_is_not() -> None:

@@ -14,6 +14,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.identify.choosing.blocks import Block
 from ipmclab.identify.choosing.compare import HeldOut
 from ipmclab.identify.choosing.noise import Filtered, NoiseModel, Series, fit_noise
+from ipmclab.identify.choosing.spread import spread
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fitted import fitted_outputs
 from ipmclab.identify.identify import identify
@@ -101,6 +102,22 @@ class Division:
 Residuals = Mapping[Key, Series]
 
 
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """What the fit without one fold says.
+
+    Parameters
+    ----------
+    residuals : mapping of (place, output) to Series
+        In the rows that the fit saw and in those that it did not.
+    spreads : mapping of (place, output) to float array, shape (n_time, n_parameter) [SI]
+        How far its prediction may be off.
+    """
+
+    residuals: Residuals
+    spreads: Mapping[Key, FloatArray]
+
+
 def hold_out(
     actuator: Actuator,
     runs: Sequence[Run],
@@ -108,7 +125,7 @@ def hold_out(
     free: Sequence[str],
     per_run: Sequence[str],
     tell: Callable[[int], None],
-) -> tuple[Residuals, ...]:
+) -> tuple[Fold, ...]:
     """Fit a model to everything but each fold in turn, and see what it leaves of every reading.
 
     A row is held out by taking its readings away; its time and its voltage stay, so that the model arrives at
@@ -116,8 +133,7 @@ def hold_out(
 
     Returns
     -------
-    residuals : tuple of mapping of (place, output) to Series
-        One for each fold: in the rows that its fit saw and in those that it did not.
+    folds : tuple of Fold
     """
     folds = []
     for fold in range(division.folds):
@@ -131,14 +147,22 @@ def hold_out(
             per_run=per_run,
             labels=[division.records[place].label for place in kept],
         )
-        of_fold: dict[Key, Series] = {}
+        left: dict[Key, Series] = {}
+        spreads: dict[Key, FloatArray] = {}
         for place, run in enumerate(runs):
-            if place in kept:
-                of_fold |= residuals(division, part, run, place, kept.index(place))
+            in_fit = kept.index(place) if place in kept else None
+            delay: float | None = None
+            if in_fit is not None:
+                left |= residuals(division, part, run, place, in_fit)
             else:
-                comparisons = validate(part.actuator, [run]).runs[0].comparisons
-                of_fold |= _series(division, place, comparisons)
-        folds.append(of_fold)
+                told = validate(part.actuator, [run]).runs[0]
+                left |= _series(division, place, told.comparisons)
+                delay = told.delay
+            if held[place].any():
+                outputs = division.outputs_of(place)
+                found = spread(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
+                spreads |= {(place, output): columns for output, columns in found.items()}
+        folds.append(Fold(left, spreads))
     return tuple(folds)
 
 
@@ -180,12 +204,12 @@ def _series(division: Division, place: int, comparisons: Mapping[str, Comparison
     return found
 
 
-def held_out_noise(folds: Sequence[Residuals], division: Division) -> dict[str, NoiseModel]:
+def held_out_noise(folds: Sequence[Fold], division: Division) -> dict[str, NoiseModel]:
     """The noise of each output: that under which the held-out errors of this model are most likely."""
     return {output: fit_noise(_held_out(folds, division, output)) for output in division.outputs}
 
 
-def held_out_rmse(folds: Sequence[Residuals], division: Division) -> dict[str, float]:
+def held_out_rmse(folds: Sequence[Fold], division: Division) -> dict[str, float]:
     """Root mean square of the held-out errors of each output [SI]."""
     found = {}
     for output in division.outputs:
@@ -194,7 +218,7 @@ def held_out_rmse(folds: Sequence[Residuals], division: Division) -> dict[str, f
     return found
 
 
-def _held_out(folds: Sequence[Residuals], division: Division, output: str) -> list[Series]:
+def _held_out(folds: Sequence[Fold], division: Division, output: str) -> list[Series]:
     """The errors of each run, every block from the fit that did not see it."""
     joined = []
     for place in (of_run for of_run, name in division.keys if name == output):
@@ -202,41 +226,61 @@ def _held_out(folds: Sequence[Residuals], division: Division, output: str) -> li
         for block in division.blocks:
             if block.run == place:
                 rows = slice(block.start, block.stop)
-                residual[rows] = folds[block.fold][place, output].residual[rows]
+                residual[rows] = folds[block.fold].residuals[place, output].residual[rows]
         joined.append(division.series((place, output), residual))
     return joined
 
 
-def score_blocks(folds: Sequence[Residuals], division: Division, noise: Mapping[str, NoiseModel]) -> HeldOut:
+def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, NoiseModel]) -> HeldOut:
     """The log predictive density of every block, given the readings that the fit saw.
 
     The noise hangs together in time, so what the fit saw before and after a block says something of the noise
     in it: the density of a block is that of the seen readings with the block over that without it.
     A model that bends with a drift gains nothing over one that leaves the drift to the noise. Of a run that was
     held out whole nothing was seen: its blocks follow each other.
+
+    The parameters are not known better than the fit says: along what they may be off, the prediction is so much wider.
     """
+    from ipmclab.identify.choosing.kernels import filter_spread
+
     scores = np.zeros(len(division.blocks))
     innovation: list[FloatArray] = []
     variance: list[FloatArray] = []
     known: dict[tuple[int, Key], Filtered] = {}
+    learned: dict[int, tuple[FloatArray, FloatArray]] = {}
     for number, block in enumerate(division.blocks):
+        fold = folds[block.fold]
         held = division.held_rows(division.records[block.run], block.fold)
         here = np.zeros(len(held), dtype=bool)
         here[block.start : block.stop] = True
         for output in division.outputs_of(block.run):
             key = block.run, output
-            series = folds[block.fold][key]
+            series, columns = fold.residuals[key], fold.spreads[key]
             if (block.fold, key) not in known:
                 seen = series.seen if division.whole_runs else series.seen & ~held
                 known[block.fold, key] = noise[output].filter(series, seen)
-            filtered, rows = known[block.fold, key], here & series.seen
+            filtered, rows, seen = known[block.fold, key], here & series.seen, series.seen
             if division.whole_runs:
-                error, spread = filtered.innovation[rows], filtered.variance[rows]
-                scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * spread) + error**2 / spread))
+                error, spread_of = filtered.innovation[rows], filtered.variance[rows]
+                scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * spread_of) + error**2 / spread_of))
+                off = columns
             else:
                 before = filtered.total
-                filtered = noise[output].filter(series, series.seen & (~held | here))
+                seen = series.seen & (~held | here)
+                filtered = noise[output].filter(series, seen)
                 scores[number] += filtered.total - before
-            innovation.append(filtered.innovation[rows])
-            variance.append(filtered.variance[rows])
+                off = np.where(here[:, None], columns, 0.0)
+            deviation = np.sqrt(filtered.variance[rows])
+            white = np.empty((len(deviation), off.shape[1]))
+            for column in range(off.shape[1]):
+                moved = replace(series, residual=np.ascontiguousarray(off[:, column]))
+                white[:, column] = noise[output].filter(moved, seen).innovation[rows] / deviation
+            at = block.run if division.whole_runs else -1 - number
+            mean, covariance = learned.setdefault(at, (np.zeros(off.shape[1]), np.eye(off.shape[1])))
+            left, widened = np.empty(len(deviation)), np.empty(len(deviation))
+            scores[number] += filter_spread(
+                filtered.innovation[rows] / deviation, white, mean, covariance, left, widened
+            )
+            innovation.append(left * deviation)
+            variance.append(widened * deviation**2)
     return HeldOut(scores, np.concatenate(innovation), np.concatenate(variance))

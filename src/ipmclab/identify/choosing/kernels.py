@@ -66,3 +66,49 @@ def filter_residual(
         second -= second_seen * second_seen / spread
         cross -= first_seen * second_seen / spread
     return total
+
+
+@kernel
+def filter_spread(
+    normal: FloatArray,
+    columns: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray,
+    error: FloatArray,
+    widened: FloatArray,
+) -> float:
+    """Log density of white residuals whose mean is uncertain along some columns, less that without the uncertainty.
+
+    One reading after the other sharpens what is known of the coefficients of the columns (recursive least squares).
+
+    Parameters
+    ----------
+    normal : float array, shape (n_row,)
+        Residuals of unit variance.
+    columns : float array, shape (n_row, n_column)
+    mean : float array, shape (n_column,)
+    covariance : float array, shape (n_column, n_column)
+        What is known of the coefficients; both are changed.
+    error, widened : float array, shape (n_row,)
+        Where the error and the variance of the prediction of each row are written.
+    """
+    count = len(mean)
+    gained = 0.0
+    seen = np.empty(count)
+    for k in range(len(normal)):
+        left, spread = normal[k], 1.0
+        for i in range(count):
+            seen[i] = 0.0
+            for j in range(count):
+                seen[i] += covariance[i, j] * columns[k, j]
+        for i in range(count):
+            left -= columns[k, i] * mean[i]
+            spread += columns[k, i] * seen[i]
+        error[k], widened[k] = left, spread
+        gained += 0.5 * (normal[k] * normal[k] - left * left / spread - math.log(spread))
+        for i in range(count):
+            mean[i] += seen[i] * left / spread
+        for i in range(count):
+            for j in range(count):
+                covariance[i, j] -= seen[i] * seen[j] / spread
+    return gained
