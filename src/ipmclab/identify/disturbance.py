@@ -15,8 +15,8 @@ from ipmclab.identify.filter_loop import filtered
 
 FloatArray = npt.NDArray[np.float64]
 
-_NOISE: Final = 0.02
-"""Standard deviation of a reading over the square root of the strength: far below what the disturbance does."""
+_NOISE: Final = 0.1
+"""Variance of a reading over that by which the level moves in a step: what the disturbance does is read well."""
 _TURNS: Final = 12
 _SETTLED: Final = 0.01
 _ROUNDING: Final = 1e-5
@@ -141,7 +141,7 @@ def filter_readings(
     smallest = rounding / (disturbance.memory**2 * span)
     strength = max(float(np.var(np.diff(readings[known]))) / step, smallest)
     for _ in range(_TURNS):
-        noise = max(strength * _NOISE**2, rounding)
+        noise = max(_NOISE * strength * drive[0, 0], rounding)
         mean = np.concatenate([[readings[known][0], 0.0], coefficients[0]])
         spread = [max(reach**2, rounding), 0.5 * strength * disturbance.memory, *coefficients[1] ** 2]
         _loop()(readings, regressors, transition, strength * drive, noise, mean, np.diag(spread), means, covariances)
