@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -117,7 +118,13 @@ def fit(case: Case) -> HeadlineFit:
     """The strip as its file has it: the search, and what it found rounded to what the file shows."""
     found = fit_headlines(start_of(case), case.runs, priors_of(case))
     free = [prior.name for prior in priors_of(case)]
-    actuator = found.actuator.replace(**{name: float(f"{found.actuator[name]:.{DIGITS}g}") for name in free})
+    values = {name: float(f"{found.actuator[name]:.{DIGITS}g}") for name in free}
+    # What is known within a factor, as a standard uncertainty: of first order in the logarithm of the factor.
+    spreads = {known.name: math.log(known.spread) for known in found.constraints if known.name in values}
+    actuator = replace(
+        found.actuator.replace(**values),
+        standard_uncertainties={name: float(f"{abs(values[name]) * spreads[name]:.2g}") for name in free},
+    )
     contacts = {figure: round(ohms, 2) for figure, ohms in found.contacts.items()}
     return replace(found, actuator=actuator, contacts=contacts, comparisons=compare_all(actuator, case.runs, contacts))
 

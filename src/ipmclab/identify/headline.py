@@ -221,7 +221,11 @@ def compare(actuator: Actuator, run: HeadlineRun, contact_resistance: float = 0.
     >>> [f"{row.metric} {100 * row.difference:.0f} %" for row in compare(load_actuator("friend-2"), sine)]
     ['max_force 8 %', 'peak_current 17 %']
     """
-    simulated = run.simulate(actuator, contact_resistance)
+    return read(run, run.simulate(actuator, contact_resistance))
+
+
+def read(run: HeadlineRun, simulated: Run) -> tuple[Comparison, ...]:
+    """The printed numbers of a run beside those of a record of it, number by number."""
     found = []
     for row in run.numbers:
         channel = row.metric.rpartition("_")[2]

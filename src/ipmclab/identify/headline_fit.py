@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.identify.headline import Comparison, HeadlineRun, compare
+from ipmclab.identify.headline import Comparison, HeadlineRun, compare, read
 from ipmclab.model import Actuator
-from ipmclab.run import FloatArray
+from ipmclab.run import FloatArray, Run
 
 CONTACT_SCALE: Final = 5.0
 """Spread of the contact resistances about 0 [ohm]."""
@@ -27,6 +27,9 @@ PART_OF_TOLERANCE: Final = 1.0 / 3.0
 
 PART_OF_BOUND: Final = 1.0 / 30.0
 """The same below a lower bound, which a model may hardly pass."""
+
+STEADY: Final = 0.05
+"""Spread of the logarithm by which a current still falls over the last quarter of a record and is printed as steady."""
 
 _MOST_CONTACT: Final = 100.0
 _DETERMINED: Final = 0.5
@@ -128,7 +131,8 @@ def fit_headlines(start: Actuator, runs: Sequence[HeadlineRun], priors: Sequence
     """Identify a strip from what was printed of its runs.
 
     Minimises the squares of log(model/published) over a third of each reading's tolerance (only below it, for a
-    lower bound), of log(parameter/usual) over the prior's log factor, and of the contact resistances over 5 ohm.
+    lower bound), of log(parameter/usual) over the prior's log factor, and of the contact resistances over 5 ohm. A
+    current that is printed as steady also should not fall: log(I(30 s)/I(40 s)) counts over 0.05.
 
     Parameters
     ----------
@@ -171,7 +175,10 @@ def fit_headlines(start: Actuator, runs: Sequence[HeadlineRun], priors: Sequence
 
     def data(unknowns: FloatArray) -> FloatArray:
         actuator, contacts = strip(unknowns)
-        return np.array([_residual(row) for row in compare_all(actuator, runs, contacts)])
+        simulated = [run.simulate(actuator, contacts[run.figure]) for run in runs]
+        numbers = [_residual(row) for run, record in zip(runs, simulated, strict=True) for row in read(run, record)]
+        falls = [_unsteady(record) for run, record in zip(runs, simulated, strict=True) if _is_steady(run)]
+        return np.array(numbers + falls)
 
     def residuals(unknowns: FloatArray) -> FloatArray:
         return np.concatenate([data(unknowns), unknowns])
@@ -196,7 +203,7 @@ def fit_headlines(start: Actuator, runs: Sequence[HeadlineRun], priors: Sequence
     actuator, contacts = strip(found.x)
     jacobian = slopes(found.x)
     comparisons = compare_all(actuator, runs, contacts)
-    parts = np.array([_part(row) for row in comparisons])
+    parts = np.array([_part(row) for row in comparisons] + [1.0] * (len(jacobian) - len(comparisons)))
     jacobian = np.asarray(jacobian * parts[:, None], dtype=np.float64)  # each number as uncertain as its tolerance
     information = jacobian.T @ jacobian + np.eye(jacobian.shape[1])
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
@@ -208,6 +215,16 @@ def fit_headlines(start: Actuator, runs: Sequence[HeadlineRun], priors: Sequence
 def _residual(row: Comparison) -> float:
     ratio = math.log(row.model / row.published)
     return (min(ratio, 0.0) if row.lower_bound else ratio) / (_part(row) * row.reading.tolerance)
+
+
+def _is_steady(run: HeadlineRun) -> bool:
+    return any(row.metric == "steady_current" for row in run.numbers)
+
+
+def _unsteady(record: Run) -> float:
+    """By how much a current that is printed as steady still falls over the last quarter of the record."""
+    assert record.current is not None  # a simulated run has one
+    return math.log(record.current[3 * len(record.current) // 4] / record.current[-1]) / STEADY
 
 
 def _part(row: Comparison) -> float:
@@ -230,6 +247,7 @@ def _constraints(
     left = 1.0 - np.einsum("ij,ji->i", jacobian, seen)
     grown = seen**2 / np.maximum(left, 1e-12) / np.diag(covariance)[:, None]
     labels = [f"{row.run.figure} {row.run.waveform} {row.metric.replace('_', ' ')}" for row in comparisons]
+    labels += [f"{run.figure} {run.waveform} current that stands" for run in runs if _is_steady(run)]
     found = []
     for i in range(len(covariance)):
         spread = math.sqrt(covariance[i, i])

@@ -77,9 +77,10 @@ def table(comparisons: tuple[Comparison, ...], contacts: Mapping[str, float]) ->
             lines.append(f"{figure} {row.run.signal}, {row.run.measured}, contact {ohms:.2f} ohm")
         quantity = row.quantity
         bound = ">" if row.lower_bound else " "
+        percent = round(100.0 * row.difference, 1) + 0.0  # no minus before a zero
         lines.append(
             f"    {row.metric.replace('_', ' '):24}{bound}{quantity.to_display(row.published):7.4g}"
-            f"{quantity.to_display(row.model):9.3g} {quantity.display_unit}  {100 * row.difference:+6.1f} %"
+            f"{quantity.to_display(row.model):9.3g} {quantity.display_unit}  {percent:+6.1f} %"
             f"{'' if row.agrees else '  outside'}"
         )
     return "\n".join(lines)

@@ -73,11 +73,12 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     try:
         text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
     except FileNotFoundError:
+        states = [name for name in library_names() if name.startswith(f"{name_or_path}-")]
         raise InputError(
             f"there is no actuator {str(name_or_path)!r}, neither in the library nor as a file",
             code="no-actuator",
             where="actuator",
-            repair=suggest(str(name_or_path), library_names()),
+            repair=f"choose one of {', '.join(states)}" if states else suggest(str(name_or_path), library_names()),
         ) from None
     except (OSError, ValueError) as error:
         raise InputError(
