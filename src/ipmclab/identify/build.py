@@ -32,6 +32,8 @@ from ipmclab.version import __version__
 FloatArray = npt.NDArray[np.float64]
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
+_BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
+_NONLINEAR: Final = ("leak.exponential.", "leak.butler_volmer.", "leak.slow.", "relaxation.", "viscoelastic.", "clamp.")
 _HOPELESS: Final = 1.5  # and above which the interval is open without asking: for a circuit, whose profile is quick
 _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
 _SURE_AT_LIMITS: Final = 0.995
@@ -149,7 +151,11 @@ def _unseen_parameter(
 
 
 def _open_ends(unknown: Unknown) -> tuple[float, float]:
-    return (0.0 if unknown.log or unknown.lower == 0.0 else -math.inf, math.inf)
+    """The interval of a parameter of which nothing is known; a share ends at one."""
+    return (
+        0.0 if unknown.log or unknown.lower == 0.0 else -math.inf,
+        unknown.upper if unknown.upper == 1.0 else math.inf,
+    )
 
 
 def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
@@ -184,14 +190,20 @@ def _interval(
     width = float(stdtrit(freedom, level))
     variance = float(found.covariance[number, number])
     reach = width * math.sqrt(variance)
-    if not unknown.log or math.sqrt(variance) <= _CURVED:
+    curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
+    if not curved or not (unknown.log or unknown.base.startswith(_NONLINEAR)):
         return unknown.value(entry - reach), unknown.value(entry + reach)
+    if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
+        return _beside_bounds(unknown, -math.inf, math.inf)
     plain = float(found.plain[number, number])
     low, high = profile_interval(problem, solution, place, math.sqrt(plain), width * width * max(variance / plain, 1.0))
-    return (
-        0.0 if math.isinf(low) else unknown.value(low),
-        math.inf if math.isinf(high) else unknown.value(high),
-    )
+    return _beside_bounds(unknown, low, high)
+
+
+def _beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
+    """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something."""
+    ends = _open_ends(unknown)
+    return ends[0] if math.isinf(low) else unknown.value(low), ends[1] if math.isinf(high) else unknown.value(high)
 
 
 def _edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:

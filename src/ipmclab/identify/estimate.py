@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.missing import missing_stages
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
@@ -86,6 +87,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     findings = [_not_at_rest(r) for r in problem.records if r.place in given_up and r.start == "free"]
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
+    findings += missing_stages(actuator, problem, solution)
     return Estimate(parameters, problem, solution, rivals, tuple(findings), unseen)
 
 
@@ -415,8 +417,8 @@ def _impossible_current(problem: Problem, solution: Solution, record: Record) ->
         "error",
         f"{record.label}: the current reaches {1e3 * seen:.4g} mA, but {series:.4g} ohm in series with the branches "
         f"allow {1e3 * most:.4g} mA at most",
-        "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure it, or "
-        "free circuit.sheet_resistance",
+        "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure it, free "
+        "circuit.sheet_resistance, or add the stage clamp or line.segments to the actuator",
         channel="current",
         values={"current": seen, "largest": most, "series_resistance": series},
     )

@@ -1,0 +1,263 @@
+"""Whether the richer models are recovered from no start, with intervals that hold the truth.
+
+Run ``python -m benchmarks.recovery [--trials 200] [--only NAME] [--record]``. Each trial draws the parameters of the
+stage around usual ones (and the circuit, where it is fitted too, within a fifth of a decade of friend-2), simulates two
+noisy records of 2,000 samples at 50 S/s, and identifies the strip from an actuator that has the stage at its usual
+values. A parameter counts as inside where its 95 % interval holds the truth, and as named where it is called not
+determined. Seed 20261121.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import ipmclab
+from benchmarks.harness import finish
+from ipmclab.model import Actuator
+from ipmclab.model.variants import with_stages
+
+SEED = 20261121
+NOISE = {"current": 1e-4, "displacement": 2e-6, "force": 1e-5}
+ELECTRICAL = (
+    "circuit.dc_resistivity",
+    *(f"circuit.branches.{i}.{w}" for i in (0, 1) for w in ("resistivity", "permittivity")),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A model, what is drawn of it, and how it is recorded and identified.
+
+    Parameters
+    ----------
+    stages : tuple of str
+        What friend-2 gets.
+    drawn : mapping of name to (lower, upper)
+        Ranges of the truth [SI]: logarithmically uniform, uniform from 0.
+    free : str
+    keep : tuple of str
+        Channels that are recorded.
+    signals : tuple of str
+    """
+
+    stages: tuple[str, ...]
+    drawn: Mapping[str, tuple[float, float]]
+    free: str
+    keep: tuple[str, ...] = ("current",)
+    signals: tuple[str, ...] = ("step 2 V", "sine 2.5 V 0.1 Hz")
+
+
+_MOTION = ("step 1 V", "square 1 V 0.03 Hz")
+CASES: dict[str, Case] = {
+    "three branches": Case(("branches=3",), {}, "electrical", signals=("step 1 V", "sine 1 V 0.1 Hz")),
+    "leak, cubic": Case(
+        ("leak.cubic",), {"leak.cubic.quadratic": (1.0, 8.0), "leak.cubic.cubic": (1.0, 8.0)}, "electrical,leak"
+    ),
+    "leak, exponential": Case(
+        ("leak.exponential",),
+        {
+            "leak.exponential.current_density": (3.0, 20.0),
+            "leak.exponential.threshold": (0.9, 1.3),
+            "leak.exponential.voltage_scale": (0.2, 0.8),
+        },
+        "electrical,leak",
+    ),
+    "leak, Butler-Volmer": Case(
+        ("leak.butler_volmer",),
+        {
+            "leak.butler_volmer.current_density": (3.0, 20.0),
+            "leak.butler_volmer.threshold": (0.9, 1.3),
+            "leak.butler_volmer.voltage_scale": (0.15, 0.5),
+        },
+        "electrical,leak",
+    ),
+    "leak, exponential and slow": Case(
+        ("leak.exponential", "leak.slow"),
+        {
+            "leak.exponential.current_density": (3.0, 20.0),
+            "leak.exponential.threshold": (0.9, 1.3),
+            "leak.exponential.voltage_scale": (0.2, 0.8),
+            "leak.slow.growth": (0.3, 2.0),
+            "leak.slow.time_constant": (4.0, 20.0),
+        },
+        "electrical,leak",
+    ),
+    "leak below its threshold": Case(
+        ("leak.exponential",), {}, "electrical,leak", signals=("step 1 V", "sine 1 V 0.1 Hz")
+    ),
+    "relaxation of the displacement": Case(
+        ("relaxation.displacement",),
+        {"relaxation.displacement.0.ratio": (0.2, 1.6), "relaxation.displacement.0.time_constant": (3.0, 30.0)},
+        "coupling,relaxation",
+        ("displacement",),
+        _MOTION,
+    ),
+    "relaxation of both": Case(
+        ("relaxation.displacement", "relaxation.force"),
+        {
+            "relaxation.displacement.0.ratio": (0.2, 1.6),
+            "relaxation.displacement.0.time_constant": (3.0, 30.0),
+            "relaxation.force.0.ratio": (0.2, 1.0),
+            "relaxation.force.0.time_constant": (2.0, 20.0),
+        },
+        "coupling,relaxation",
+        ("displacement", "force"),
+        _MOTION,
+    ),
+    "relaxation in a pair": Case(
+        ("relaxation.displacement_pair",),
+        {
+            "relaxation.displacement_pair.0.ratio": (0.2, 1.2),
+            "relaxation.displacement_pair.0.lead": (0.5, 8.0),
+            "relaxation.displacement_pair.0.time_constant": (3.0, 12.0),
+            "relaxation.displacement_pair.0.damping_ratio": (0.6, 1.8),
+        },
+        "coupling,relaxation",
+        ("displacement",),
+        _MOTION,
+    ),
+    "viscoelastic modulus": Case(
+        ("viscoelastic",),
+        {
+            "viscoelastic.0.amplitude": (0.15, 0.8),
+            "viscoelastic.0.damping_ratio": (0.7, 3.0),
+            "viscoelastic.0.frequency": (1.0, 8.0),
+        },
+        "viscoelastic,beam.modulus",
+        ("force",),
+        ("step 1 V", "square 1 V 0.3 Hz"),
+    ),
+    "clamped section": Case(
+        ("clamp",), {"clamp.direct_share": (0.1, 0.9)}, "electrical,clamp", signals=("step 1 V", "sine 1 V 0.1 Hz")
+    ),
+    "line of 6 modes": Case(("line.modes=6",), {}, "electrical", signals=("step 1 V", "sine 1 V 0.1 Hz")),
+    "line of 6 segments that leak": Case(
+        ("line.segments=6", "leak.exponential"),
+        {
+            "leak.exponential.current_density": (3.0, 20.0),
+            "leak.exponential.threshold": (0.9, 1.3),
+            "leak.exponential.voltage_scale": (0.2, 0.8),
+        },
+        "electrical,leak",
+    ),
+}
+
+
+@dataclass
+class Tally:
+    """What happened over the trials of one case."""
+
+    trials: int = 0
+    inside: int = 0
+    counted: int = 0
+    inside_determined: int = 0
+    determined: int = 0
+    at_floor: int = 0
+    converged: int = 0
+    falsely_sure: int = 0
+    seconds: list[float] = field(default_factory=list)
+    outside: dict[str, int] = field(default_factory=dict)
+
+
+def truth_of(case: Case, generator: np.random.Generator) -> Actuator:
+    """A strip of this case."""
+    strip = with_stages(ipmclab.load_actuator("friend-2"), *case.stages)
+    changes = {}
+    if "electrical" in case.free:
+        names = [n for n in strip.parameter_values if n.startswith(("circuit.branches.", "circuit.dc_"))]
+        changes = {name: strip[name] * 10.0 ** generator.uniform(-0.2, 0.2) for name in names}
+    for name, (low, high) in case.drawn.items():
+        uniform = name.endswith(("threshold", "share"))
+        changes[name] = generator.uniform(low, high) if uniform else low * (high / low) ** generator.uniform()
+    return strip.replace(**changes)
+
+
+def records_of(case: Case, strip: Actuator, generator: np.random.Generator) -> list[Any]:
+    """Its noisy records."""
+    runs = []
+    for signal in case.signals:
+        clean = ipmclab.simulate(strip, signal, duration=40.0, rate=50.0)
+        readings = {name: getattr(clean, name) for name in case.keep}
+        noisy = {
+            name: values + NOISE[name] * generator.standard_normal(len(values)) for name, values in readings.items()
+        }
+        rest = ipmclab.RunMetadata(starts_from_rest=True)
+        runs.append(
+            ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, metadata=rest, hold="zero", **noisy)
+        )
+    return runs
+
+
+def recover(case: Case, trials: int, seed: Sequence[int] = (SEED,)) -> Tally:
+    """Identify strips of one case, each from its own records."""
+    tally = Tally()
+    generator = np.random.default_rng(list(seed))
+    known = with_stages(ipmclab.load_actuator("friend-2"), *case.stages)
+    for _ in range(trials):
+        strip = truth_of(case, generator)
+        runs = records_of(case, strip, generator)
+        begin = time.perf_counter()
+        fit = ipmclab.identify(known, runs, free=case.free)
+        tally.seconds.append(time.perf_counter() - begin)
+        tally.trials += 1
+        tally.converged += fit.converged
+        power = sum(
+            float(np.nansum((values / NOISE[output]) ** 2)) for run in fit.residuals for output, values in run.items()
+        )
+        readings = sum(len(values) for run in fit.residuals for values in run.values())
+        tally.at_floor += power < readings + 4.0 * np.sqrt(2.0 * readings)
+        for name, parameter in fit.parameters.items():
+            if name not in strip.parameter_values:
+                continue  # a sensor's zero
+            low, high = parameter.interval
+            # Rounding of a value that every interval of noise-free theory would hold.
+            holds = bool(low <= strip[name] <= high)
+            tally.counted += 1
+            tally.inside += holds
+            if parameter.determined:
+                tally.determined += 1
+                tally.inside_determined += holds
+            if not holds:
+                tally.outside[name] = tally.outside.get(name, 0) + 1
+            if not case.drawn and name.startswith("leak."):
+                tally.falsely_sure += parameter.determined
+    return tally
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--only", help="one case by its name")
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/recovery.md")
+    options = parser.parse_args()
+    lines = [
+        "| model | freed | at the noise floor | converged | truth inside, all | truth inside, determined | "
+        "not determined, named | median time | longest |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, case in CASES.items():
+        if options.only not in (None, name):
+            continue
+        tally = recover(case, options.trials)
+        lines.append(
+            f"| {name} | {case.free} | {tally.at_floor} of {tally.trials} | {tally.converged} of {tally.trials} | "
+            f"{_part(tally.inside, tally.counted)} | {_part(tally.inside_determined, tally.determined)} | "
+            f"{_part(tally.counted - tally.determined, tally.counted)} | {np.median(tally.seconds):.2f} s | "
+            f"{max(tally.seconds):.1f} s |"
+        )
+        print(lines[-1], tally.outside, f"falsely sure {tally.falsely_sure}", flush=True)
+    finish("recovery", "Recovery of the richer models", "\n".join(lines), [], record=options.record, gate=False)
+
+
+def _part(count: int, total: int) -> str:
+    return f"{count} of {total} ({count / max(total, 1):.1%})"
+
+
+if __name__ == "__main__":
+    main()
