@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ipmclab import Actuator, InputError, Run, forecast, import_run, load_actuator, simulate
 from ipmclab.identify import ForecastSettings, with_slow_modes
@@ -94,8 +96,8 @@ def test_bands_hold_what_they_say_and_the_model_helps() -> None:
         truth, run = wandering(seed, drift=2e-6)
         assert run.displacement is not None
         unknown = with_slow_modes(truth)
-        settings = ForecastSettings(amplitude=0.1e-3, curl=1e-6)
-        ahead = forecast(unknown, run, origin=40.0, horizon=10.0, settings=settings)
+        known = ForecastSettings(amplitude=0.1e-3, curl=1e-6)
+        ahead = forecast(unknown, run, origin=40.0, horizon=10.0, settings=known)
         came = run.displacement[1001 : 1001 + len(ahead.time)]
         inside.append(np.mean((came > ahead.lower) & (came < ahead.upper)))
         ours.append(came[-1] - ahead.mean[-1])
@@ -219,7 +221,7 @@ def test_the_real_records(real_runs: Path) -> None:
         }
     )
     model = with_slow_modes(strip)
-    settings = ForecastSettings(amplitude=0.6e-3, curl=1.7e-5, memory=0.3, span=3.0)
+    chosen = ForecastSettings(amplitude=0.6e-3, curl=1.7e-5, memory=0.3, span=3.0)
     trend = ForecastSettings(memory=2.0, span=3.0)
     inside, widths, ratios = [], [], {}
     for name, contact in CONTACT.items():
@@ -230,7 +232,7 @@ def test_the_real_records(real_runs: Path) -> None:
             origin = float(run.time[contact]) + since
             row = contact + 25 * since + 1
             came = run.displacement[row : row + 250]
-            ahead = forecast(model, run, origin=origin, settings=settings)
+            ahead = forecast(model, run, origin=origin, settings=chosen)
             plain = forecast(None, run, origin=origin, settings=trend)
             inside.append(np.mean((came > ahead.lower) & (came < ahead.upper)))
             widths.append([np.mean(ahead.upper - ahead.lower), np.mean(plain.upper - plain.lower)])
@@ -240,3 +242,46 @@ def test_the_real_records(real_runs: Path) -> None:
     assert 0.7 <= np.mean(inside) <= 0.9
     assert np.mean(widths, axis=0)[0] <= np.mean(widths, axis=0)[1]
     assert max(ratios[name] for name in ("step_2V", "step_2V_poor", "step_3V")) < 1.0
+
+
+def test_readings_that_are_hardly_there() -> None:
+    truth, run = wandering(5)
+    assert run.displacement is not None
+    thin = np.where(np.arange(len(run)) % 40 == 0, run.displacement, np.nan)  # one in 1.6 s
+    ahead = forecast(with_slow_modes(truth), replace(run, displacement=thin), origin=60.0)
+    assert np.isfinite(ahead.mean).all()
+    assert (ahead.upper > ahead.lower).all()
+    gone = np.where(run.time < 21.0, run.displacement, np.nan)
+    with pytest.raises(InputError, match="too few readings"):
+        forecast(truth, replace(run, displacement=gone), origin=60.0)
+
+
+def test_a_strip_without_voltage_drifts_on() -> None:
+    time = np.arange(2000) / RATE
+    read = 5e-6 * time + np.cumsum(1e-8 * np.random.default_rng(SEED).standard_normal(2000))
+    run = Run.from_arrays(time=time, voltage=np.zeros(2000), displacement=read)
+    ahead = forecast(with_slow_modes(load_actuator("friend-2")), run, origin=60.0)
+    np.testing.assert_allclose(ahead.mean, read[1501:1751], rtol=0.02)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    rate=st.floats(2.0, 50.0),
+    signal=st.sampled_from(["step 2 V", "sine 1 V 0.05 Hz", "square 1 V 0.02 Hz", "step 0 V"]),
+    origin=st.floats(15.0, 60.0),
+    horizon=st.floats(0.1, 30.0),
+    stage=st.sampled_from(["relaxation.displacement=2", "leak.exponential", "relaxation.displacement_pair"]),
+)
+def test_any_forecast_is_a_number_or_a_refusal(
+    rate: float, signal: str, origin: float, horizon: float, stage: str
+) -> None:
+    actuator = load_actuator(f"friend-2+{stage}")
+    run = simulate(actuator, signal, duration=61.0, rate=rate)
+    try:
+        ahead = forecast(actuator, run, origin=origin, horizon=horizon)
+    except InputError:
+        return
+    assert np.isfinite(ahead.mean).all()
+    assert (ahead.lower <= ahead.mean).all()
+    assert (ahead.mean <= ahead.upper).all()
+    assert (ahead.time > ahead.origin).all()

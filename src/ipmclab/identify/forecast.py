@@ -6,11 +6,11 @@ import numpy as np
 
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.forecast_record import prepare
-from ipmclab.identify.forecast_values import Forecast, Settings, known_channel
+from ipmclab.identify.forecast_values import Forecast, ForecastSettings, known_channel
 from ipmclab.model import Actuator
 from ipmclab.run import Run
 
-__all__ = ["Forecast", "Settings", "forecast", "prepare", "with_slow_modes"]
+__all__ = ["Forecast", "ForecastSettings", "forecast", "prepare", "with_slow_modes"]
 
 
 def with_slow_modes(
@@ -56,7 +56,7 @@ def forecast(
     horizon: float = 10.0,
     channel: str = "displacement",
     level: float = 0.8,
-    settings: Settings | None = None,
+    settings: ForecastSettings | None = None,
 ) -> Forecast:
     """Forecast a channel of a run beyond an origin, from what was read up to it.
 
@@ -75,7 +75,7 @@ def forecast(
     channel : "displacement" or "force"
     level : float
         Probability that the band holds the reading.
-    settings : Settings, optional
+    settings : ForecastSettings, optional
 
     Returns
     -------
@@ -97,4 +97,4 @@ def forecast(
     (250, True)
     """
     record = prepare(model, run, origin=origin, horizon=horizon, channel=channel)
-    return record.forecast(settings or Settings(), level=level)
+    return record.forecast(settings or ForecastSettings(), level=level)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.identify.disturbance import Disturbance, filter_readings
 from ipmclab.identify.fit import Fit
-from ipmclab.identify.forecast_values import Forecast, Settings, known_channel
+from ipmclab.identify.forecast_values import Forecast, ForecastSettings, known_channel
 from ipmclab.quality import check, usable
 from ipmclab.run import Finding, Run
 
@@ -83,20 +83,23 @@ class Prepared:
     @cached_property
     def excursion(self) -> float:
         """How far the readings went from where they were before the first edge [SI]."""
-        before = self.readings[(self.time < self.edge) & np.isfinite(self.readings)]
-        start = before[-1] if len(before) else self.readings[np.isfinite(self.readings)][0]
-        return float(np.nanmax(np.abs(self.readings[self.time >= self.edge] - start)))
+        known = np.isfinite(self.readings)
+        before, later = (self.readings[known & side] for side in (self.time < self.edge, self.time >= self.edge))
+        if not len(later):
+            return 0.0
+        return float(np.max(np.abs(later - (before[-1] if len(before) else later[0]))))
 
-    def filled(self, settings: Settings) -> Settings:
+    def filled(self, settings: ForecastSettings) -> ForecastSettings:
         """The settings with what was left out taken from the record."""
         amplitude, curl = settings.amplitude, settings.curl
         return replace(
             settings,
-            amplitude=0.5 * self.excursion / max(self.volts, 1e-300) if amplitude is None else amplitude,
+            amplitude=(0.5 * self.excursion / self.volts if self.volts else 0.0) if amplitude is None else amplitude,
             curl=0.01 * self.excursion if curl is None else curl,
+            step=max(settings.step, float(np.median(np.diff(self.time)))),
         )
 
-    def forecast(self, settings: Settings, *, level: float = 0.8) -> Forecast:
+    def forecast(self, settings: ForecastSettings, *, level: float = 0.8) -> Forecast:
         """Forecast with these settings.
 
         Raises
@@ -126,12 +129,12 @@ class Prepared:
         judged = times >= self.edge + settings.span
         for back in self.reopened:
             judged &= (times + settings.span < back) | (times > back + _REOPENED)
-        count = round(settings.span / settings.step)
-        if np.count_nonzero(judged[: max(len(judged) - count, 0)]) < _FEWEST_STEPS:
+        count = max(1, round(settings.span / settings.step))
+        if np.count_nonzero(judged[:-count] & np.isfinite(readings[count:])) < _FEWEST_STEPS:
             soonest = self.edge + 2.0 * settings.span + _FEWEST_STEPS * settings.step
             raise InputError(
-                f"the origin {self.origin:.6g} s is too soon after the voltage came on at {self.edge:.6g} s: nothing "
-                "tells yet how strong the disturbance is",
+                f"the origin {self.origin:.6g} s is too soon after the voltage came on at {self.edge:.6g} s, or too "
+                "few readings lie between them: nothing tells yet how strong the disturbance is",
                 code="origin-too-soon",
                 where="origin",
                 repair=f"give an origin from {soonest:.4g} s on, or a shorter settings.span",
@@ -144,7 +147,8 @@ class Prepared:
         expected = expected + self.response[past:]
         sigma = np.sqrt(variance)
         half = _quantile(0.5 + 0.5 * level) * sigma
-        errors = np.sqrt(np.diag(state.covariance)[2:])
+        # Of a noise-free record a coefficient may be known to rounding, and its variance below 0 by as much.
+        errors = np.sqrt(np.maximum(np.diag(state.covariance)[2:], 0.0))
         return Forecast(
             channel=self.channel,
             origin=self.origin,
@@ -172,7 +176,7 @@ class Prepared:
         }
         return {**found, "curl": own[-1]}
 
-    def _columns(self, settings: Settings) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _columns(self, settings: ForecastSettings) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Regressors at every row, with prior means and standard deviations of their coefficients."""
         if not self.has_model:
             return np.zeros((len(self.response), 0)), np.zeros(0), np.zeros(0)
@@ -238,6 +242,13 @@ def prepare(
     edge = float(run.time[on[0]]) if len(on) else float(run.time[0])
     time, volts = _planned(run, voltage, past, horizon)
     names, response, slopes, anew, gain, spread = _responses(actuator, run, channel, time, volts, reopened)
+    if not np.isfinite(response).all():
+        raise InputError(
+            f"the actuator's {channel} is no number at {time[~np.isfinite(response)][0]:.6g} s",
+            code="bad-output",
+            where="forecast",
+            repair="the strip left its laser there, or the numbers are beyond floating point: correct the actuator",
+        )
     return Prepared(
         channel=channel,
         has_model=actuator is not None,

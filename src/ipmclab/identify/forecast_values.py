@@ -19,7 +19,7 @@ CHANNELS: Final = ("displacement", "force")
 
 
 @dataclass(frozen=True)
-class Settings:
+class ForecastSettings:
     """What a forecast takes for granted.
 
     Parameters
@@ -61,7 +61,7 @@ class Settings:
                     f"{name} is {value!r}, it must be a number {'from' if least == 0.0 else 'above'} 0",
                     code="bad-setting",
                     where=f"settings.{name}",
-                    repair="give it in SI units, such as Settings(memory=0.3, span=4.0)",
+                    repair="give it in SI units, such as ForecastSettings(memory=0.3, span=4.0)",
                 )
 
 
@@ -79,7 +79,7 @@ class Forecast:
         Expected reading, and the central interval that holds it with probability ``level``.
     standard_deviation : float array, shape (n_time,) [SI]
     level : float
-    settings : Settings
+    settings : ForecastSettings
         Those used, with what was left out filled in.
     coefficients : mapping of name to (mean, standard deviation) [SI]
         The parameters of the actuator that were learnt from the record, ``curl`` [SI/s] beside them.
@@ -95,7 +95,7 @@ class Forecast:
     upper: FloatArray
     standard_deviation: FloatArray
     level: float
-    settings: Settings
+    settings: ForecastSettings
     coefficients: Mapping[str, tuple[float, float]]
     findings: tuple[Finding, ...] = ()
 
