@@ -27,6 +27,12 @@ def test_a_strip_that_the_laser_loses_is_identified_from_what_it_read() -> None:
     validation = validate(fit.actuator, measured, used=())
     assert "laser-lost" in {finding.code for finding in validation.findings}
     assert validation.scores["displacement"].rmse == pytest.approx(2e-6, rel=0.2)
+    predicted = validation.runs[0].predicted.displacement
+    assert predicted is not None
+    assert np.all(np.isfinite(predicted[~lost]))  # also where the model has just lost what was read
+    assert np.isnan(predicted[lost]).sum() > lost.sum() - 5
+    (told,) = [finding for finding in validation.findings if finding.code == "laser-lost"]
+    assert abs(int(str(told.values["count"])) - lost.sum()) < 5
     # With the beam of small bending the same readings are no strip.
     small = load_actuator("friend-2").replace(**{"coupling.gain": strip["coupling.gain"]})
     other = identify(small, measured, free=names)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ipmclab import load_actuator, simulate
+from ipmclab import Finding, load_actuator, simulate
 from ipmclab.model import Actuator
-from ipmclab.report.document import html
+from ipmclab.report.document import html, verdict
 from ipmclab.report.figures.shape import shape_figure
+from ipmclab.run import Severity
 from tests.report.conftest import make_fit
 
 
@@ -60,3 +61,24 @@ def test_the_report_shows_it_where_the_strip_bends_far() -> None:
     small = load_actuator("friend-2")
     runs = [simulate(small, "step 1 V", duration=12.0, rate=20.0)]
     assert "the strip from the side" not in html(make_fit(small, runs), runs, runs)
+
+
+@pytest.mark.parametrize(
+    ("severity", "interval", "words"),
+    [
+        ("info", (0.4, 0.6), None),
+        ("warning", (1.2, 1.6), "The force relaxes back by as much as the coupling gives, or more"),
+        ("warning", (0.8, 1.6), "Whether a set point of the force can be held is open"),
+        ("warning", (None, None), "Whether a set point of the force can be held is open"),
+    ],
+)
+def test_the_verdict_says_whether_a_set_point_can_be_held(
+    severity: Severity, interval: tuple[float | None, float | None], words: str | None
+) -> None:
+    strip = load_actuator("friend-2")
+    runs = [simulate(strip, "step 1 V", duration=4.0, rate=20.0)]
+    values = dict(zip(("low", "high"), interval, strict=True))
+    finding = Finding("set-point", severity, "r against 1", channel="force", values=values)
+    told = " ".join(verdict(make_fit(strip, runs, findings=(finding,)), [])[0])
+    assert ("set point" in told) == (words is not None)
+    assert (words or "") in told

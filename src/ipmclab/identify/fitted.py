@@ -9,6 +9,7 @@ import numpy as np
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import READ_OUTPUTS, model_hold, prepare
 from ipmclab.identify.scores import Comparison
+from ipmclab.model.laser import blank_lost
 from ipmclab.model.sensitivity import simulate_outputs
 from ipmclab.quality import check
 from ipmclab.run import Run
@@ -53,6 +54,8 @@ def fitted_outputs(fit: Fit, run: Run, place: int) -> dict[str, Comparison]:
         initial_state=observation.initial_state or None,
         delay=observation.delay,
     )
+    read = record.readings.get("displacement")
+    blank_lost(fitted, outputs, model.parameter_values, kept=None if read is None else read.exact)
     since = run.time - run.time[0]
     comparisons: dict[str, Comparison] = {}
     for output, values in zip(outputs, fitted, strict=True):

@@ -34,7 +34,7 @@ def set_point_findings(fit: Fit) -> list[Finding]:
 def _finding(fit: Fit, drive: Drive, names: Sequence[str]) -> Finding:
     point = set_point(fit.actuator, drive)
     low, high = _interval(fit, names, point.ratio)
-    told = f"{point.sentence}; 95 % interval of r {low:.4g} to {high:.4g}"
+    told = f"{point.sentence}; 95 % interval of r {low:.5g} to {high:.5g}"
     numbers: dict[str, float | int | str | None] = {"ratio": point.ratio, "kind": point.kind}
     numbers |= {"low": low if math.isfinite(low) else None, "high": high if math.isfinite(high) else None}
     if low < 1.0 < high and point.kind != "none":

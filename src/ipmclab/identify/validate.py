@@ -23,6 +23,7 @@ from ipmclab.identify.observation import (
 )
 from ipmclab.identify.open_coupling import open_coupling
 from ipmclab.identify.scores import Comparison, Score, score
+from ipmclab.model.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.quality import check
 from ipmclab.run import Finding, Run, RunMetadata
@@ -232,7 +233,10 @@ def _validate_run(
     since = run.time - run.time[0]
     measured = {name: run.channels[name] - zeros.get(name, 0.0) - drifts.get(name, 0.0) * since for name in outputs}
     delay = edge_delay(model, record, measured, fitted or {}) if record.delay_is_free else None
-    predicted = dict(zip(READ_OUTPUTS, predict(model, record, READ_OUTPUTS, delay or 0.0, start), strict=True))
+    every = np.array(predict(model, record, READ_OUTPUTS, delay or 0.0, start))
+    read = record.readings.get("displacement")
+    blank_lost(every, READ_OUTPUTS, model.parameter_values, kept=None if read is None else read.exact)
+    predicted = dict(zip(READ_OUTPUTS, every, strict=True))
     comparisons = {
         name: Comparison(run.time, measured[name], predicted[name], record.readings[name].exact) for name in outputs
     }

@@ -123,8 +123,23 @@ def read_far(values: FloatArray, outputs: Sequence[str], parameters: Mapping[str
         values[row] = Laser().reading(values[row], parameters).values
 
 
-def blank_lost(values: FloatArray, outputs: Sequence[str], parameters: Mapping[str, float]) -> None:
-    """Take away the readings that ``read_far`` made up: NaN where the laser lost the strip, as in a real record."""
+def blank_lost(
+    values: FloatArray,
+    outputs: Sequence[str],
+    parameters: Mapping[str, float],
+    *,
+    kept: npt.NDArray[np.bool_] | None = None,
+) -> None:
+    """Take away the readings that ``read_far`` made up: NaN where the laser lost the strip, as in a real record.
+
+    Parameters
+    ----------
+    values, outputs, parameters
+        As of ``read_far``.
+    kept : bool array, shape (n_time,), optional
+        Rows that keep them nevertheless, because something was read there to compare with.
+    """
     if "laser.range" in parameters and "displacement" in outputs:
         row = list(outputs).index("displacement")
-        values[row, Laser().lost(values[row], parameters)] = np.nan
+        lost = Laser().lost(values[row], parameters)
+        values[row, lost if kept is None else lost & ~kept] = np.nan

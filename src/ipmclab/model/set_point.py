@@ -62,7 +62,7 @@ class SetPoint:
     @property
     def sentence(self) -> str:
         """What it means for whoever wants to hold a set point."""
-        told = f"{self.drive}: r = {self.ratio:.4g}, {self._held()}"
+        told = f"r = {self.ratio:.4g} of the {self.drive}: {self._held()}"
         unstable = self.right_half_plane
         if len(unstable):
             slowest = float(np.min(np.abs(unstable)))

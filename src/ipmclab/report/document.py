@@ -227,7 +227,22 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
     bounds = [name for name, one in fit.parameters.items() if one.at_bound]
     if bounds:
         sentences.append(f"At a bound: {_listed(bounds)}; such a value is a limit, not an estimate.")
+    sentences += _holding(fit)
     return sentences, bool(not fit.converged or open_ones or bounds or bad or not scored)
+
+
+def _holding(fit: Fit) -> Iterator[str]:
+    """Where slow modes were fitted that stand in the way of holding a set point."""
+    for finding in fit.findings:
+        if finding.code == "set-point" and finding.severity == "warning":
+            channel, (low, high) = finding.channel, (finding.values["low"], finding.values["high"])
+            known = isinstance(low, float) and isinstance(high, float) and not low < 1.0 < high
+            yield (
+                f"The {channel} relaxes back by as much as the coupling gives, or more: integral action cannot hold a "
+                "set point of it."
+                if known
+                else f"Whether a set point of the {channel} can be held is open: the interval of r reaches over 1."
+            )
 
 
 def _new_scores(outputs: Iterable[str], fresh: Sequence[RunValidation]) -> list[tuple[str, float]]:
