@@ -29,6 +29,13 @@ def test_a_number_is_as_the_thesis_states_it(sample, figure, metric, quantity, v
     assert row.value(quantity) == pytest.approx(value, rel=1e-12)
 
 
+def test_a_run_has_its_voltage() -> None:
+    of_figure = {
+        row.figure: (row.amplitude, row.frequency) for row in published_measurements(1, conditions="20 degC, 80 %RH")
+    }
+    assert of_figure == {"5.6": (1.0, None), "5.7": (1.0, 0.1), "5.8": (1.0, 0.1), "5.9": (3.0, None)}
+
+
 def test_the_clipped_current_is_a_lower_bound() -> None:
     bounds = [row for row in published_measurements(2) if row.qualifier == "lower_bound"]
     assert [(row.figure, row.number) for row in bounds] == [("5.15", "204.8 mA")]

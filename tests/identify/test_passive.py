@@ -88,6 +88,16 @@ def test_a_clipped_peak_only_bounds_from_below() -> None:
     assert free.error == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("metric", "of_step", "of_sine"), [("peak_current", 50.0, 80.0), ("steady_current", 12.0, 5.0)]
+)
+def test_a_sine_lies_between_the_ends_of_the_step(metric: str, of_step: float, of_sine: float) -> None:
+    """|Y(jw)| is at most G_0 + sum a_k and at least G_0: outside, each number is off by half of what is missing."""
+    runs = [printed("step", 1.0, **{metric: of_step}), printed("sine", 1.0, peak_current=of_sine)]
+    by_hand = abs(of_step - of_sine) / (of_step + of_sine)
+    assert linear_one_port(runs).error == pytest.approx(by_hand, rel=1e-3)
+
+
 @settings(max_examples=8, deadline=None)
 @given(
     amplitudes=st.lists(st.floats(1e-4, 0.1), min_size=1, max_size=4),
