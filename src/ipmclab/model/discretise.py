@@ -14,6 +14,7 @@ from ipmclab.model.blocks import Matrix
 
 _SERIES_REACH: Final = 0.25
 _SERIES_TERMS: Final = 14  # 0.5^15/15! is below 1e-16
+_LONG_TERMS: Final = 19  # 1/20! is below 1e-18
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     -------
     transition : Transition, leading axes (n_systems, n_durations)
     """
-    from scipy.linalg import expm, matrix_balance
+    from scipy.linalg import matrix_balance
 
     n = len(systems[0].states)
     inputs = [
@@ -80,7 +81,7 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     width = 2.0 * _SERIES_REACH / np.max(np.sum(np.abs(generator[0, 0]), axis=1))
     _, group, counts = np.unique(np.round(steps / width), return_inverse=True, return_counts=True)
     centres = np.bincount(group, weights=steps) / counts
-    exponential = expm(generator * centres[:, None, None])[:, group]
+    exponential = _exponentials(generator * centres[:, None, None])[:, group]
     rest = steps - centres[group]
     if np.any(rest):
         exponential = exponential @ _short_exponential(generator * rest[:, None, None])
@@ -95,10 +96,31 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     )
 
 
-def _short_exponential(matrices: Matrix) -> Matrix:
-    """Exponentials of matrices of a norm up to 2 ``_SERIES_REACH``, to rounding, by their series."""
+def _exponentials(matrices: Matrix) -> Matrix:
+    """Exponentials of matrices of any norm, shape (n_systems, n_durations, n, n): scaled, by their series, squared.
+
+    What is squared is the exponential less 1, so that what moves slowly keeps its digits. Products of small matrices
+    are all it takes: scipy's expm hands them to threads, which on a busy machine costs a thousand times as much.
+    """
+    norms = np.max(np.sum(np.abs(matrices[0]), axis=-2), axis=-1)
+    squarings = np.maximum(np.ceil(np.log2(np.maximum(norms, 1e-300))), 0.0).astype(np.int64)
+    scaled = matrices * np.exp2(-squarings)[:, None, None]
+    less_1: Matrix = scaled @ _short_exponential(scaled, terms=_LONG_TERMS, least=2)
+    for done in range(int(squarings.max(initial=0))):
+        some = np.flatnonzero(squarings > done)
+        part = less_1[:, some]
+        less_1[:, some] = 2.0 * part + part @ part
+    whole: Matrix = less_1 + np.eye(matrices.shape[-1])
+    return whole
+
+
+def _short_exponential(matrices: Matrix, *, terms: int = _SERIES_TERMS, least: int = 1) -> Matrix:
+    """Exponentials of matrices of a norm up to 2 ``_SERIES_REACH``, to rounding, by their series.
+
+    With ``least`` = 2 it is (exp(M) - 1)/M; with ``_LONG_TERMS`` terms the norm may be 1.
+    """
     one = np.eye(matrices.shape[-1])
-    total = one + matrices / _SERIES_TERMS
-    for k in range(_SERIES_TERMS - 1, 0, -1):
+    total = one + matrices / terms
+    for k in range(terms - 1, least - 1, -1):
         total = one + matrices @ total / k
     return total
