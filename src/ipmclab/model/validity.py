@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.beam import resonance
+from ipmclab.model.beam import Resonance, resonance
 from ipmclab.run import Finding, Run
 from ipmclab.units import LENGTH
 
@@ -74,14 +75,32 @@ def sentence(finding: Finding) -> str:
 
 def _largest(values: FloatArray) -> float:
     """The largest magnitude of the readings that there are."""
-    with np.errstate(invalid="ignore"):
-        ends = np.fmax.reduce(values), -np.fmin.reduce(values)
-    return float(np.nanmax([0.0, *ends]))
+    largest = max(float(values.max()), -float(values.min()))
+    if math.isnan(largest):
+        there = values[~np.isnan(values)]
+        return float(np.abs(there).max(initial=0.0))
+    return largest
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """What the parameters of an actuator say, whatever is asked of it."""
+
+    leaks: bool
+    resonance: Resonance
+
+
+def _limits(actuator: Actuator) -> _Limits:
+    """Kept with the actuator: they are asked for at every simulation."""
+    kept: dict[str, _Limits] = actuator.__dict__.setdefault("_validity_limits", {})
+    if "value" not in kept:
+        kept["value"] = _Limits(_leaks(actuator), resonance(actuator.parameter_values))
+    return kept["value"]
 
 
 def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
     largest = _largest(run.voltage)
-    if largest <= ELECTROLYSIS or _leaks(actuator):
+    if largest <= ELECTROLYSIS or _limits(actuator).leaks:
         return []
     return [
         Finding(
@@ -158,7 +177,7 @@ def _lost(actuator: Actuator, displacement: FloatArray, run: Run) -> list[Findin
 
 
 def _speed(actuator: Actuator, run: Run, signal: Signal | str | None) -> list[Finding]:
-    first = resonance(actuator.parameter_values).frequency
+    first = _limits(actuator).resonance.frequency
     told = highest_frequency(signal if signal is not None else run.metadata.signal)
     fastest = _mean_frequency(run) if told is None else told
     if fastest <= RESONANCE * first:
@@ -179,7 +198,7 @@ def _speed(actuator: Actuator, run: Run, signal: Signal | str | None) -> list[Fi
 
 def _ring(actuator: Actuator, run: Run) -> list[Finding]:
     """A ring after an edge that the rows are too few to show."""
-    first = resonance(actuator.parameter_values)
+    first = _limits(actuator).resonance
     if run.displacement is None or run.hold == "first" or run.rate >= 2.0 * first.frequency or first.damping_ratio >= 1:
         return []
     jump = max(_largest(np.diff(run.voltage)), abs(float(run.voltage[0])))
