@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import MappingProxyType
 
 from ipmclab.errors import InputError
@@ -76,22 +76,7 @@ class Structure:
         >>> Structure.of(["circuit.branches.0.resistivity", "leak.cubic.cubic"])
         Structure(branches=1, leak='cubic', ...)
         """
-        given = set(names)
-        forms = _one_of("leak", [form for form in FORMS if _under(given, f"leak.{form}.")])
-        line = _one_of("line", [kind for kind in ("modes", "segments") if f"line.{kind}" in given])
-        return cls(
-            branches=max(1, _count(given, "circuit.branches.")),
-            leak=forms or (FORMS[0] if _under(given, "leak.") else ""),
-            slow_leak=_under(given, "leak.slow."),
-            clamp=_under(given, "clamp."),
-            line=line or ("segments" if _under(given, "line.") else ""),
-            displacement_modes=_count(given, "relaxation.displacement."),
-            force_modes=_count(given, "relaxation.force."),
-            viscoelastic=_count(given, "viscoelastic."),
-            laser=_under(given, "laser."),
-            displacement_pairs=_count(given, "relaxation.displacement_pair."),
-            force_pairs=_count(given, "relaxation.force_pair."),
-        )
+        return _of(tuple(names))
 
     @property
     def declarations(self) -> Mapping[str, Declaration]:
@@ -143,6 +128,27 @@ class Structure:
         if not self.leak:
             return ()
         return Leak(self.leak, slow=self.slow_leak).laws(values, self.law_ports(values))
+
+
+@lru_cache(maxsize=256)
+def _of(names: tuple[str, ...]) -> Structure:
+    """Kept, because an actuator asks at every change of a value."""
+    given = set(names)
+    forms = _one_of("leak", [form for form in FORMS if _under(given, f"leak.{form}.")])
+    line = _one_of("line", [kind for kind in ("modes", "segments") if f"line.{kind}" in given])
+    return Structure(
+        branches=max(1, _count(given, "circuit.branches.")),
+        leak=forms or (FORMS[0] if _under(given, "leak.") else ""),
+        slow_leak=_under(given, "leak.slow."),
+        clamp=_under(given, "clamp."),
+        line=line or ("segments" if _under(given, "line.") else ""),
+        displacement_modes=_count(given, "relaxation.displacement."),
+        force_modes=_count(given, "relaxation.force."),
+        viscoelastic=_count(given, "viscoelastic."),
+        laser=_under(given, "laser."),
+        displacement_pairs=_count(given, "relaxation.displacement_pair."),
+        force_pairs=_count(given, "relaxation.force_pair."),
+    )
 
 
 @cache
