@@ -202,9 +202,11 @@ def _ring(actuator: Actuator, run: Run) -> list[Finding]:
     if run.displacement is None or run.hold == "first" or run.rate >= 2.0 * first.frequency or first.damping_ratio >= 1:
         return []
     jump = max(_largest(np.diff(run.voltage)), abs(float(run.voltage[0])))
+    largest = _largest(run.displacement)
+    if jump * _most_at_resonance(actuator, first.frequency) <= RING * largest:
+        return []
     # After an edge the beam rings by what its drive holds at the resonance.
     amplitude = jump * _gain_at_resonance(actuator, first.frequency)
-    largest = _largest(run.displacement)
     if amplitude <= RING * largest or largest == 0.0:
         return []
     image = abs(first.frequency - run.rate * round(first.frequency / run.rate))
@@ -221,6 +223,21 @@ def _ring(actuator: Actuator, run: Run) -> list[Finding]:
     ]
 
 
+def _most_at_resonance(actuator: Actuator, frequency: float) -> float:
+    """What the gain below cannot exceed, at hardly any cost: all of the voltage reaches the node."""
+    structure, values = actuator.structure, actuator.parameter_values
+    if structure.displacement_modes or structure.displacement_pairs:
+        return math.inf
+    s = 2j * math.pi * frequency
+    coupling = values["coupling.gain"] * (s + values["coupling.zero"])
+    coupling /= s * s + values["coupling.p1"] * s + values["coupling.p2"]
+    return _displacement_per_drive(actuator) * abs(coupling)
+
+
+def _displacement_per_drive(actuator: Actuator) -> float:
+    return 3.0 * actuator["geometry.sensing_length"] ** 2 / actuator["geometry.thickness"] ** 2
+
+
 def _gain_at_resonance(actuator: Actuator, frequency: float) -> float:
     """The displacement of small bending [m] that a volt at the resonance would drive without the beam."""
     kept: dict[str, float] = actuator.__dict__.setdefault("_gain_at_resonance", {})
@@ -233,7 +250,7 @@ def _gain_at_resonance(actuator: Actuator, frequency: float) -> float:
         s = 2j * math.pi * frequency
         moving = np.linalg.solve(s * np.eye(len(system.states)) - system.a, system.b[:, 0].astype(complex))
         drive = abs(complex(system.c[0] @ moving + system.d[0, 0]))
-        kept["value"] = 3.0 * values["geometry.sensing_length"] ** 2 / values["geometry.thickness"] ** 2 * drive
+        kept["value"] = _displacement_per_drive(actuator) * drive
     return kept["value"]
 
 
