@@ -214,7 +214,7 @@ def test_outputs_beyond_floating_point_are_no_run(
     with pytest.raises(InputError, match=r"of the simulated .* is .*; these numbers are beyond floating point"):
         simulate(friend_2, f"step {voltage} V", duration=1e6, rate=0.01)
     with pytest.raises(InputError, match="beyond floating point"):
-        simulate(friend_2, np.ones(9), duration=9e300, rate=1e-300, hold="first")
+        simulate(friend_2, np.ones(9), duration=9e306, rate=1e-306, hold="first")
 
 
 @pytest.mark.parametrize("rows", [2, modal_loop.BLOCK, modal_loop.BLOCK + 1, 3 * modal_loop.BLOCK - 1])

@@ -38,6 +38,7 @@ class Transition:
     law_end: Matrix
 
 
+@np.errstate(over="ignore", invalid="ignore")  # durations beyond floating point give NaN, which ``simulate`` refuses
 def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transition:
     """The exact transitions over some durations, by the matrix exponential.
 
@@ -103,7 +104,8 @@ def _exponentials(matrices: Matrix) -> Matrix:
     are all it takes: scipy's expm hands them to threads, which on a busy machine costs a thousand times as much.
     """
     norms = np.max(np.sum(np.abs(matrices[0]), axis=-2), axis=-1)
-    squarings = np.maximum(np.ceil(np.log2(np.maximum(norms, 1e-300))), 0.0).astype(np.int64)
+    within = np.clip(norms, 1.0, np.finfo(float).max)  # of one beyond floating point NaN comes out, and is refused
+    squarings = np.ceil(np.log2(within)).astype(np.int64)
     scaled = matrices * np.exp2(-squarings)[:, None, None]
     less_1: Matrix = scaled @ _short_exponential(scaled, terms=_LONG_TERMS, least=2)
     for done in range(int(squarings.max(initial=0))):
