@@ -50,10 +50,22 @@ CASES = (
     Case("1 of 2 branches, correlated", "branches=1", BRANCHES[:2], correlated=True),
     Case("2 of 3 branches, white", "branches=2", BRANCHES),
     Case("2 of 3 branches, correlated", "branches=2", BRANCHES, correlated=True),
-    Case("2 of 3 branches, white, 3 runs", "branches=2", BRANCHES, signals=MIXED),
-    Case("2 of 3 branches, correlated, 3 runs", "branches=2", BRANCHES, signals=MIXED, correlated=True),
-    Case("3 of 4 branches, white", "branches=3", (*BRANCHES, "branches=4"), change=THREE),
-    Case("3 of 4 branches, correlated", "branches=3", (*BRANCHES, "branches=4"), correlated=True, change=THREE),
+    Case("2 of 3 branches, white, 3 runs", "branches=2", BRANCHES, signals=MIXED, share=0.5),
+    Case("2 of 3 branches, correlated, 3 runs", "branches=2", BRANCHES, signals=MIXED, correlated=True, share=0.5),
+    Case("3 of 4 branches, white", "branches=3", (*BRANCHES, "branches=4"), change=THREE, share=0.4),
+    Case(
+        "3 of 4 branches, correlated", "branches=3", (*BRANCHES, "branches=4"), correlated=True, change=THREE, share=0.4
+    ),
+    Case(
+        "one slow mode of 0 or 1 (displacement), white",
+        "relaxation.displacement",
+        ("friend-2", "relaxation.displacement"),
+        channels=("displacement",),
+        free="coupling,relaxation",
+        duration=20.0,
+        share=0.4,
+        change=SLOW,
+    ),
 )
 
 

@@ -43,6 +43,7 @@ def fold_of(divided: Division, columns: int = 0) -> Fold:
     return Fold(
         {key: divided.series(key, 0.1 * generator.standard_normal(ROWS)) for key in divided.keys},
         {key: 0.1 * generator.standard_normal((ROWS, columns)) for key in divided.keys},
+        dict.fromkeys(divided.keys, 100.0),
     )
 
 
@@ -89,9 +90,16 @@ def test_parameters_that_are_not_known_widen_the_prediction() -> None:
     folds = (fold_of(divided, 3), fold_of(divided, 3))
     found = score_blocks(folds, divided, {"current": NOISE})
     mine = [number for number, block in enumerate(divided.blocks) if block.run == 0]
-    fold = folds[divided.blocks[mine[0]].fold]
-    key = 0, "current"
-    wanted = dense(divided, key, np.arange(ROWS), fold.residuals[key].residual, fold.spreads[key])
+    number = divided.blocks[mine[0]].fold
+    fold, key, other = folds[number], (0, "current"), (1, "current")
+    # The sandwich, from the dense covariance of what the fit saw: the other run, and nothing of this one.
+    series, slope = fold.residuals[other], fold.slopes[other]
+    apart = np.abs(series.time[:, None] - series.time)
+    matrix = (0.3 * series.extent) ** 2 * np.exp(-apart / 0.5) + np.diag(np.full(ROWS, series.noise**2))
+    inverse = np.linalg.inv(slope.T @ slope)
+    covariance = inverse @ slope.T @ matrix @ slope @ inverse
+    off = fold.slopes[key] @ np.linalg.cholesky(covariance)
+    wanted = dense(divided, key, np.arange(ROWS), fold.residuals[key].residual, off)
     assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
 
 

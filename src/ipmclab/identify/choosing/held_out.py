@@ -14,7 +14,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.identify.choosing.blocks import Block
 from ipmclab.identify.choosing.compare import HeldOut
 from ipmclab.identify.choosing.noise import Filtered, NoiseModel, Series, fit_noise
-from ipmclab.identify.choosing.spread import spread
+from ipmclab.identify.choosing.spread import directions, slopes
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fitted import fitted_outputs
 from ipmclab.identify.identify import identify
@@ -110,12 +110,15 @@ class Fold:
     ----------
     residuals : mapping of (place, output) to Series
         In the rows that the fit saw and in those that it did not.
-    spreads : mapping of (place, output) to float array, shape (n_time, n_parameter) [SI]
-        How far its prediction may be off.
+    slopes : mapping of (place, output) to float array, shape (n_time, n_parameter) [SI]
+        How its prediction moves with its parameters.
+    weights : mapping of (place, output) to float [1/SI]
+        What the fit gave to each reading of what it saw.
     """
 
     residuals: Residuals
-    spreads: Mapping[Key, FloatArray]
+    slopes: Mapping[Key, FloatArray]
+    weights: Mapping[Key, float]
 
 
 def hold_out(
@@ -148,7 +151,8 @@ def hold_out(
             labels=[division.records[place].label for place in kept],
         )
         left: dict[Key, Series] = {}
-        spreads: dict[Key, FloatArray] = {}
+        moved: dict[Key, FloatArray] = {}
+        weights: dict[Key, float] = {}
         for place, run in enumerate(runs):
             in_fit = kept.index(place) if place in kept else None
             delay: float | None = None
@@ -158,11 +162,12 @@ def hold_out(
                 told = validate(part.actuator, [run]).runs[0]
                 left |= _series(division, place, told.comparisons)
                 delay = told.delay
-            if held[place].any():
-                outputs = division.outputs_of(place)
-                found = spread(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
-                spreads |= {(place, output): columns for output, columns in found.items()}
-        folds.append(Fold(left, spreads))
+            outputs = division.outputs_of(place)
+            found = slopes(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
+            moved |= {(place, output): columns for output, columns in found.items()}
+            if in_fit is not None:
+                weights |= {(place, output): 1.0 / part.observations[in_fit].noise[output] for output in outputs}
+        folds.append(Fold(left, moved, weights))
     return tuple(folds)
 
 
@@ -239,10 +244,12 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
     A model that bends with a drift gains nothing over one that leaves the drift to the noise. Of a run that was
     held out whole nothing was seen: its blocks follow each other.
 
-    The parameters are not known better than the fit says: along what they may be off, the prediction is so much wider.
+    The parameters are not known better than what the fit saw tells under this noise: along what they may be off, the
+    prediction is so much wider.
     """
     from ipmclab.identify.choosing.kernels import filter_spread
 
+    off_by = [_off_by(fold, place, division, noise) for place, fold in enumerate(folds)]
     scores = np.zeros(len(division.blocks))
     innovation: list[FloatArray] = []
     variance: list[FloatArray] = []
@@ -255,7 +262,7 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
         here[block.start : block.stop] = True
         for output in division.outputs_of(block.run):
             key = block.run, output
-            series, columns = fold.residuals[key], fold.spreads[key]
+            series, columns = fold.residuals[key], fold.slopes[key] @ off_by[block.fold]
             if (block.fold, key) not in known:
                 seen = series.seen if division.whole_runs else series.seen & ~held
                 known[block.fold, key] = noise[output].filter(series, seen)
@@ -284,3 +291,13 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
             innovation.append(left * deviation)
             variance.append(widened * deviation**2)
     return HeldOut(scores, np.concatenate(innovation), np.concatenate(variance))
+
+
+def _off_by(fold: Fold, number: int, division: Division, noise: Mapping[str, NoiseModel]) -> FloatArray:
+    """The errors of a fold's parameters, from what its fit saw."""
+    seen = []
+    for key, weight in fold.weights.items():
+        series = fold.residuals[key]
+        held = division.held_rows(division.records[key[0]], number)
+        seen.append((replace(series, seen=series.seen & ~held), fold.slopes[key], weight, noise[key[1]]))
+    return directions(seen)

@@ -112,3 +112,18 @@ def filter_spread(
             for j in range(count):
                 covariance[i, j] -= seen[i] * seen[j] / spread
     return gained
+
+
+@kernel
+def correlate(time: FloatArray, values: FloatArray, rate: float, out: FloatArray) -> None:
+    """Add exp(-rate |t_k - t_l|) times the values, summed over l, to ``out``: two sweeps, one from each end."""
+    reached = 0.0
+    for k in range(len(time)):
+        if k > 0:
+            reached *= math.exp(-rate * (time[k] - time[k - 1]))
+        reached += values[k]
+        out[k] += reached
+    reached = 0.0
+    for k in range(len(time) - 2, -1, -1):
+        reached = (reached + values[k + 1]) * math.exp(-rate * (time[k + 1] - time[k]))
+        out[k] += reached

@@ -1,13 +1,21 @@
-"""How far the prediction of a fit may be off because its parameters are not known better."""
+"""How far the prediction of a fit may be off because its parameters are not known better.
+
+A fit by least squares gives each reading the same weight, whatever the noise. Under noise of covariance S its
+parameters have the covariance F^-1 (J' W S W J) F^-1 with F = J' W J (the sandwich of Huber and White), J the
+slopes of the readings that it saw and W its weights. It is taken along the directions that those readings
+determine: along the others its predictions do not move either.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.identify.choosing.noise import NoiseModel, Series
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import Record, model_hold
@@ -15,19 +23,18 @@ from ipmclab.model.sensitivity import simulate_outputs
 
 FloatArray = npt.NDArray[np.float64]
 
+_SEEN: Final = 1e-10  # of the largest: information on a direction that is more than rounding
 _STEP: Final = 1e-4  # of a parameter: its effect on a prediction is nearly straight
-_WIDEST: Final = 1.0  # relative error: a parameter that is not determined is not known to a factor of two
 
 
-def spread(
+def slopes(
     fit: Fit, record: Record, outputs: list[str], *, in_fit: int | None, delay: float | None
 ) -> dict[str, FloatArray]:
-    """The effect on each output of one standard error of each independent combination of the parameters.
+    """How each output moves with each parameter of a fit, by its own size.
 
     Parameters
     ----------
     fit : Fit
-        Its errors allow for residuals that hang together.
     record : Record
     outputs : list of str
     in_fit : int or None
@@ -65,35 +72,56 @@ def spread(
         )
 
     here = predicted({})
-    names, slopes, errors = [], [], []
-    for name, parameter in fit.parameters.items():
+    found = np.zeros((len(fit.parameters), *here.shape))
+    for slope, (name, parameter) in zip(found, fit.parameters.items(), strict=True):
         base = name.removesuffix(ending)
         if "[" in base or (name == base and base.startswith("observation.")):
             continue  # another run's own
-        slope = np.zeros_like(here)
         if base.startswith(("observation.offset.", "observation.drift.")):
             output = base.rsplit(".", 1)[1]
             if output in outputs:
                 slope[outputs.index(output)] = 1.0 if ".offset." in base else since
-            most = np.inf
         elif base == "observation.delay":
-            step = 1e-3 * record.period
-            slope, most = (predicted({}, step) - here) / step, record.period
+            slope[:] = (predicted({}, 1e-3 * record.period) - here) / 1e-3
         else:
-            step = _STEP * (abs(parameter.value) or min(parameter.standard_error, 1.0))
+            step = _STEP * (abs(parameter.value) or 1e-3)
             try:
-                slope = (predicted({base: parameter.value + step}) - here) / step
+                slope[:] = (predicted({base: parameter.value + step}) - here) / _STEP
             except InputError:  # at its upper bound
-                slope = (here - predicted({base: parameter.value - step})) / step
-            most = _WIDEST * abs(parameter.value) or parameter.standard_error
-        error = min(parameter.standard_error, most)
-        if np.isfinite(error):
-            names.append(name)
-            slopes.append(slope)
-            errors.append(error)
-    if not names:
-        return {output: np.zeros((len(since), 0)) for output in outputs}
-    correlation = np.nan_to_num(np.array([[fit.correlations[a][b] for b in names] for a in names]))
-    square, directions = np.linalg.eigh(correlation)
-    mix = np.array(errors)[:, None] * directions * np.sqrt(np.maximum(square, 0.0))
-    return {output: np.array([slope[row] for slope in slopes]).T @ mix for row, output in enumerate(outputs)}
+                slope[:] = (here - predicted({base: parameter.value - step})) / _STEP
+    return {output: np.ascontiguousarray(found[:, row].T) for row, output in enumerate(outputs)}
+
+
+def directions(seen: Sequence[tuple[Series, FloatArray, float, NoiseModel]]) -> FloatArray:
+    """What one standard error of each independent combination of the parameters is, shape (n_parameter, n_direction).
+
+    Parameters
+    ----------
+    seen : sequence of (Series, slopes, weight, noise)
+        Of each output of each run that the fit saw: the rows that it saw, the slopes of shape
+        (n_time, n_parameter), one over the standard deviation that the fit gave its readings, and its noise.
+    """
+    from ipmclab.identify.choosing.kernels import correlate
+
+    count = seen[0][1].shape[1]
+    if count == 0:
+        return np.zeros((0, 0))
+    information, scatter = np.zeros((count, count)), np.zeros((count, count))
+    for series, slope, weight, noise in seen:
+        weighed = np.where(series.seen[:, None], slope, 0.0) * weight
+        information += weighed.T @ weighed
+        white = (noise.white * series.noise) ** 2 + (1e-9 * series.extent) ** 2
+        moved = white * weighed
+        for part in noise.parts:
+            for column in range(count):
+                shared = np.zeros(len(weighed))
+                correlate(series.time, np.ascontiguousarray(weighed[:, column]), 1.0 / part.time_constant, shared)
+                moved[:, column] += (part.amplitude * series.extent) ** 2 * shared
+        scatter += weight**2 * (weighed.T @ moved)
+    size = np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    value, vector = np.linalg.eigh(information / (size[:, None] * size))
+    known = value > _SEEN * value[-1]
+    inverse = (vector[:, known] / value[known]) @ vector[:, known].T / (size[:, None] * size)
+    covariance = inverse @ scatter @ inverse
+    square, turned = np.linalg.eigh(covariance * (size[:, None] * size))
+    return np.asarray(turned * np.sqrt(np.maximum(square, 0.0)) / size[:, None])
