@@ -1,0 +1,221 @@
+"""Compiled loop that whitens the columns of a least-squares problem."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.compiled import kernel
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+_STEADY = 1e-14
+
+
+@kernel
+def whiten(
+    columns: FloatArray,
+    steps: IndexArray,
+    transition: FloatArray,
+    drive: FloatArray,
+    seen: FloatArray,
+    reading: float,
+    start: FloatArray,
+) -> float:
+    """Turn correlated rows into independent ones of variance 1: a Kalman filter, with one gain for all columns.
+
+    The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by ``transition`` and driven by
+    noise of covariance ``drive``. What the filter does not foresee of a column, over its standard deviation, is the
+    column multiplied by the inverse of the Cholesky factor of the noise's covariance.
+
+    Parameters
+    ----------
+    columns : float array, shape (n_readings, n_columns)
+        Overwritten.
+    steps : int array, shape (n_readings,)
+        How many steps of time each reading comes after the one before it: more than 1 where readings are missing.
+    transition, drive, start : float array, shape (n, n)
+        ``start`` is the covariance of x at the first reading.
+    seen : float array, shape (n,)
+    reading : float
+
+    Returns
+    -------
+    log_determinant : float
+        Of the noise's covariance.
+    """
+    count, width = columns.shape
+    n = len(seen)
+    spread = start.copy()
+    before = np.empty((n, n))
+    moved = np.empty((n, n))
+    along, gain = np.zeros(n), np.zeros(n)
+    state, onward = np.zeros((n, width)), np.zeros((n, width))
+    foreseen = np.empty(width)
+    variance, scale, logarithm, total = 1.0, 1.0, 0.0, 0.0
+    steady = False
+    for t in range(count):
+        ahead = steps[t] if t > 0 else 0
+        if not (steady and ahead == 1):
+            for i in range(n):
+                for j in range(n):
+                    before[i, j] = spread[i, j]
+            for _ in range(ahead):
+                for i in range(n):
+                    for j in range(n):
+                        moved[i, j] = 0.0
+                    for k in range(n):
+                        if transition[i, k] != 0.0:
+                            for j in range(n):
+                                moved[i, j] += transition[i, k] * spread[k, j]
+                for i in range(n):
+                    for j in range(i + 1):
+                        value = drive[i, j]
+                        for k in range(n):
+                            value += moved[i, k] * transition[j, k]
+                        spread[i, j] = value
+                        spread[j, i] = value
+            variance = reading
+            for i in range(n):
+                along[i] = 0.0
+                for j in range(n):
+                    along[i] += spread[i, j] * seen[j]
+                variance += seen[i] * along[i]
+            for i in range(n):
+                gain[i] = along[i] / variance
+            largest, change = 0.0, 0.0
+            for i in range(n):
+                for j in range(i + 1):
+                    value = spread[i, j] - along[i] * gain[j]
+                    spread[i, j] = value
+                    spread[j, i] = value
+                    change = max(change, abs(value - before[i, j]))
+                    largest = max(largest, abs(value))
+            steady = t > 0 and ahead == 1 and change <= _STEADY * (largest + variance)
+            scale, logarithm = 1.0 / math.sqrt(variance), math.log(variance)
+        total += logarithm
+        for _ in range(ahead):
+            for i in range(n):
+                for c in range(width):
+                    onward[i, c] = 0.0
+                for k in range(n):
+                    weight = transition[i, k]
+                    if weight != 0.0:
+                        for c in range(width):
+                            onward[i, c] += weight * state[k, c]
+            for i in range(n):
+                for c in range(width):
+                    state[i, c] = onward[i, c]
+        for c in range(width):
+            foreseen[c] = columns[t, c]
+        for i in range(n):
+            if seen[i] != 0.0:
+                for c in range(width):
+                    foreseen[c] -= seen[i] * state[i, c]
+        for i in range(n):
+            for c in range(width):
+                state[i, c] += gain[i] * foreseen[c]
+        for c in range(width):
+            columns[t, c] = foreseen[c] * scale
+    return total
+
+
+@kernel
+def eliminate(products: FloatArray, held: int) -> float:
+    """Project the first ``held`` columns out of the products of all, in place.
+
+    Gaussian elimination without pivots, of a symmetric matrix; the last column, the residual's, may come next.
+
+    Returns
+    -------
+    log_determinant : float
+        Of the products of the held columns; NaN where they are not independent.
+    """
+    n, total = len(products), 0.0
+    for k in range(held):
+        pivot = products[k, k]
+        if not pivot > 0.0:
+            return math.nan
+        total += math.log(pivot)
+        for i in range(k + 1, n):
+            factor = products[i, k] / pivot
+            for j in range(k + 1, n):
+                products[i, j] -= factor * products[k, j]
+    return total
+
+
+@kernel
+def restricted(own: FloatArray, others: FloatArray, freedom: float, variance: float) -> tuple[float, float, float]:
+    """The scale of the noise of some readings, given what all others know of the same directions.
+
+    Parameters
+    ----------
+    own, others : float array, shape (n + 1, n + 1)
+        Products of whitened directions and residual, the residual last: of these readings, in units of the scale
+        sought, and of all others.
+    freedom : float
+        Number of these readings, less the constants of their own.
+    variance : float
+        Where the search starts.
+
+    Returns
+    -------
+    variance : float
+        That at which the readings miss by as much as they may, given what the fit takes of their freedom: the
+        stationary point of the restricted likelihood.
+    misfit : float
+        Weighted squares that are left.
+    log_determinant : float
+        Of the normal equations; NaN where they are singular.
+    """
+    n = len(own) - 1
+    total = np.empty((n + 1, n + 1))
+    inverse = np.zeros((n, n))
+    answer = np.zeros(n)
+    logarithm = 0.0
+    for turn in range(40):
+        for i in range(n + 1):
+            for j in range(n + 1):
+                total[i, j] = others[i, j] + own[i, j] / variance
+        # Gauss and Jordan on the normal equations, with the identity beside them.
+        work = total.copy()
+        for i in range(n):
+            for j in range(n):
+                inverse[i, j] = 1.0 if i == j else 0.0
+        logarithm = 0.0
+        for k in range(n):
+            pivot = work[k, k]
+            if not pivot > 0.0:
+                return variance, math.nan, math.nan
+            logarithm += math.log(pivot)
+            for i in range(n):
+                if i != k and work[i, k] != 0.0:
+                    factor = work[i, k] / pivot
+                    for j in range(n + 1):
+                        work[i, j] -= factor * work[k, j]
+                    for j in range(n):
+                        inverse[i, j] -= factor * inverse[k, j]
+            for j in range(n + 1):
+                work[k, j] /= pivot
+            for j in range(n):
+                inverse[k, j] /= pivot
+        missed, taken = own[n, n], 0.0
+        for i in range(n):
+            answer[i] = work[i, n]
+        for i in range(n):
+            missed -= 2.0 * answer[i] * own[i, n]
+            for j in range(n):
+                missed += answer[i] * own[i, j] * answer[j]
+                taken += inverse[i, j] * own[i, j]
+        found = max(missed / max(freedom - taken / variance, 1.0), 1e-12)
+        settled = abs(found - variance) < 1e-4 * found
+        misfit = total[n, n]
+        for i in range(n):
+            misfit -= answer[i] * total[i, n]
+        if settled or turn == 39:
+            break
+        variance = found
+    return variance, misfit, logarithm

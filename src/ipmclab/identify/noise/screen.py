@@ -1,0 +1,51 @@
+"""Whether residuals show anything but white noise about zero: cheap tests before any search."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+_LAGS: Final = 20
+_BLOCKS: Final = (16, 128)
+_REJECT: Final = 0.005
+_FEWEST: Final = 30
+"""Readings below which no noise model but white can be told."""
+
+
+def needs_search(residual: FloatArray, explained: float) -> bool:
+    """Whether a noise model is to be looked for.
+
+    Three tests, each at half a per cent: neighbours (Ljung and Box), means of blocks, which a slow level moves, and
+    what an offset and a trend would explain beside the free parameters.
+
+    Parameters
+    ----------
+    residual : float array, shape (n_readings,)
+    explained : float
+        Chi-square with two degrees of freedom of an offset and a trend.
+    """
+    from scipy.special import chdtrc, chdtri
+
+    count = len(residual)
+    power = float(residual @ residual)
+    if count < _FEWEST or power <= 0.0:
+        return False
+    if explained > chdtri(2, _REJECT):
+        return True
+    lags = min(_LAGS, count // 5)
+    found = np.correlate(residual, residual[: count - lags], "valid")[1:] / power
+    statistic = count * (count + 2.0) * float(np.sum(found**2 / (count - np.arange(1, lags + 1))))
+    if chdtrc(lags, statistic) < _REJECT:
+        return True
+    for length in _BLOCKS:
+        blocks = count // length
+        if blocks < 3:
+            continue
+        sums = residual[: blocks * length].reshape(blocks, length).sum(axis=1)
+        if chdtrc(blocks, float(sums @ sums) * count / (length * power)) < _REJECT:
+            return True
+    return False
