@@ -154,7 +154,7 @@ def _open_ends(unknown: Unknown) -> tuple[float, float]:
     """The interval of a parameter of which nothing is known; a share ends at one."""
     return (
         0.0 if unknown.log or unknown.lower == 0.0 else -math.inf,
-        unknown.upper if unknown.upper == 1.0 else math.inf,
+        unknown.upper if unknown.upper == 1.0 and not unknown.log else math.inf,
     )
 
 

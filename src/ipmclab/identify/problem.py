@@ -233,8 +233,10 @@ class Problem:
         """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
         readings = max((piece.stop for piece in self.pieces.values()), default=0)
         rows = np.empty((len(theta) + 1, readings + len(self._prior_places)))
-        for record in self.records:
-            self._fill(rows, record, theta)
+        # A search may try values at which the model overflows: it steps back from what is not finite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for record in self.records:
+                self._fill(rows, record, theta)
         rows[:-1, readings:] = self._prior_jacobian.T
         rows[-1, readings:] = self._prior_jacobian @ (theta - self._centred(theta))
         return Evaluation(rows)

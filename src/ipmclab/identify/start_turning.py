@@ -23,6 +23,8 @@ _GRID: Final = 8
 _DAMPING: Final = (0.2, 0.5, 0.85)
 _LEAST, _MOST = 0.02, 0.999
 _FOLLOWED: Final = 3
+_BEYOND: Final = 30.0  # times the fastest pole of the grid, and the slowest over it
+_FLAT: Final = 20.0  # of the entry of the damping ratio, where it no longer changes
 _STEADY: Final = 1e-3
 """Relative spread of the rows' distances up to which a clock counts as regular."""
 
@@ -90,7 +92,14 @@ def search_turning(series: Sequence[Series], common: FloatArray) -> TurningFit |
             tried.append((float(np.sum(left(columns)[0] ** 2)), (grid[first], grid[second], tau, damping)))
     tried.sort(key=lambda one: one[0])
 
-    def columns_at(theta: FloatArray) -> FloatArray:
+    # What lies far outside of what these records can show is not tried: there numbers end.
+    fastest, slowest = np.log(-grid[0] * _BEYOND), np.log(-grid[-1] / _BEYOND)
+
+    def inside(theta: FloatArray) -> FloatArray:
+        return np.clip(theta, [slowest, slowest, -fastest, -_FLAT], [fastest, fastest, -slowest, _FLAT])
+
+    def columns_at(entries: FloatArray) -> FloatArray:
+        theta = inside(entries)
         fast, tau, damping = -np.exp(theta[:2]), float(np.exp(theta[2])), _damping(theta[3])
         own = [_column(series, complex(pole)).real * weight for pole in fast]
         return np.column_stack([*own, *(_pair(series, tau, damping) * weight), fixed])
@@ -102,16 +111,17 @@ def search_turning(series: Sequence[Series], common: FloatArray) -> TurningFit |
         if best is None or found.cost < best.cost:
             best = found
     assert best is not None
-    _, weights = left(columns_at(best.x))
-    tau = float(np.exp(best.x[2]))
-    order = np.argsort(-best.x[:2])
+    theta = inside(best.x)
+    _, weights = left(columns_at(theta))
+    tau = float(np.exp(theta[2]))
+    order = np.argsort(-theta[:2])
     return TurningFit(
-        poles=-np.exp(best.x[:2])[order],
+        poles=-np.exp(theta[:2])[order],
         residues=weights[:2][order],
         constant=float(weights[2]),
         lead=float(weights[3]) * tau,
         time_constant=tau,
-        damping_ratio=_damping(best.x[3]),
+        damping_ratio=_damping(theta[3]),
         cost=2.0 * float(best.cost),
     )
 
