@@ -250,7 +250,9 @@ def dense_laws_tangents(
                 if not solve_several(forms, coefficients, drop[instant], r, p, w):
                     return i
                 seen = u
-            if look > 0:
+            # Where the row saw the same, its derivatives still hold as the interval begins.
+            seen_by_row = look == 2 and k >= 0 and shift <= 0.0 and u == reading[k] and du == reading_rate[k]
+            if look > 0 and not seen_by_row:
                 d_r[:] = 0.0
                 _add(d_r, c_law, tangents)
                 _add_moved(d_r, d_c_law, x)

@@ -110,6 +110,8 @@ def simulate(
 ) -> Run:
     """Simulate what an actuator answers to a voltage, exactly for the chosen hold.
 
+    With a leak what leaks goes in straight lines between rows, or between parts of 20 ms where rows are further apart.
+
     Parameters
     ----------
     actuator : Actuator
