@@ -32,7 +32,11 @@ def identify(
     runs: RunFiles,
     free: Annotated[
         list[str],
-        typer.Option(metavar="NAMES", help="Groups (electrical, coupling) or dotted names; repeat it, or use commas."),
+        typer.Option(
+            metavar="NAMES",
+            help="Groups (electrical, coupling, leak, relaxation, viscoelastic, clamp) or dotted names; "
+            "repeat it, or use commas.",
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write.")],
     per_run: Annotated[

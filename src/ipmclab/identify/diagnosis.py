@@ -20,6 +20,12 @@ DETERMINED: Final = 0.42
 
 _MOVED: Final = 1e-3
 _NAMED: Final = 0.1
+_OF_STAGE: Final[Mapping[str, str]] = {
+    "leak": "record at several voltages above the threshold of the leak, by a slow sine or by steps",
+    "relaxation": "record at a constant voltage for longer than the slow modes take, and a fast signal too",
+    "viscoelastic": "record force with steps and with slow and fast signals, or with less noise",
+    "clamp": "record the first rows after a step faster",
+}
 _HARDLY: Final = 7.0  # a factor of a thousand
 
 
@@ -117,6 +123,9 @@ def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence
         what += f": the combination is known to a factor of {np.exp(error):.3g} only"
     elif np.isfinite(error):
         what += ": the combination is hardly known at all"
+    stages = {name.split(".")[0] for name in large}
+    if len(stages) == 1 and (cure := _OF_STAGE.get(*stages)):
+        return f"{what}; {cure}"
     return f"{what}; {_cure({name.split('[')[0] for name in moved if abs(coefficients[name]) > 0.01}, records)}"
 
 
