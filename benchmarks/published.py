@@ -158,7 +158,7 @@ def _fixed(case: Case, name: str) -> tuple[str, str]:
         return (
             ("stated", of_2)
             if case.sample == 2
-            else ("assumed", f"{of_2}; with the membranes' nominal thickness" if case.is_thick else f"{of_2}, as N117")
+            else ("assumed", f"{of_2}; scaled by the membranes' nominal thickness" if case.is_thick else f"{of_2}, as N117")
         )
     reasons = {
         "circuit.contact_resistance": "each run has its own, in data/measured_contacts.csv",
@@ -195,8 +195,21 @@ def file_text(case: Case, found: HeadlineFit) -> str:
         "# determined: the numbers at least halve (in the logarithm) what was taken before; free: they do not.",
         f"# d(0) = gain zero/p2 is known to x/{found.factor(by):.2f}{_product(case, found, by)}.",
         "# No printed number is of back relaxation, hence none is in here.",
+        "# Contact resistance of each run [ohm]: "
+        + ", ".join(f"{ohms:.2f} in {figure}" for figure, ohms in found.contacts.items()),
+        "# What each number constrains: unknowns that would be less certain by a tenth or more without it.",
+        *_constrained(found),
     ]
     return "\n".join([*head, *lines]) + "\n"
+
+
+def _constrained(found: HeadlineFit) -> Iterator[str]:
+    for row in found.comparisons:
+        label = f"{row.run.figure} {row.run.waveform} {row.metric.replace('_', ' ')}"
+        names = [constraint.name for constraint in found.constraints if label in constraint.by]
+        number = f"{row.quantity.to_display(row.published):g} {row.quantity.display_unit}"
+        bound = "at least " if row.lower_bound else ""
+        yield f"#   {label}, {bound}{number}: {', '.join(names) or 'none by itself'}"
 
 
 def _product(case: Case, found: HeadlineFit, by: dict[str, float]) -> str:
