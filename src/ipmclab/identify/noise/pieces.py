@@ -1,0 +1,162 @@
+"""The noise of every output of every run of a fit, given its residuals and their derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.noise.columns import Columns, constants, steps_between, without
+from ipmclab.identify.noise.problem import Whitening, measured_rows
+from ipmclab.identify.noise.search import choose_terms, refine, rough_noise
+from ipmclab.identify.noise.terms import Terms
+from ipmclab.identify.observation import Record
+from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.solve import STRUCTURAL
+from ipmclab.identify.unknowns import Unknown
+
+FloatArray = npt.NDArray[np.float64]
+Key = tuple[int, str]
+"""Place of a run, and an output."""
+
+_RIDGE: Final = 1e-9  # of what the readings know if they were white: keeps open what they do not
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The noise of one output of one run, in units of the problem's noise.
+
+    Parameters
+    ----------
+    terms : Terms
+    entries : float array, shape (terms.shapes,)
+    variance : float
+    """
+
+    terms: Terms
+    entries: FloatArray
+    variance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One output of one run, as the search needs it."""
+
+    key: Key
+    time: FloatArray
+    steps: npt.NDArray[np.int64]
+    inside: npt.NDArray[np.bool_]
+    allowed: tuple[bool, bool]
+
+    @classmethod
+    def of(cls, record: Record, output: str, unknowns: Sequence[Unknown]) -> Piece:
+        """Measured readings only: between them the noise goes on."""
+        time = record.run.time[record.readings[output].exact]
+        step = float(np.median(np.diff(record.run.time)))
+        own = {unknown.base for unknown in unknowns if unknown.place in (None, record.place)}
+        allowed = (f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own)
+        inside = measured_rows(record, output)
+        return cls((record.place, output), time, steps_between(time, step), inside, allowed)
+
+    def whitening(self, shape: Shape) -> Whitening:
+        """For a shape of the noise."""
+        scale = math.sqrt(shape.variance)
+        return Whitening.of(shape.terms, shape.entries, scale, self.time, self.steps, self.inside)
+
+
+def directions_of(here: Evaluation) -> FloatArray:
+    """Combinations of the unknowns that the readings know, each to a standard error of 1 under white noise."""
+    singular, directions = here.spectrum
+    seen = singular > STRUCTURAL * singular[0] if len(singular) and singular[0] > 0 else np.zeros(0, dtype=bool)
+    return np.asarray(directions[: len(seen)][seen].T / singular[seen])
+
+
+class System:
+    """The normal equations of a fit at one point, as sums over its outputs and runs.
+
+    Parameters
+    ----------
+    problem : Problem
+    here : Evaluation
+        Of it, not whitened.
+    pieces : sequence of Piece
+        Whose noise is to be found; all else is white as the problem says.
+    """
+
+    def __init__(self, problem: Problem, here: Evaluation, pieces: Sequence[Piece]) -> None:
+        self.directions = directions_of(here)
+        turned = np.vstack([self.directions.T @ here.rows[:-1], here.rows[-1:]])
+        self.pieces = {piece.key: piece for piece in pieces}
+        self.ridge = _RIDGE * np.eye(len(turned))
+        self.ridge[-1, -1] = 0.0
+        self.rest = self.ridge.copy()
+        begin = max((place.stop for place in problem.pieces.values()), default=0)
+        stretches = [place for key, place in problem.pieces.items() if key not in self.pieces]
+        for stretch in [*stretches, slice(begin, turned.shape[1])]:
+            self.rest += turned[:, stretch] @ turned[:, stretch].T
+        self.columns = {
+            piece.key: Columns(
+                np.ascontiguousarray(
+                    np.column_stack([constants(piece.time), turned[:, problem.pieces[piece.key]][:, piece.inside].T])
+                ),
+                piece.steps,
+            )
+            for piece in pieces
+        }
+
+    def part(self, key: Key, shape: Shape) -> FloatArray:
+        """What a piece adds to the normal equations under a noise."""
+        every, _ = self.columns[key].products(shape.terms, shape.entries)
+        return without(every, shape.terms)[0] / shape.variance
+
+    def others(self, parts: Mapping[Key, FloatArray], key: Key) -> FloatArray:
+        """What all readings but those of one piece add."""
+        return self.rest + sum(part for other, part in parts.items() if other != key)
+
+
+def choose_noise(system: System) -> dict[Key, Shape]:
+    """Terms and values of the noise of every piece, each given all others: they share the free parameters."""
+    shapes: dict[Key, Shape] = {}
+    parts: dict[Key, FloatArray] = {}
+    several = len(system.pieces) > 1
+    for key, piece in system.pieces.items() if several else ():
+        # First each by its own readings, with all that may drift: another's drift would drag the parameters along.
+        rough = rough_noise(system.columns[key], system.ridge, piece.allowed)
+        parts[key] = rough.likelihood.products
+    for key, piece in system.pieces.items():
+        best = choose_terms(system.columns[key], system.others(parts, key), piece.allowed)
+        shapes[key] = Shape(best.terms, best.entries, best.likelihood.variance)
+        parts[key] = best.likelihood.products
+    if several:
+        _share_constants(shapes, system.pieces)
+        shapes = refine_noise(system, shapes)
+    return shapes
+
+
+def refine_noise(system: System, shapes: Mapping[Key, Shape]) -> dict[Key, Shape]:
+    """The values that make the readings most likely, the terms being chosen."""
+    found = dict(shapes)
+    parts = {key: system.part(key, shape) for key, shape in shapes.items()}
+    for _ in range(2 if len(shapes) > 1 else 1):
+        for key in shapes:
+            best = refine(system.columns[key], system.others(parts, key), found[key].terms, [found[key].entries])
+            found[key] = Shape(best.terms, best.entries, best.likelihood.variance)
+            parts[key] = best.likelihood.products
+    return found
+
+
+def _share_constants(shapes: dict[Key, Shape], pieces: Mapping[Key, Piece]) -> None:
+    """What one run shows of an output's zero, no other run of that output is taken to be free of.
+
+    A parameter can take up the drift of a run so well that the run itself shows none.
+    """
+    for key, piece in pieces.items():
+        others = [shape.terms for (_, output), shape in shapes.items() if output == key[1]]
+        terms = shapes[key].terms
+        offset = piece.allowed[0] and any(other.offset for other in others)
+        trend = piece.allowed[1] and any(other.trend for other in others)
+        shapes[key] = replace(shapes[key], terms=replace(terms, offset=offset or terms.offset, trend=trend))
