@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
 _MINIMA: Final = 2
-_BETTER: Final = 0.99  # part of the least cost of real poles below which complex ones are tried
+_AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex ones are tried: where poles meet
 
 
 def coupling_starts(
@@ -64,11 +64,13 @@ def coupling_starts(
 
 
 def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
-    """Starts of d(s) with the slow modes of one output, those with complex poles first where they explain more."""
+    """Starts of d(s) with the slow modes of one output, those with complex poles first where they explain as much."""
     real = all_minima(of.series, 2 + slow, sensors(of))[:_MINIMA]
     if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
         turning = search_turning(of.series, sensors(of))
-        if turning is not None and turning.cost < _BETTER * min(found.cost for found in real):
+        # The cost of poles that have met is what rounding leaves of it.
+        apart = [found.cost for found in real if np.min(found.poles[:-1] / found.poles[1:]) > _MEETING]
+        if turning is not None and turning.cost < _AS_GOOD * min(apart, default=np.inf):
             yield _turning(of, turning)
     for start in _from(of, real):
         yield start, slow_values(actuator, of.output, start.slow)
