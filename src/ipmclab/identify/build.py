@@ -32,6 +32,7 @@ from ipmclab.version import __version__
 FloatArray = npt.NDArray[np.float64]
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
+_NORMAL_95: Final = 1.96
 _BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
 _NONLINEAR: Final = ("leak.exponential.", "leak.butler_volmer.", "leak.slow.", "relaxation.", "viscoelastic.", "clamp.")
 _HOPELESS: Final = 1.5  # and above which the interval is open without asking: for a circuit, whose profile is quick
@@ -62,6 +63,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
 
     order = Order(problem.values(solution.theta, problem.records[0].place))
     edges_are_open = _edges_are_open(asked, found)
+    beside = _beside_unseen(result, stated, exact)
     fitted: dict[str, FittedParameter] = {}
     for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
         name = order(unknown.name)
@@ -72,12 +74,21 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         others = [rival[unknown.name] for rival in result.rivals if unknown.name in rival]
         interval = _interval(problem, solution, unknown, place, found, number, error, edges_are_open=edges_are_open)
         interval, alone = _with_rivals(unknown, float(solution.theta[place]), interval, others)
+        variance = float(found.covariance[number, number])
+        if unknown.name in beside:
+            middle, spread = beside[unknown.name]
+            reach = _NORMAL_95 * spread
+            ends = unknown.value(middle - reach), unknown.value(middle + reach)
+            interval = min(interval[0], ends[0]), max(interval[1], ends[1])
+            variance = max(variance, spread**2, (middle - float(solution.theta[place])) ** 2)
+            size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)
+            error = max(error, math.sqrt(variance) / size)
         fitted[name] = FittedParameter(
             name=name,
             value=value,
             unit=parameters[unknown.base].unit if unknown.base in parameters else _unit(unknown.base),
             symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
-            standard_error=_standard_error(unknown, value, float(found.covariance[number, number]), error),
+            standard_error=_standard_error(unknown, value, variance, error),
             interval=interval,
             determined=alone and error <= DETERMINED and not (at_bound and unknown.log),
             at_bound=at_bound,
@@ -132,6 +143,26 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     held = set_point_findings(fit)
     fit = replace(fit, findings=(*fit.findings, *held)) if held else fit
     return replace(fit, actuator=replace(fit.actuator, fit_table=fit_to_table(fit)))
+
+
+def _beside_unseen(
+    result: Estimate, stated: Mapping[str, float], exact: Sequence[str]
+) -> dict[str, tuple[float, float]]:
+    """Entry and standard error that each unknown has while the unseen stages may still be there.
+
+    That a stage does not show is no proof that it is not there: what trades against it is known no better than beside
+    it.
+    """
+    if result.whole is None:
+        return {}
+    problem, solution = result.whole
+    found = uncertainty(problem, solution.theta, solution.evaluation, stated, exact)
+    spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
+    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    return {
+        problem.unknowns[place].name: (float(solution.theta[place]), float(spread[number]))
+        for number, place in enumerate(places)
+    }
 
 
 def _unseen_parameter(

@@ -48,7 +48,8 @@ class Estimate:
     """The solved problem, and what was found out about the runs on the way.
 
     ``parameters`` are those of the actuator that was given. ``rivals`` are other minima, as entries by name, that the
-    readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem.
+    readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
+    ``whole`` is the problem that still had them, where there are any.
     """
 
     parameters: Mapping[str, Parameter]
@@ -57,6 +58,7 @@ class Estimate:
     rivals: tuple[Mapping[str, float], ...]
     findings: tuple[Finding, ...]
     unseen: tuple[Unseen, ...] = ()
+    whole: tuple[Problem, Solution] | None = None
 
 
 def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> Estimate:
@@ -78,6 +80,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
             break
         given_up |= moving
         records = [replace(record, start="free") if record.place in moving else record for record in records]
+    whole = problem, solution
     problem, solution, unseen = without_unseen(problem, solution)
     if unseen and problem.unknowns:
         problem, solution = _weigh(problem, solution)
@@ -88,7 +91,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
     findings += missing_stages(actuator, problem, solution)
-    return Estimate(parameters, problem, solution, rivals, tuple(findings), unseen)
+    return Estimate(parameters, problem, solution, rivals, tuple(findings), unseen, whole if unseen else None)
 
 
 def _is_asked(unknown: Unknown, names: FreeParameters) -> bool:

@@ -148,6 +148,6 @@ def _unseen(name: str, unknowns: Sequence[Unknown], chance: float) -> Unseen:
     plural = "are" if len(unknowns) > 1 else "is"
     sentence = (
         f"{listed} {plural} not determined: these runs are met as well without {stage} (p = {chance:.2g}), and "
-        f"everything else is as it is without it; {_CURES[kind]}"
+        f"everything else stands where it does without it; {_CURES[kind]}"
     )
     return Unseen(tuple(unknowns), sentence)
