@@ -10,6 +10,7 @@ import argparse
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -99,12 +100,7 @@ def forecasts(found: Mapping[str, StepRecord]) -> str:
     chosen_trend: dict[str, ForecastSettings] = {}
     for name in NAMES:
         others = [other for other in NAMES if other != name]
-        curl = float(np.sqrt(np.mean([changes[other] ** 2 for other in others])))
-        grid = [
-            ForecastSettings(amplitude=amplitude, memory=memory, span=span, curl=curl)
-            for amplitude, memory, span in itertools.product(AMPLITUDES, MEMORIES, SPANS)
-        ]
-        chosen[name] = best(grid, [ours[other] for other in others])
+        chosen[name] = in_turn(name, ours, changes, Spread())
         trends = [ForecastSettings(memory=m, span=s) for m, s in itertools.product(TREND_MEMORIES, SPANS)]
         chosen_trend[name] = best(trends, [plain[other] for other in others])
         told[name] = bands(knowing[name], chosen_trend[name])
@@ -114,17 +110,85 @@ def forecasts(found: Mapping[str, StepRecord]) -> str:
             "damped local trend": bands(plain[name], chosen_trend[name]),
             "actuator": bands(ours[name], chosen[name]),
         }
-    return "\n\n".join([_skill(results), _bands(results, told), _settings(chosen, chosen_trend)])
+    hold = {name: rules["hold the last value"].error for name, rules in results.items()}
+    parts = [
+        _skill(results),
+        _bands(results, told),
+        _settings(chosen, chosen_trend),
+        _variants(found, ours, changes, hold),
+    ]
+    return "\n\n".join(parts)
 
 
-def cases(record: StepRecord, *, with_model: bool, told: bool = False) -> Sequence[Case]:
+def in_turn(
+    name: str, of: Mapping[str, Sequence[Case]], changes: Mapping[str, float], spread: Spread
+) -> ForecastSettings:
+    """The settings that the records other than this one choose."""
+    others = [other for other in NAMES if other != name]
+    curl = float(np.sqrt(np.mean([changes[other] ** 2 for other in others])))
+    grid = [
+        ForecastSettings(amplitude=amplitude, memory=memory, span=span, curl=curl, settle=spread.settle)
+        for amplitude, memory, span in itertools.product(AMPLITUDES, MEMORIES, SPANS)
+    ]
+    return best(grid, [of[other] for other in others])
+
+
+def _variants(
+    found: Mapping[str, StepRecord],
+    ours: Mapping[str, Sequence[Case]],
+    changes: Mapping[str, float],
+    hold: Mapping[str, float],
+) -> str:
+    lines = [
+        "## How much hangs on the structure",
+        "",
+        "Skill against holding the last value, and bands, where one thing is otherwise; settings chosen in turn again. "
+        "`settle` is how long after the step readings are left out.",
+        "",
+        f"| | {' | '.join(NAMES)} | points within | width |",
+        "|---|" + "---|" * (len(NAMES) + 2),
+    ]
+    for label, spread in VARIANTS.items():
+        as_above = replace(spread, settle=Spread().settle) == Spread()  # settling is asked after preparing
+        of = ours if as_above else {n: list(cases(r, with_model=True, spread=spread)) for n, r in found.items()}
+        results = {name: bands(of[name], in_turn(name, of, changes, spread)) for name in NAMES}
+        cells = [f"{1.0 - results[name].error / hold[name]:+.2f}" for name in NAMES]
+        covered, width = (float(np.mean([getattr(r, key) for r in results.values()])) for key in ("covered", "width"))
+        lines.append(f"| {label} | {' | '.join(cells)} | {100 * covered:.0f} % | {1e3 * width:.3f} mm |")
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The slow modes, and what is left out after the step: what was found while looking at all records [s]."""
+
+    shortest: float = SHORTEST
+    longest: float = LONGEST
+    modes: int = MODES
+    settle: float = 2.0
+
+
+VARIANTS = {
+    "settle 0.4 s": Spread(settle=0.4),
+    "settle 1 s": Spread(settle=1.0),
+    "settle 4 s": Spread(settle=4.0),
+    "modes up to 120 s": Spread(longest=120.0),
+    "5 modes": Spread(modes=5),
+}
+
+
+@cache
+def circuit(record: StepRecord) -> ipmclab.Actuator:
+    """The strip with the circuit that the current up to the first origin tells: it too knows only what came before."""
+    early = cut(record, -2.0, float(ORIGINS[0]))
+    return ipmclab.identify(strip(), [early], free=["electrical", "circuit.sheet_resistance"]).actuator
+
+
+def cases(record: StepRecord, *, with_model: bool, told: bool = False, spread: Spread = Spread()) -> Sequence[Case]:
     """Every origin, with nothing prepared from what came after it; a trend knows findings only where it is told."""
     model = None
     if with_model:
-        # The circuit too knows only what came before the first origin.
-        early = cut(record, -2.0, float(ORIGINS[0]))
-        fit = ipmclab.identify(strip(), [early], free=["electrical", "circuit.sheet_resistance"])
-        model = with_slow_modes(fit.actuator, shortest=SHORTEST, longest=LONGEST, modes=MODES)
+        model = with_slow_modes(circuit(record), shortest=spread.shortest, longest=spread.longest, modes=spread.modes)
     run = record.run
     assert run.displacement is not None
     breaks = [

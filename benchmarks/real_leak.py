@@ -27,6 +27,8 @@ OWN = (
 """Of each run: the strip was not in the same state."""
 SHARED = ("leak.exponential.current_density", "leak.exponential.voltage_scale")
 STEP, LAST = 0.2, 60.0  # s
+REACH = 7.0
+"""How far the logarithm of a parameter may go from its start."""
 
 
 def leak(found: Mapping[str, StepRecord]) -> str:
@@ -43,7 +45,9 @@ def leak(found: Mapping[str, StepRecord]) -> str:
             parts.append((current - measured[name])[known] / 1e-3)
         return np.concatenate([*parts, 0.03 * (logs - start)])
 
-    solution = scipy.optimize.least_squares(residual, start, x_scale="jac", max_nfev=60)
+    solution = scipy.optimize.least_squares(
+        residual, start, bounds=(start - REACH, start + REACH), x_scale="jac", max_nfev=60
+    )
     lines = [
         "## Leak",
         "",
@@ -68,8 +72,8 @@ def leak(found: Mapping[str, StepRecord]) -> str:
     density, scale = np.exp(solution.x[-2:])
     lines += [
         "",
-        f"Measured / model. j_0 = {density:.3g} A/m^2, V_s = {scale:.3g} V. The bound of 20 % "
-        f"{'holds' if max(map(abs, worst)) <= 0.2 else 'does not hold'}.",
+        f"Measured / model. j_0 = {density:.3g} A/m^2, V_s = {scale:.3g} V, one pair of many: two voltages do not tell "
+        f"them apart. The bound of 20 % {'holds' if max(map(abs, worst)) <= 0.2 else 'does not hold'}.",
         "",
         *_later(found["step_3V"], _actuator(base, solution.x, 1)),
     ]
@@ -94,7 +98,9 @@ def _later(record: StepRecord, actuator: Actuator) -> list[str]:
         difference = (_current(changed(logs), record, end) - read)[round(5.0 / STEP) :]
         return np.nan_to_num(difference[: len(difference) // 10 * 10].reshape(-1, 10).mean(axis=1)) / 1e-3
 
-    solution = scipy.optimize.least_squares(residual, start, x_scale="jac", max_nfev=40)
+    solution = scipy.optimize.least_squares(
+        residual, start, bounds=(start - REACH, start + REACH), x_scale="jac", max_nfev=40
+    )
     slow = changed(solution.x)
     growth, slowness = slow["leak.slow.growth"], slow["leak.slow.time_constant"]
     static, with_slow = _current(actuator, record, end), _current(slow, record, end)
@@ -111,9 +117,8 @@ def _later(record: StepRecord, actuator: Actuator) -> list[str]:
         lines.append(f"| {label} | {' | '.join(cells)} |")
     lines += [
         "",
-        f"Growth over time constant {100 * growth / slowness:.2f} % per second (time constant {slowness:.0f} s; where "
-        f"it is far beyond the record's {end:.0f} s only the quotient is determined: the current rises along a "
-        "straight line).",
+        f"Growth {growth:.3g}, time constant {slowness:.3g} s: one pair of many, for the record is too short to show "
+        "where the rise ends.",
     ]
     return lines
 
