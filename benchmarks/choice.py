@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 import ipmclab
 from benchmarks.harness import finish
-from ipmclab.identify.choice import Choice
+from ipmclab.identify.choosing.choice import Choice
 
 SEED, RATE = 20261121, 25.0
 WHITE = {"current": 1e-4, "displacement": 5e-6, "force": 2e-6}

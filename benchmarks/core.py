@@ -26,8 +26,9 @@ import scipy.signal
 
 import ipmclab
 from benchmarks.harness import Ratio, finish, interleave
-from ipmclab.model import kernels, simulate_outputs
-from ipmclab.model.law_modal import law_loop
+from ipmclab.model import simulate_outputs
+from ipmclab.model.numerics import kernels
+from ipmclab.model.numerics.law_modal import law_loop
 from ipmclab.model.simulate import modal_coefficients
 from ipmclab.run import Hold
 from tests.independent.thesis import FRIEND_2, OUTPUTS, circuit, respond, series, side_by_side, transfer_function

@@ -19,8 +19,8 @@ import ipmclab
 from benchmarks.harness import finish
 from benchmarks.real_records import NAMES, StepRecord, cut, records, strip
 from ipmclab.identify import ForecastSettings, with_slow_modes
-from ipmclab.identify.forecast import prepare
-from ipmclab.identify.forecast_record import Prepared
+from ipmclab.identify.forecasting.forecast import prepare
+from ipmclab.identify.forecasting.forecast_record import Prepared
 
 Array = npt.NDArray[np.float64]
 

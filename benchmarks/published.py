@@ -20,11 +20,11 @@ from pathlib import Path
 import ipmclab
 from benchmarks.harness import finish
 from ipmclab.data import ParameterSource, published_sample
-from ipmclab.identify.headline import HeadlineRun, headline_runs
-from ipmclab.identify.headline_fit import HeadlineFit, Prior, compare_all, fit_headlines
-from ipmclab.identify.measured import table
-from ipmclab.identify.passive import linear_one_port
-from ipmclab.identify.passive_steps import leaking_one_port, one_strip
+from ipmclab.identify.published.headline import HeadlineRun, headline_runs
+from ipmclab.identify.published.headline_fit import HeadlineFit, Prior, compare_all, fit_headlines
+from ipmclab.identify.published.measured import table
+from ipmclab.identify.published.passive import linear_one_port
+from ipmclab.identify.published.passive_steps import leaking_one_port, one_strip
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.actuator_file import actuator_to_text
 from ipmclab.model.variants import with_stages
@@ -158,7 +158,10 @@ def _fixed(case: Case, name: str) -> tuple[str, str]:
         return (
             ("stated", of_2)
             if case.sample == 2
-            else ("assumed", f"{of_2}; scaled by the membranes' nominal thickness" if case.is_thick else f"{of_2}, as N117")
+            else (
+                "assumed",
+                f"{of_2}; scaled by the membranes' nominal thickness" if case.is_thick else f"{of_2}, as N117",
+            )
         )
     reasons = {
         "circuit.contact_resistance": "each run has its own, in data/measured_contacts.csv",

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import ipmclab
 from benchmarks.real_records import StepRecord, cut, strip
 from ipmclab.identify import with_slow_modes
-from ipmclab.identify.forecast import prepare
+from ipmclab.identify.forecasting.forecast import prepare
 from ipmclab.model.sensitivity import sensitivities
 
 Array = npt.NDArray[np.float64]

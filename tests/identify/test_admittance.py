@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ipmclab import load_actuator
-from ipmclab.identify.admittance import Elements, admittance, capacitor_voltages, elements
-from ipmclab.identify.kernels import pole_response, ramp_weights
 from ipmclab.identify.response import lumped, lumped_derivatives
+from ipmclab.identify.starts.admittance import Elements, admittance, capacitor_voltages, elements
+from ipmclab.identify.starts.kernels import pole_response, ramp_weights
 
 positive = st.floats(-3.0, 3.0).map(lambda exponent: 10.0**exponent)
 

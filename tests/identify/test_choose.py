@@ -79,7 +79,7 @@ def test_a_model_that_needs_what_was_not_measured_is_named_with_its_reason() -> 
 def test_a_fit_that_breaks_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
-    module = sys.modules["ipmclab.identify.choose"]
+    module = sys.modules["ipmclab.identify.choosing.choose"]
     identify = module.identify
 
     def breaking(actuator, *arguments, **options):

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from ipmclab import Actuator, InputError, Run, forecast, import_run, load_actuator, simulate
 from ipmclab.identify import ForecastSettings, with_slow_modes
-from ipmclab.identify.disturbance import Disturbance
-from ipmclab.identify.filter_loop import filtered
-from ipmclab.identify.forecast import prepare
+from ipmclab.identify.forecasting.disturbance import Disturbance
+from ipmclab.identify.forecasting.filter_loop import filtered
+from ipmclab.identify.forecasting.forecast import prepare
 
 SEED = 20261121
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"

@@ -13,9 +13,9 @@ import pytest
 from benchmarks.published import CASES, fit
 from ipmclab import InputError, load_actuator
 from ipmclab.data import PublishedMeasurement, measured_contacts, measured_names, measured_parameters, published_sample
-from ipmclab.identify.headline import DURATION, RATE, READINGS, HeadlineRun, compare, headline_runs
-from ipmclab.identify.headline_fit import Prior, fit_headlines
-from ipmclab.identify.measured import measured_strip
+from ipmclab.identify.published.headline import DURATION, RATE, READINGS, HeadlineRun, compare, headline_runs
+from ipmclab.identify.published.headline_fit import Prior, fit_headlines
+from ipmclab.identify.published.measured import measured_strip
 from ipmclab.model import Actuator, library_names
 from ipmclab.quality import measure
 from tests.independent.thesis import FRIEND_2, respond

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ipmclab import Finding, InputError, Run, RunMetadata
 from ipmclab.identify.observation import drive, prepare
-from ipmclab.identify.varpro import Drive, responses
-from ipmclab.model.timeline import timeline
+from ipmclab.identify.starts.varpro import Drive, responses
+from ipmclab.model.numerics.timeline import timeline
 
 GENERATOR = np.random.default_rng(20261121)
 

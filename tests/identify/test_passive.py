@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator
 from ipmclab.data import PublishedMeasurement
-from ipmclab.identify import passive
-from ipmclab.identify.headline import DURATION, RATE, HeadlineRun, compare, headline_runs
-from ipmclab.identify.passive import Joined, linear_one_port
-from ipmclab.identify.passive_steps import leaking_one_port, one_strip
+from ipmclab.identify.published import passive
+from ipmclab.identify.published.headline import DURATION, RATE, HeadlineRun, compare, headline_runs
+from ipmclab.identify.published.passive import Joined, linear_one_port
+from ipmclab.identify.published.passive_steps import leaking_one_port, one_strip
 from ipmclab.model import simulate
 from ipmclab.model.variants import with_stages
 

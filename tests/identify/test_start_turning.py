@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identify.start_turning import search_turning
-from ipmclab.identify.varpro import Drive, Series
+from ipmclab.identify.starts.start_turning import search_turning
+from ipmclab.identify.starts.varpro import Drive, Series
 
 PAIR = "relaxation.displacement_pair.0"
 

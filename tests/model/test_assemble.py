@@ -8,7 +8,7 @@ import pytest
 
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block, block
-from ipmclab.model.modal import modes
+from ipmclab.model.numerics.modal import modes
 
 
 def lag(source: str, target: str, rate: float, gain: float, direct: float = 0.0) -> Block:

@@ -8,7 +8,7 @@ import pytest
 from ipmclab import load_actuator, simulate
 from ipmclab.errors import InputError
 from ipmclab.model import sensitivities, simulate_outputs
-from ipmclab.model.beam import modulus_ratio, resonance
+from ipmclab.model.stages.beam import modulus_ratio, resonance
 
 FREQUENCY = np.array([0.0, 0.003, 0.1, 1.0, 7.0, 38.3, 45.0, 300.0, 5000.0])
 MODES = ((0.4, 2.5, 20.0), (1.5, 0.3, 400.0))

@@ -8,7 +8,7 @@ import sys
 PROGRAM = """
 import numba.core.caching
 numba.core.caching.CacheImpl._locator_classes = []  # what is left of them on a read-only system
-from ipmclab.model.compiled import kernel
+from ipmclab.model.numerics.compiled import kernel
 
 @kernel
 def twice(x):

@@ -7,8 +7,8 @@ import pytest
 
 from ipmclab import Actuator, load_actuator
 from ipmclab.model import sensitivities, simulate, simulate_outputs
-from ipmclab.model.laser import Laser
 from ipmclab.model.shape import shape
+from ipmclab.model.stages.laser import Laser
 
 STRIP = load_actuator("friend-2+laser").replace(**{"laser.range": 0.5}).parameter_values
 LASER = Laser()

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from ipmclab import InputError, IpmclabError, load_actuator, simulate
 from ipmclab.model import Actuator
-from ipmclab.model.law_loop import law, solve_one, solve_several
+from ipmclab.model.numerics.law_loop import law, solve_one, solve_several
 from tests.independent.thesis import FRIEND_2, OUTPUTS
 
 FORMS = ("cubic", "exponential", "butler_volmer")

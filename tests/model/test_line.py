@@ -16,7 +16,8 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from ipmclab import InputError, Run, load_actuator, simulate
-from ipmclab.model import Actuator, line_error_bound, line_modes, sensitivities, simulate_outputs
+from ipmclab.model import Actuator, line_error_bound, sensitivities, simulate_outputs
+from ipmclab.model.stages import line_modes
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip
 from tests.model.conftest import actuator_of
 from tests.model.test_clamp import RATE, ROWS, assert_same, responses, rough

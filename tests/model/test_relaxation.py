@@ -10,7 +10,7 @@ import pytest
 from ipmclab import Actuator, load_actuator
 from ipmclab.errors import InputError
 from ipmclab.model import actuator_from_text, actuator_to_text, sensitivities, simulate, simulate_outputs
-from ipmclab.model.discretise import transitions
+from ipmclab.model.numerics.discretise import transitions
 from ipmclab.model.set_point import drive_system
 
 FAST = 1.7  # [s]

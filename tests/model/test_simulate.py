@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from ipmclab import InputError, Run, RunMetadata, signals, simulate
-from ipmclab.model import Actuator, kernels, modal_loop, sensitivities, simulate_outputs
-from ipmclab.model.modal import modes
+from ipmclab.model import Actuator, sensitivities, simulate_outputs
+from ipmclab.model.numerics import kernels, modal_loop
+from ipmclab.model.numerics.modal import modes
 from ipmclab.model.simulate import modal_coefficients
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
 from tests.model.conftest import actuator_of

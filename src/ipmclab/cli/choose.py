@@ -63,7 +63,7 @@ def choose(
     \b
     ipmclab choose step.nc sine.nc --actuator friend-2 --models branches=1,2,3
     """
-    from ipmclab.identify.choose import choose as choose_model
+    from ipmclab.identify.choosing.choose import choose as choose_model
 
     for path, suffixes in ((out, (".toml",)), (report, (".html",)), (plot, _FIGURES)):
         if path is not None:

@@ -64,9 +64,10 @@ def demo(
     """
     from ipmclab import load_actuator, write_fit
     from ipmclab.cli.conflict import finding
-    from ipmclab.cli.published import DURATION, RATE, compare_with_thesis
+    from ipmclab.cli.published import compare_with_thesis
     from ipmclab.data import published_sample
     from ipmclab.identify.identify import identify as identify_actuator
+    from ipmclab.identify.published.headline import DURATION, RATE
     from ipmclab.identify.validate import validate as validate_actuator
     from ipmclab.quality import check as check_run
 
@@ -174,7 +175,8 @@ def _first_free(name: str) -> Path:
 def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[str, Run]:
     """Record each signal of the thesis twice: against the load cell, and free under the laser."""
     from ipmclab import write_run
-    from ipmclab.cli.published import DURATION, RATE, SIGNALS
+    from ipmclab.cli.published import SIGNALS
+    from ipmclab.identify.published.headline import DURATION, RATE
     from ipmclab.rig import record
 
     runs: dict[str, Run] = {}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ipmclab.identify.choice import Candidate, Choice
-from ipmclab.identify.choose import choose
+from ipmclab.identify.choosing.choice import Candidate, Choice
+from ipmclab.identify.choosing.choose import choose
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_file import read_fit, write_fit
-from ipmclab.identify.forecast import Forecast, forecast, with_slow_modes
-from ipmclab.identify.forecast_values import ForecastSettings
+from ipmclab.identify.forecasting.forecast import Forecast, forecast, with_slow_modes
+from ipmclab.identify.forecasting.forecast_values import ForecastSettings
 from ipmclab.identify.identify import identify
 from ipmclab.identify.observation import Observation
 from ipmclab.identify.validate import RunValidation, Validation, validate

@@ -9,8 +9,8 @@ import numpy as np
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import READ_OUTPUTS, model_hold, prepare
 from ipmclab.identify.scores import Comparison
-from ipmclab.model.laser import blank_lost
 from ipmclab.model.sensitivity import simulate_outputs
+from ipmclab.model.stages.laser import blank_lost
 from ipmclab.quality import check
 from ipmclab.run import Run
 

@@ -14,9 +14,9 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.varpro import Drive
+from ipmclab.identify.starts.varpro import Drive
+from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
-from ipmclab.model.timeline import timeline
 from ipmclab.quality import censored, usable
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import Channel

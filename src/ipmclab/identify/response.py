@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.admittance import Admittance, Elements, admittance, capacitor_voltages
 from ipmclab.identify.observation import Record, drive, model_hold
-from ipmclab.identify.varpro import Drive, responses
+from ipmclab.identify.starts.admittance import Admittance, Elements, admittance, capacitor_voltages
+from ipmclab.identify.starts.varpro import Drive, responses
 from ipmclab.model import Actuator
-from ipmclab.model.circuit import Circuit
+from ipmclab.model.stages.circuit import Circuit
 from ipmclab.model.structure import Structure
 
 FloatArray = npt.NDArray[np.float64]

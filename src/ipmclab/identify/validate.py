@@ -23,7 +23,7 @@ from ipmclab.identify.observation import (
 )
 from ipmclab.identify.open_coupling import open_coupling
 from ipmclab.identify.scores import Comparison, Score, score
-from ipmclab.model.laser import blank_lost
+from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.quality import check
 from ipmclab.run import Finding, Run, RunMetadata

@@ -11,10 +11,10 @@ from ipmclab.model.actuator_file import (
     write_actuator,
 )
 from ipmclab.model.curvature import curvature
-from ipmclab.model.line import ErrorBound, line_error_bound
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.sensitivity import Sensitivities, sensitivities, simulate_outputs
 from ipmclab.model.simulate import simulate
+from ipmclab.model.stages.line import ErrorBound, line_error_bound
 from ipmclab.model.stepping import Simulator
 from ipmclab.model.variants import with_stages
 

@@ -15,8 +15,8 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
 from ipmclab.model.assemble import System, assemble
 from ipmclab.model.blocks import Block
-from ipmclab.model.circuit import Circuit, Elements
 from ipmclab.model.parameters import Parameter, Values
+from ipmclab.model.stages.circuit import Circuit, Elements
 from ipmclab.model.structure import Structure
 from ipmclab.sample import Sample
 

@@ -11,12 +11,12 @@ from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
-from ipmclab.model.coupling import Coupling
-from ipmclab.model.leak import Leak
-from ipmclab.model.relaxation import Relaxation
+from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.sensitivity import run_dense
 from ipmclab.model.simulate import check_hold, with_shunt
-from ipmclab.model.timeline import timeline
+from ipmclab.model.stages.coupling import Coupling
+from ipmclab.model.stages.leak import Leak
+from ipmclab.model.stages.relaxation import Relaxation
 from ipmclab.run import Run
 
 FloatArray = npt.NDArray[np.float64]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from ipmclab.errors import InputError
 from ipmclab.model.actuator import OUTPUTS, Actuator
-from ipmclab.model.reduce import small_signal
+from ipmclab.model.numerics.reduce import small_signal
 
 if TYPE_CHECKING:
     import control

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator, choose_outputs
-from ipmclab.model.reduce import small_signal
+from ipmclab.model.numerics.reduce import small_signal
 
 
 def frequency_response(

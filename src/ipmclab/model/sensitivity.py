@@ -12,13 +12,13 @@ import numpy.typing as npt
 from ipmclab.model.actuator import OUTPUTS, Actuator, choose_outputs, state_vector
 from ipmclab.model.assemble import System
 from ipmclab.model.blocks import Matrix
-from ipmclab.model.dense import Dense, check_solved, law_numbers, parts
-from ipmclab.model.discretise import Transition, transitions
-from ipmclab.model.laser import Laser, read_far
-from ipmclab.model.law_modal import law_loop
-from ipmclab.model.reduce import reduced, seen_states
+from ipmclab.model.numerics.dense import Dense, check_solved, law_numbers, parts
+from ipmclab.model.numerics.discretise import Transition, transitions
+from ipmclab.model.numerics.law_modal import law_loop
+from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.numerics.timeline import Timeline, divided, timeline
 from ipmclab.model.simulate import check_hold, checked_voltage, modal_coefficients
-from ipmclab.model.timeline import Timeline, divided, timeline
+from ipmclab.model.stages.laser import Laser, read_far
 from ipmclab.run import Hold, check_time
 
 FloatArray = npt.NDArray[np.float64]
@@ -98,7 +98,7 @@ def simulate_outputs(
     >>> round(float(current[0, 0]), 6)
     0.060348
     """
-    from ipmclab.model import kernels
+    from ipmclab.model.numerics import kernels
 
     check_hold(hold)
     times, volts = _record(time, voltage)
@@ -251,7 +251,7 @@ def _linear(
     state: FloatArray,
     rows: int,
 ) -> Sensitivities:
-    from ipmclab.model import kernels
+    from ipmclab.model.numerics import kernels
 
     n, count = len(state), len(stepped)
     c, d = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
@@ -283,7 +283,7 @@ def _with_laws(
     state: FloatArray,
     rows: int,
 ) -> Sensitivities:
-    from ipmclab.model.dense_laws_loop import dense_laws_tangents
+    from ipmclab.model.numerics.dense_laws_loop import dense_laws_tangents
 
     n, count = len(state), len(stepped)
     laws = law_numbers(system, moves.at[4])

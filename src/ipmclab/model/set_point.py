@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.assemble import System, assemble
-from ipmclab.model.coupling import Coupling
-from ipmclab.model.relaxation import Relaxation
+from ipmclab.model.stages.coupling import Coupling
+from ipmclab.model.stages.relaxation import Relaxation
 
 if TYPE_CHECKING:
     from ipmclab.model.actuator import Actuator

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import OUTPUTS, Actuator
-from ipmclab.model.laser import blank_lost, read_far
-from ipmclab.model.modal import coefficients, modes
+from ipmclab.model.numerics.modal import coefficients, modes
+from ipmclab.model.stages.laser import blank_lost, read_far
 from ipmclab.model.validity import validity
 from ipmclab.run import Hold, Run, RunMetadata
 
@@ -173,11 +173,11 @@ def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], Non
     """
     global _has_simulated  # a process has one first time
     first_time, _has_simulated = not _has_simulated, True
-    if first_time and rows <= _SHORT_RECORD and "ipmclab.model.kernels" not in sys.modules:
-        from ipmclab.model.modal_loop import modal
+    if first_time and rows <= _SHORT_RECORD and "ipmclab.model.numerics.kernels" not in sys.modules:
+        from ipmclab.model.numerics.modal_loop import modal
 
         return modal
-    from ipmclab.model import kernels
+    from ipmclab.model.numerics import kernels
 
     return kernels.modal
 

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.actuator import OUTPUTS, Actuator, state_vector
-from ipmclab.model.dense import Dense, parts
-from ipmclab.model.laser import blank_lost, read_far
+from ipmclab.model.numerics.dense import Dense, parts
 from ipmclab.model.simulate import above_zero, check_hold, checked_voltage
+from ipmclab.model.stages.laser import blank_lost, read_far
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]

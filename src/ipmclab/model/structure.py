@@ -13,15 +13,15 @@ from types import MappingProxyType
 
 from ipmclab.errors import InputError
 from ipmclab.model import geometry
-from ipmclab.model.beam import Beam
 from ipmclab.model.blocks import Block, Law
-from ipmclab.model.circuit import Circuit
-from ipmclab.model.coupling import Coupling
-from ipmclab.model.laser import Laser
-from ipmclab.model.leak import FORMS, Leak
-from ipmclab.model.line import Line
 from ipmclab.model.parameters import Declaration, Values
-from ipmclab.model.relaxation import Relaxation
+from ipmclab.model.stages.beam import Beam
+from ipmclab.model.stages.circuit import Circuit
+from ipmclab.model.stages.coupling import Coupling
+from ipmclab.model.stages.laser import Laser
+from ipmclab.model.stages.leak import FORMS, Leak
+from ipmclab.model.stages.line import Line
+from ipmclab.model.stages.relaxation import Relaxation
 
 
 @dataclass(frozen=True)

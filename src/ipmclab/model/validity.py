@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.beam import Resonance, resonance
+from ipmclab.model.stages.beam import Resonance, resonance
 from ipmclab.run import Finding, Run
 from ipmclab.units import LENGTH
 
@@ -149,7 +149,7 @@ def _bending(actuator: Actuator, run: Run) -> list[Finding]:
 
 
 def _lost(actuator: Actuator, displacement: FloatArray, run: Run) -> list[Finding]:
-    from ipmclab.model.laser import Laser
+    from ipmclab.model.stages.laser import Laser
 
     laser = Laser()
     rows = np.isnan(displacement) | laser.lost(np.nan_to_num(displacement), actuator.parameter_values)

@@ -74,7 +74,7 @@ def predicted_ringing(record: Record, actuator: Actuator) -> list[Finding]:
     from dataclasses import replace
 
     from ipmclab.model import simulate
-    from ipmclab.model.beam import resonance as first_mode
+    from ipmclab.model.stages.beam import resonance as first_mode
 
     channel = record.channels.get("displacement")
     if channel is None or record.run.hold == "unknown":

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from ipmclab.model.assemble import System
-    from ipmclab.model.dense import Dense
+    from ipmclab.model.numerics.dense import Dense
 
 FloatArray = npt.NDArray[np.float64]
 TickArray = npt.NDArray[np.int64]
@@ -45,7 +45,7 @@ class ExactSystem:
     """
 
     def __init__(self, system: System, state: FloatArray | None = None) -> None:
-        from ipmclab.model.discretise import transitions
+        from ipmclab.model.numerics.discretise import transitions
 
         n = len(system.states)
         self._system = system
@@ -97,8 +97,8 @@ class ExactSystem:
     def _over(self, lengths: tuple[int, ...]) -> Dense:
         """The system over intervals of these lengths [ticks]."""
         if lengths not in self._dense:
-            from ipmclab.model.dense import Dense
-            from ipmclab.model.discretise import Transition
+            from ipmclab.model.numerics.dense import Dense
+            from ipmclab.model.numerics.discretise import Transition
 
             if len(self._dense) >= _KEPT:
                 self._dense.clear()

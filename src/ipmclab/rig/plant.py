@@ -173,7 +173,7 @@ class StripPlant:
         """What a laser reads of large bending [m]; beyond the range of any sensor where it has lost the strip."""
         if self._actuator is None or not self._actuator.structure.laser:
             return displacement
-        from ipmclab.model.laser import Laser
+        from ipmclab.model.stages.laser import Laser
 
         laser, values = Laser(), self._actuator.parameter_values
         read = laser.reading(displacement, values).values

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.compiled import kernel
+from ipmclab.model.numerics.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
 from ipmclab.identify.consistency.facts import Fact, label_of
 from ipmclab.identify.consistency.known import Known, Values
-from ipmclab.model.beam import resonance
+from ipmclab.model.stages.beam import resonance
 from ipmclab.quality.noise import noise_level
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import Finding, FloatArray, Run

@@ -12,7 +12,7 @@ from ipmclab.identify.consistency.facts import Fact
 from ipmclab.identify.consistency.known import Known, Values
 from ipmclab.identify.consistency.predicted import predicted
 from ipmclab.model import Actuator
-from ipmclab.model.beam import resonance
+from ipmclab.model.stages.beam import resonance
 from ipmclab.run import Finding
 
 CODE = "motion-against-stiffness"

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.noise.columns import CONSTANTS, constants
+from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, directions_of, refine_noise
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
 from ipmclab.identify.noise.screen import needs_search
+from ipmclab.identify.noise.spread import Spread, spread
 from ipmclab.identify.problem import Evaluation, Problem
 from ipmclab.identify.solve import Solution, minimise, polish
 
@@ -25,20 +28,30 @@ _FLOOR: Final = 1.01  # times the rounding of the model: below it residuals are 
 
 @dataclass(frozen=True, eq=False)
 class Correlated:
-    """A fit under correlated noise.
+    """A fit under the noise that was found.
 
     Parameters
     ----------
     problem : Problem
-        As it was where all noise is white.
+        A ``CorrelatedProblem``; as it was where all noise is white.
     solution : Solution
-    shapes : mapping of (place, output) to Shape
-        Of those whose noise is not just white.
+    plain : Evaluation
+        The residuals and derivatives there, not whitened.
+    noise : mapping of (place, output) to NoiseModel
+        Of the outputs of which some run shows more than white noise.
+    offset, drift : mapping of (place, output) to float [SI, SI/s]
+        The constants of the noise: what the sensor adds at the first row, and in a second.
+    spread : Spread or None
+        What not knowing the noise exactly adds.
     """
 
     problem: Problem
     solution: Solution
-    shapes: Mapping[Key, Shape]
+    plain: Evaluation
+    noise: Mapping[Key, NoiseModel] = field(default_factory=dict)
+    offset: Mapping[Key, float] = field(default_factory=dict)
+    drift: Mapping[Key, float] = field(default_factory=dict)
+    spread: Spread | None = None
 
 
 def correlate(problem: Problem, solution: Solution) -> Correlated:
@@ -54,26 +67,49 @@ def correlate(problem: Problem, solution: Solution) -> Correlated:
     """
     pieces = _suspicious(problem, solution.evaluation)
     shapes: dict[Key, Shape] = {}
-    plain, theta = solution.evaluation, solution.theta
-    found, here = problem, solution
-    for turn in range(_TURNS if pieces else 0):
+    plain, here = solution.evaluation, solution
+    if not pieces:
+        return Correlated(problem, solution, plain)
+    found = CorrelatedProblem(problem, {})
+    for turn in range(_TURNS):
         system = System(problem, plain, pieces)
         shapes = refine_noise(system, shapes) if turn else choose_noise(system)
         if all(shape.terms.is_white for shape in shapes.values()):
-            return Correlated(problem, solution, {})
-        whitenings = {piece.key: piece.whitening(shapes[piece.key]) for piece in pieces}
-        found = CorrelatedProblem(problem, whitenings)
-        here = _fit_again(found, theta, plain, solution)
-        moved = _moved(here.evaluation, here.theta - theta)
-        theta = here.theta
-        solution = replace(solution, evaluations=here.evaluations)
-        if turn and moved < _SETTLED:
+            return Correlated(problem, solution, solution.evaluation)
+        found = CorrelatedProblem(problem, {piece.key: piece.whitening(shapes[piece.key]) for piece in pieces})
+        before, here = here, _fit_again(found, plain, here)
+        plain = problem.evaluate(here.theta)
+        if turn and _moved(here.evaluation, here.theta - before.theta) < _SETTLED:
             break
-        plain = problem.evaluate(theta)
-    return Correlated(found, here, shapes)
+    return _told(found, here, plain, pieces, shapes)
 
 
-def _fit_again(problem: CorrelatedProblem, theta: FloatArray, plain: Evaluation, before: Solution) -> Solution:
+def _told(
+    problem: CorrelatedProblem, here: Solution, plain: Evaluation, pieces: Sequence[Piece], shapes: Mapping[Key, Shape]
+) -> Correlated:
+    """Everything in SI units."""
+    noise: dict[Key, NoiseModel] = {}
+    offset: dict[Key, float] = {}
+    drift: dict[Key, float] = {}
+    for piece in pieces:
+        key, shape, unit = piece.key, shapes[piece.key], problem.noise[piece.key]
+        noise[key] = NoiseModel.of(shape.terms, shape.entries, unit * math.sqrt(shape.variance), piece.step)
+        whitening = problem.whitenings[key]
+        if not shape.terms.constants:
+            continue
+        # The residual is model less reading, and time runs from -1 to 1 about the middle of the readings.
+        answer = list(-unit * whitening.constants(plain.residual[problem.pieces[key]])[0])
+        level = float(answer.pop(0)) if shape.terms.offset else 0.0
+        slope = float(answer.pop(0)) / (0.5 * (piece.time[-1] - piece.time[0])) if shape.terms.trend else 0.0
+        start = next(record.run.time[0] for record in problem.records if record.place == key[0])
+        drift[key] = slope
+        offset[key] = level - slope * (0.5 * (piece.time[0] + piece.time[-1]) - start)
+    found = spread(System(problem.plain, plain, pieces), shapes)
+    return Correlated(problem, here, plain, noise, offset, drift, found)
+
+
+def _fit_again(problem: CorrelatedProblem, plain: Evaluation, before: Solution) -> Solution:
+    theta = before.theta
     again = polish(problem, theta, problem.whiten(plain)) or minimise(problem, theta)
     return replace(
         again, converged=again.converged and before.converged, evaluations=again.evaluations + before.evaluations

@@ -48,6 +48,7 @@ class Piece:
 
     key: Key
     time: FloatArray
+    step: float
     steps: npt.NDArray[np.int64]
     inside: npt.NDArray[np.bool_]
     allowed: tuple[bool, bool]
@@ -60,7 +61,7 @@ class Piece:
         own = {unknown.base for unknown in unknowns if unknown.place in (None, record.place)}
         allowed = (f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own)
         inside = measured_rows(record, output)
-        return cls((record.place, output), time, steps_between(time, step), inside, allowed)
+        return cls((record.place, output), time, step, steps_between(time, step), inside, allowed)
 
     def whitening(self, shape: Shape) -> Whitening:
         """For a shape of the noise."""

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ipmclab.model.curvature import curvature
-from ipmclab.model.laser import Laser
 from ipmclab.model.shape import shape
+from ipmclab.model.stages.laser import Laser
 from ipmclab.report.style import COLOURS, PAGE_WIDTH, SERIES, style
 from ipmclab.run import Run
 from ipmclab.units import LENGTH

@@ -1,0 +1,1 @@
+"""Strips from printed numbers, and printed numbers that no strip can give."""

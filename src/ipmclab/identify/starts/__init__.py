@@ -1,0 +1,1 @@
+"""Where a fit starts: found from the data, never from the values of the free parameters."""

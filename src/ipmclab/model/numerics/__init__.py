@@ -1,0 +1,1 @@
+"""How a joined system is computed: poles and loops, or matrices, with and without laws at ports."""

@@ -1,0 +1,61 @@
+"""The one way to compile a kernel.
+
+Numba's cache does not notice when a kernel that another kernel calls has changed in a
+different module. Every kernel is therefore compiled through ``kernel``, whose cache
+folder is named by a hash of all kernel sources: any change starts a fresh cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_PACKAGE = Path(__file__).resolve().parents[2]
+
+
+def _user_cache() -> Path:
+    """The folder where this platform keeps what can be made again."""
+    if "IPMCLAB_CACHE" in os.environ:
+        return Path(os.environ["IPMCLAB_CACHE"])
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "ipmclab"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "ipmclab"
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ipmclab"
+
+
+@cache
+def cache_folder() -> Path:
+    """The cache folder of this version of the kernels (every ``kernels.py`` and ``*_loop.py`` in the package)."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted([*_PACKAGE.rglob("kernels.py"), *_PACKAGE.rglob("*_loop.py")]):
+        digest.update(source.read_bytes())
+    return _user_cache() / f"kernels-{digest.hexdigest()[:16]}"
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a function of a ``kernels.py`` module, now or from the cache; each time where none can be kept.
+
+    No fast-math: a kernel gives the same digits as the formula it stands for.
+    """
+    config: Any = numba.config  # its settings are made at run time: no type checker knows them
+    njit: Any = numba.njit
+    before = config.CACHE_DIR
+    options: Any = {"error_model": "numpy", "nogil": True}
+    try:
+        config.CACHE_DIR = str(cache_folder())
+        compiled: _Function = njit(cache=True, **options)(function)
+    except RuntimeError:  # no home, or no folder that can be written to, as in a read-only container
+        compiled = njit(**options)(function)
+    finally:
+        config.CACHE_DIR = before
+    return compiled

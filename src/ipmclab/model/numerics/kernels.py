@@ -1,0 +1,214 @@
+"""The compiled loops over samples. Everything that does not depend on the sample is done before."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.modal_loop import modal as _modal
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+modal = kernel(_modal)
+
+
+@kernel
+def dense(
+    state: FloatArray,
+    constant: FloatArray,
+    slope: FloatArray,
+    interval: IndexArray,
+    start: FloatArray,
+    end: FloatArray,
+    row: IndexArray,
+    reading: FloatArray,
+    c: FloatArray,
+    d: FloatArray,
+    x: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """The state over intervals of any length, read wherever an interval begins at a row.
+
+    Parameters
+    ----------
+    state, constant, slope : float arrays, shapes (n_kinds, n, n), (n_kinds, n), (n_kinds, n)
+        Transitions over each kind of interval (``discretise.Transition``).
+    interval : int array, shape (n_intervals,)
+        The kind of each interval.
+    start, end : float arrays, shape (n_intervals,) [V]
+        Voltage at both ends of each interval.
+    row : int array, shape (n_intervals + 1,)
+        The row that is read where interval i begins (and after the last), or -1.
+    reading : float array, shape (n_time,) [V]
+        The voltage that each row sees.
+    c, d : float arrays, shapes (n_outputs, n), (n_outputs,)
+    x : float array, shape (n,)
+        The state before the first interval; on return the state after the last.
+    outputs : float array, shape (n_outputs, n_time)
+        Written.
+    """
+    n = x.shape[0]
+    new = np.empty(n)
+    for i in range(row.shape[0]):
+        k = row[i]
+        if k >= 0:
+            for o in range(c.shape[0]):
+                total = d[o] * reading[k]
+                for j in range(n):
+                    total += c[o, j] * x[j]
+                outputs[o, k] = total
+        if i < interval.shape[0]:
+            m = interval[i]
+            u, du = start[i], end[i] - start[i]
+            for j in range(n):
+                total = constant[m, j] * u + slope[m, j] * du
+                for l in range(n):  # noqa: E741
+                    total += state[m, j, l] * x[l]
+                new[j] = total
+            for j in range(n):
+                x[j] = new[j]
+
+
+@kernel
+def dense_tangents(
+    state: FloatArray,
+    constant: FloatArray,
+    slope: FloatArray,
+    d_state: FloatArray,
+    d_constant: FloatArray,
+    d_slope: FloatArray,
+    interval: IndexArray,
+    start: FloatArray,
+    end: FloatArray,
+    row: IndexArray,
+    reading: FloatArray,
+    c: FloatArray,
+    d: FloatArray,
+    d_c: FloatArray,
+    d_d: FloatArray,
+    x: FloatArray,
+    tangents: FloatArray,
+    outputs: FloatArray,
+    d_outputs: FloatArray,
+) -> None:
+    """As ``dense``, with the derivatives of state and outputs carried along.
+
+    The tangents are the last axis everywhere, so that the innermost loops run over them side by side.
+
+    Parameters
+    ----------
+    d_state, d_constant, d_slope, d_c, d_d : float arrays, one axis of length n_parameters at the end
+        Derivatives of the matrices. Tangents beyond n_parameters have none (initial states).
+    tangents : float array, shape (n, n_tangents)
+        Derivatives of the state before the first interval; overwritten.
+    outputs, d_outputs : float arrays, shapes (n_outputs, n_time), (n_outputs, n_time, n_tangents)
+        Written.
+    """
+    n = x.shape[0]
+    every, forced = tangents.shape[1], d_d.shape[1]
+    new = np.empty(n)
+    moved = np.empty((n, every))
+    for i in range(row.shape[0]):
+        k = row[i]
+        if k >= 0:
+            for o in range(c.shape[0]):
+                total = d[o] * reading[k]
+                for j in range(n):
+                    total += c[o, j] * x[j]
+                outputs[o, k] = total
+                for t in range(every):
+                    d_outputs[o, k, t] = c[o, 0] * tangents[0, t]
+                for j in range(1, n):
+                    for t in range(every):
+                        d_outputs[o, k, t] += c[o, j] * tangents[j, t]
+                for t in range(forced):
+                    d_outputs[o, k, t] += d_d[o, t] * reading[k]
+                for j in range(n):
+                    for t in range(forced):
+                        d_outputs[o, k, t] += d_c[o, j, t] * x[j]
+        if i < interval.shape[0]:
+            m = interval[i]
+            u, du = start[i], end[i] - start[i]
+            for j in range(n):
+                for t in range(every):
+                    moved[j, t] = state[m, j, 0] * tangents[0, t]
+                for l in range(1, n):  # noqa: E741
+                    for t in range(every):
+                        moved[j, t] += state[m, j, l] * tangents[l, t]
+                for t in range(forced):
+                    moved[j, t] += d_constant[m, j, t] * u + d_slope[m, j, t] * du
+                for l in range(n):  # noqa: E741
+                    for t in range(forced):
+                        moved[j, t] += d_state[m, j, l, t] * x[l]
+                total = constant[m, j] * u + slope[m, j] * du
+                for l in range(n):  # noqa: E741
+                    total += state[m, j, l] * x[l]
+                new[j] = total
+            for j in range(n):
+                x[j] = new[j]
+                for t in range(every):
+                    tangents[j, t] = moved[j, t]
+
+
+@kernel
+def dense_delay(
+    state: FloatArray,
+    constant: FloatArray,
+    interval: IndexArray,
+    rate: FloatArray,
+    jump: FloatArray,
+    read_before_jump: Any,
+    row: IndexArray,
+    reading_rate: FloatArray,
+    b: FloatArray,
+    c: FloatArray,
+    d: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """The derivative by the delay: the response, from rest, to minus the rate of the voltage.
+
+    Parameters
+    ----------
+    rate : float array, shape (n_intervals,) [V/s]
+        Minus the rate of the voltage in each interval.
+    jump : float array, shape (n_intervals + 1,) [V]
+        Minus the jump of the voltage where interval i begins.
+    read_before_jump : bool
+        Whether a row is read before a jump at the same time.
+    reading_rate : float array, shape (n_time,) [V/s]
+        Minus the rate of the voltage that each row sees.
+    b : float array, shape (n,)
+        How a voltage drives the state.
+    outputs : float array, shape (n_outputs, n_time)
+        Written. The rest is as in ``dense``.
+    """
+    n = b.shape[0]
+    z = np.zeros(n)
+    new = np.empty(n)
+    for i in range(row.shape[0]):
+        if not read_before_jump:
+            for j in range(n):
+                z[j] += b[j] * jump[i]
+        k = row[i]
+        if k >= 0:
+            for o in range(c.shape[0]):
+                total = d[o] * reading_rate[k]
+                for j in range(n):
+                    total += c[o, j] * z[j]
+                outputs[o, k] = total
+        if read_before_jump:
+            for j in range(n):
+                z[j] += b[j] * jump[i]
+        if i < interval.shape[0]:
+            m = interval[i]
+            for j in range(n):
+                total = constant[m, j] * rate[i]
+                for l in range(n):  # noqa: E741
+                    total += state[m, j, l] * z[l]
+                new[j] = total
+            for j in range(n):
+                z[j] = new[j]

@@ -1,0 +1,119 @@
+"""The fast path of a strip with one leak at its node: the numbers of ``law_modal_loop.law_modal``."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.numerics.dense import LONGEST
+from ipmclab.model.numerics.modal import Modes, exponential_integrals, modes
+
+if TYPE_CHECKING:
+    from ipmclab.model.actuator import Actuator
+    from ipmclab.run import Hold
+
+FloatArray = npt.NDArray[np.float64]
+
+_PORTS: Final = ("current", "node_voltage", "displacement", "force")
+_JUMPS: Final = {"zero": 1, "zero-before": -1, "first": 0}
+
+
+Loop = Callable[[FloatArray, FloatArray], None]
+"""A function (voltage, outputs) that writes the four outputs at the rows of a voltage."""
+
+
+def law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
+    """The compiled loop for a strip with one leak at its node, from rest; kept with the actuator.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    period : float [s]
+    hold : "zero", "zero-before" or "first"
+
+    Returns
+    -------
+    loop : callable or None
+        None where the dense path must answer: another structure, poles that nearly meet, a period so long that it is
+        divided.
+    """
+    if not actuator.structure.leak:
+        return None
+    kept: dict[tuple[float, str], Loop | None] = actuator.__dict__.setdefault("_law_loops", {})
+    key = (period, hold)
+    if key not in kept:
+        kept[key] = _law_loop(actuator, period, hold)
+    return kept[key]
+
+
+def _law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
+    structure = actuator.structure
+    if structure.slow_leak or structure.clamp or structure.line or period > LONGEST * (1 + 1e-6):
+        return None
+    values = actuator.parameter_values
+    # The strip without its leak; what leaks is a lower voltage at the front of the electrodes.
+    found = modes(replace(structure, leak="").blocks(values), external="voltage", outputs=_PORTS)
+    numbers = None if found is None else _numbers(found, period)
+    if numbers is None:
+        return None
+    (law,) = structure.laws(values)
+    series = actuator.circuit_elements().series.real
+    circuit = np.array([*numbers.circuit, series, numbers.weights[1, 6]])
+    k = np.array(law.coefficients, dtype=np.float64)
+    jumps, form = _JUMPS[hold], law.form
+
+    def loop(voltage: FloatArray, values: FloatArray) -> None:
+        from ipmclab.model.numerics.law_modal_loop import law_modal
+
+        law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, values)
+
+    return loop
+
+
+@dataclass(frozen=True, eq=False)
+class _Numbers:
+    """In the layout that ``law_modal_loop.law_modal`` documents; ``circuit`` without its last two."""
+
+    circuit: list[float]
+    mechanical: FloatArray
+    weights: FloatArray
+
+
+def _numbers(found: Modes, period: float) -> _Numbers | None:
+    """Transitions of the modes and weights of the outputs; None when these modes do not fit the loop."""
+    if len(found.poles) != 3 or any(pole.imag for pole in found.poles[0]) or any(len(s) > 2 for s in found.poles):
+        return None
+    weights = np.zeros((len(found.outputs), 7))
+    weights[:, 6] = [output.direct.real for output in found.outputs]
+    moves: list[list[float]] = []
+    for place, section in enumerate(found.poles):
+        own = [_move(pole, period) for pole in section]
+        if any(pole.imag for pole in section):
+            (a, begin, end), first = own[0], section[0]
+            moves.append([a.real, -a.imag, a.imag, a.real, begin.real, begin.imag, end.real, end.imag])
+            for row, output in enumerate(found.outputs):
+                residue = output.residues.get(first, 0j)
+                weights[row, 2 * place : 2 * place + 2] = 2.0 * residue.real, -2.0 * residue.imag
+        else:
+            own += [(0j, 0j, 0j)] * (2 - len(own))
+            (a1, begin1, end1), (a2, begin2, end2) = own
+            moves.append([x.real for x in (a1, 0j, 0j, a2, begin1, begin2, end1, end2)])
+            for row, output in enumerate(found.outputs):
+                for index, pole in enumerate(section):
+                    weights[row, 2 * place + index] = output.residues.get(pole, 0j).real
+    if np.any(weights[:2, 2:6]) or np.any(weights[3, 4:6]):
+        return None
+    a1r, _, _, a2r, *gains = moves[0]
+    circuit = [a1r, gains[0], gains[2], a2r, gains[1], gains[3]]
+    return _Numbers(circuit, np.array(moves[1:]), weights)
+
+
+def _move(pole: complex, period: float) -> tuple[complex, complex, complex]:
+    """One pole over a period: ``x+ = a x + begin e0 + end e1`` for an input that goes from e0 to e1."""
+    first, second = exponential_integrals(pole * period)
+    return cmath.exp(pole * period), period * (first - second), period * second

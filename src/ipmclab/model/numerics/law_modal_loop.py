@@ -1,0 +1,303 @@
+"""The compiled loop over the modes of a strip with one static law at the node.
+
+What leaks is, for everything behind the electrodes, a lower voltage at their front: ``e = v - series w``. The modes are
+those of the strip without a leak, driven by e, which goes in a straight line between rows and jumps with the voltage.
+A row is one equation ``p + q law(p) = r`` (two where the voltage jumps), solved from where the last rows point to.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.law_loop import CUBIC, EXPONENTIAL, solve_one
+
+FloatArray = npt.NDArray[np.float64]
+
+BLOCK = 256
+"""Rows whose modes are worked out before their outputs, as in ``modal_loop``."""
+
+
+@kernel
+def follow(
+    form: int, k0: float, k1: float, k2: float, sharp: float, k: FloatArray, q: float, r: float, guess: float
+) -> tuple[float, float]:
+    """The one p and w = law(p) with ``p + q w = r``, by Halley's steps from a guess.
+
+    A step of which at most the 100,000th part of the law's scale is left to go is the last: its error goes with the
+    third power. What does not come that far is left to ``solve_one``, which cannot fail.
+
+    Parameters
+    ----------
+    form : int
+    k0, k1, k2 : float
+        The three entries of k.
+    sharp : float [1/V]
+        1/k2.
+    q, r, guess : float [ohm, V, V]
+    """
+    sign = 1.0 if r > 0.0 else -1.0
+    size = sign * r
+    if form != CUBIC and size <= k1:
+        return r, 0.0
+    p = sign * guess
+    least = 0.0 if form == CUBIC else k1
+    if p < least:
+        p = least
+    if p > size:
+        p = size
+    for _ in range(4):
+        if form == CUBIC:
+            w = p * (k0 + p * (k1 + p * k2))
+            first, second, third = k0 + p * (2.0 * k1 + p * 3.0 * k2), 2.0 * k1 + 6.0 * k2 * p, 6.0 * k2
+            scale = p
+        elif form == EXPONENTIAL:
+            grown = k0 * math.exp((p - k1) * sharp)
+            w, first = grown - k0, grown * sharp
+            second = first * sharp
+            third = second * sharp
+            scale = k2
+        else:
+            grown = math.exp(0.5 * (p - k1) * sharp)
+            shrunk = 1.0 / grown
+            w, first = k0 * (grown - shrunk), 0.5 * k0 * sharp * (grown + shrunk)
+            second, third = 0.25 * sharp * sharp * w, 0.25 * sharp * sharp * first
+            scale = k2
+        miss, steep = p + q * w - size, 1.0 + q * first
+        step = 2.0 * miss * steep / (2.0 * steep * steep - miss * q * second)
+        if abs(step) <= 1e-5 * scale:
+            w -= step * (first - step * (0.5 * second - step * third * (1.0 / 6.0)))
+            return sign * (p - step), sign * w
+        p -= step
+        if p < least:
+            p = least
+        if p > size:
+            p = size
+    return solve_one(form, k, q, r)
+
+
+@kernel
+def short_exponential(x: float) -> float:
+    """exp(x) for at most an eighth, by its series to rounding, in an order that leaves little to wait for."""
+    square = x * x
+    fourth = square * square
+    low = (1.0 + x) + square * (0.5 + x * (1.0 / 6.0))
+    middle = (1.0 / 24.0 + x * (1.0 / 120.0)) + square * (1.0 / 720.0 + x * (1.0 / 5040.0))
+    high = (1.0 / 40320.0 + x * (1.0 / 362880.0)) + square * (1.0 / 3628800.0)
+    return low + fourth * (middle + fourth * high)
+
+
+@kernel
+def expand(
+    form: int, k0: float, k1: float, k2: float, sharp: float, q: float, p: float, grown: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """All that the solution of ``p + q law(p) = r`` near a voltage needs and that does not depend on r.
+
+    Parameters
+    ----------
+    p : float [V]
+        Not below the threshold of the law.
+    grown : float
+        The exponential of ``(p - k1)/k2``, of half of it for Butler-Volmer; the cubic law has none. The others are
+        those of ``follow``.
+
+    Returns
+    -------
+    level, inverse, square, cube : float
+        With ``d = (level - r) inverse``, the solution is ``p - d (1 + d (square + d cube))`` but for the fourth power.
+    w, first, second, third : float
+        The law and its derivatives, divided by 1, 1, 2 and 6.
+    """
+    if form == CUBIC:
+        w = p * (k0 + p * (k1 + p * k2))
+        first, second, third = k0 + p * (2.0 * k1 + p * 3.0 * k2), k1 + 3.0 * k2 * p, k2
+    elif form == EXPONENTIAL:
+        w, first = k0 * grown - k0, k0 * grown * sharp
+        second = 0.5 * sharp * first
+        third = sharp * second * (1.0 / 3.0)
+    else:
+        shrunk = 1.0 / grown
+        w, first = k0 * (grown - shrunk), 0.5 * k0 * sharp * (grown + shrunk)
+        second, third = 0.125 * sharp * sharp * w, sharp * sharp * first * (1.0 / 24.0)
+    inverse = 1.0 / (1.0 + q * first)
+    bend = q * inverse
+    square = bend * second
+    return p + q * w, inverse, square, 2.0 * square * square - bend * third, w, first, second, third
+
+
+@kernel
+def reaches(form: int, k1: float, k2: float, p: float, d: float, square: float, cube: float) -> bool:
+    """Whether the series of ``expand`` about p reaches a solution at about ``p - d``, to rounding."""
+    if form == CUBIC:  # at 0 V the quadratic part has a kink
+        return abs(d * square) <= 2e-5 and d * d * abs(cube) <= 1e-9 and (k1 == 0.0 or 2.0 * d < p)
+    return abs(d) <= 2e-4 * k2
+
+
+@kernel
+def law_modal(
+    voltage: FloatArray,
+    jumps: int,
+    circuit: FloatArray,
+    mechanical: FloatArray,
+    weights: FloatArray,
+    form: int,
+    k: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """Two real modes of the circuit with a law, and two pairs behind them, from rest.
+
+    One row hangs on the one before through a few sums only: the law is expanded about where the row before the last
+    and those before it point to, which is known long before, and what is left is a short series.
+
+    Parameters
+    ----------
+    voltage : float array, shape (n_time,) [V]
+    jumps : int
+        When the voltage jumps: 1 just before a row is read (hold ``zero``), -1 just after the row before (hold
+        ``zero-before``), 0 not at all (hold ``first``).
+    circuit : float array, shape (8,)
+        Of each mode: a, what e gives to it at the begin and at the end of a period; then the series resistance [ohm]
+        and the direct term of the node voltage.
+    mechanical : float array, shape (2, 8)
+        Of each pair: its matrix over a period (4), what e gives to both at the begin and at the end of a period.
+    weights : float array, shape (4, 7)
+        Of current, applied voltage, displacement and force: the six modes and the direct term.
+    form : int
+    k : float array, shape (3,)
+    outputs : float array, shape (4, n_time)
+        Written: current, applied voltage, displacement, force.
+    """
+    a1, begin1, end1 = circuit[0], circuit[1], circuit[2]
+    a2, begin2, end2 = circuit[3], circuit[4], circuit[5]
+    series, v0 = circuit[6], circuit[7]
+    i1, i2, i0 = weights[0, 0], weights[0, 1], weights[0, 6]
+    v1, v2 = weights[1, 0], weights[1, 1]
+    d1, d2, d3, d4, d5, d6 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3], weights[2, 4], weights[2, 5]
+    f1, f2, f3, f4 = weights[3, 0], weights[3, 1], weights[3, 2], weights[3, 3]
+    d0, f0 = weights[2, 6], weights[3, 6]
+    k0, k1, k2 = k[0], k[1], k[2]
+    sharp = 1.0 / k2
+    least = 0.0 if form == CUBIC else k1  # up to here nothing leaks
+    at_end = v0 + v1 * end1 + v2 * end2  # of the node voltage on e at the end of a period, through the modes as well
+    q, q_instant = series * at_end, series * v0
+    to_front = 1.0 / at_end
+    # The node voltage at the end of a period, before e there is known, from the modes at its begin without e there
+    # (z) and from e there: the shortest way from one row to the next.
+    ahead1, ahead2 = v1 * a1, v2 * a2
+    now1, now2 = begin1 + a1 * end1, begin2 + a2 * end2
+    ahead = v1 * now1 + v2 * now2
+    m3, m4, m5, m6 = mechanical[0, 0], mechanical[0, 1], mechanical[0, 2], mechanical[0, 3]
+    b3, b4, c3, c4 = mechanical[0, 4], mechanical[0, 5], mechanical[0, 6], mechanical[0, 7]
+    n3, n4, n5, n6 = mechanical[1, 0], mechanical[1, 1], mechanical[1, 2], mechanical[1, 3]
+    b5, b6, c5, c6 = mechanical[1, 4], mechanical[1, 5], mechanical[1, 6], mechanical[1, 7]
+    store = np.empty((12, BLOCK))
+    x1, x2, x3, x4, x5, x6 = store[0], store[1], store[2], store[3], store[4], store[5]
+    begins, ends, reads, leaks, nodes = store[6], store[7], store[8], store[9], store[10]
+    z1 = z2 = z3 = z4 = z5 = z6 = 0.0  # modes; the circuit's without what e at this row gives to them
+    u = e = e_begin = 0.0  # the voltage, and e now and at the begin of a period
+    e_end = jump = 0.0  # e as a period ended, and by how much it jumped since
+    w = p = 0.0
+    rate = sharp if form == EXPONENTIAL else 0.5 * sharp
+    at = at_jump = -np.inf  # where an exponential was computed, near which others are by a series
+    there = there_jump = grown = 0.0
+    p1 = p2 = p3 = p4 = 0.0  # the last solutions at the end of a period
+    j1 = j2 = j3 = j4 = 0.0  # and behind a jump
+    for first in range(0, voltage.shape[0], BLOCK):
+        rows = min(BLOCK, voltage.shape[0] - first)
+        for l in range(rows):  # noqa: E741
+            new = voltage[first + l]
+            jumping = new != u and (jumps != 0 or first + l == 0)
+            running = jumps > 0 or first + l > 0
+            guess = 6.0 * p2 - 8.0 * p3 + 3.0 * p4
+            sign = 1.0 if guess > 0.0 else -1.0
+            guess = sign * guess
+            ready = guess > least and running
+            if ready:
+                if form != CUBIC:
+                    part = (guess - at) * rate
+                    if abs(part) > 0.125:
+                        at, part, there = guess, 0.0, math.exp((guess - k1) * rate)
+                    grown = there * short_exponential(part)
+                level, inverse, square, cube, w0, w1, w2, w3 = expand(form, k0, k1, k2, sharp, q, guess, grown)
+            if jumping:  # the same once more, at the same modes
+                other = 6.0 * j2 - 8.0 * j3 + 3.0 * j4
+                way = 1.0 if other > 0.0 else -1.0
+                other = way * other
+                r = (v1 * z1 + v2 * z2) + ((at_end - v0) * e_end + v0 * new)
+                near = False
+                if other > least:
+                    if form != CUBIC:
+                        part = (other - at_jump) * rate
+                        if abs(part) > 0.125:
+                            at_jump, part, there_jump = other, 0.0, math.exp((other - k1) * rate)
+                        grown = there_jump * short_exponential(part)
+                    high, turn, bend, twist, g0, g1, g2, g3 = expand(form, k0, k1, k2, sharp, q_instant, other, grown)
+                    d = (high - way * r) * turn
+                    near = reaches(form, k1, k2, other, d, bend, twist)
+                    step = d * (1.0 + d * (bend + d * twist))
+                if form != CUBIC and abs(r) <= k1:
+                    p, w = r, 0.0
+                elif near:
+                    p, w = way * (other - step), way * (g0 - step * (g1 - step * (g2 - step * g3)))
+                else:
+                    p, w = follow(form, k0, k1, k2, sharp, k, q_instant, r, 3.0 * (j1 - j2) + j3)
+                j1, j2, j3, j4 = p, j1, j2, j3
+                u, e = new, new - series * w
+                jump = e - e_end
+            if jumps > 0:
+                x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
+                begins[l], ends[l] = e_begin, e_end
+            if running:
+                e_begin = e
+                if jumps == 0:
+                    u = new
+                r = (ahead1 * z1 + ahead2 * z2) + (at_end * u + (v1 * begin1 + v2 * begin2) * jump) + ahead * e_end
+                z1 = a1 * z1 + (now1 * e_end + begin1 * jump)
+                z2 = a2 * z2 + (now2 * e_end + begin2 * jump)
+                near = False
+                if ready:
+                    d = (level - sign * r) * inverse
+                    step = d * (1.0 + d * (square + d * cube))
+                    near = reaches(form, k1, k2, guess, d, square, cube)
+                if form != CUBIC and abs(r) <= k1:
+                    p, w = r, 0.0
+                    e = u
+                elif near:
+                    p, w = sign * (guess - step), sign * (w0 - step * (w1 - step * (w2 - step * w3)))
+                    e = u - (r - p) * to_front
+                else:
+                    p, w = follow(form, k0, k1, k2, sharp, k, q, r, 3.0 * (p1 - p2) + p3)
+                    e = u - series * w
+                p1, p2, p3, p4 = p, p1, p2, p3
+                e_end, jump = e, 0.0
+            if jumps <= 0:
+                x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
+                begins[l], ends[l] = e_begin, e_end
+        for l in range(rows):  # noqa: E741
+            x1[l] += end1 * ends[l]
+            x2[l] += end2 * ends[l]
+            x3[l] = b3 * begins[l] + c3 * ends[l]
+            x4[l] = b4 * begins[l] + c4 * ends[l]
+            x5[l] = b5 * begins[l] + c5 * ends[l]
+            x6[l] = b6 * begins[l] + c6 * ends[l]
+        for l in range(rows):  # noqa: E741
+            z3, z4 = m3 * z3 + (m4 * z4 + x3[l]), m6 * z4 + (m5 * z3 + x4[l])
+            z5, z6 = n3 * z5 + (n4 * z6 + x5[l]), n6 * z6 + (n5 * z5 + x6[l])
+            x3[l], x4[l], x5[l], x6[l] = z3, z4, z5, z6
+        current = outputs[0, first : first + BLOCK]
+        for l in range(rows):  # noqa: E741
+            current[l] = (i1 * x1[l] + i2 * x2[l]) + (i0 * reads[l] + leaks[l])
+        applied = outputs[1, first : first + BLOCK]
+        for l in range(rows):  # noqa: E741
+            applied[l] = nodes[l]
+        displacement = outputs[2, first : first + BLOCK]
+        for l in range(rows):  # noqa: E741
+            displacement[l] = ((d1 * x1[l] + d2 * x2[l]) + (d3 * x3[l] + d4 * x4[l])) + (
+                (d5 * x5[l] + d6 * x6[l]) + d0 * reads[l]
+            )
+        force = outputs[3, first : first + BLOCK]
+        for l in range(rows):  # noqa: E741
+            force[l] = ((f1 * x1[l] + f2 * x2[l]) + (f3 * x3[l] + f4 * x4[l])) + f0 * reads[l]

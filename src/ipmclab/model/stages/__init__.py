@@ -1,0 +1,1 @@
+"""The stages of an actuator: each its parameters and, for a parameter vector, a linear block."""
