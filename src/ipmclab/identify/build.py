@@ -16,6 +16,8 @@ from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_table import fit_to_table
+from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.findings import noise_findings
 from ipmclab.identify.observation import Observation, Record
 from ipmclab.identify.order import Order
 from ipmclab.identify.problem import Problem
@@ -51,7 +53,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     free = {unknown.base for unknown in problem.unknowns}
     stated = {n: p.standard_uncertainty for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0}
     exact = _exact_names(actuator, problem, free | set(stated))
-    found = uncertainty(problem, solution.theta, solution.evaluation, stated, exact)
+    found = uncertainty(result.correlated, stated, exact)
     asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
     places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
     values = np.array(
@@ -117,12 +119,14 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         for one in fitted
     }
     observations = tuple(
-        _observation(problem, solution, record, runs[record.place], order) for record in problem.records
+        _observation(problem, solution, record, runs[record.place], order, result.correlated)
+        for record in problem.records
     )
     told = (
         *findings,
-        *unexplained(problem, solution),
-        *_fit_findings(problem, solution, found, fitted, stated, exact, asked, order, named),
+        *unexplained(problem, replace(solution, evaluation=result.correlated.plain)),
+        *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
+        *noise_findings(problem, result.correlated, found),
     )
     fit = Fit(
         actuator=actuator,
@@ -136,7 +140,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         converged=solution.converged,
         message=message(solution, told),
         evaluations=solution.evaluations,
-        residuals=_residuals(problem, solution),
+        residuals=_residuals(problem, result.correlated),
         software_version=__version__,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
@@ -156,7 +160,7 @@ def _beside_unseen(
     if result.whole is None:
         return {}
     problem, solution = result.whole
-    found = uncertainty(problem, solution.theta, solution.evaluation, stated, exact)
+    found = uncertainty(Correlated(problem, solution, solution.evaluation), stated, exact)
     spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
     places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
     return {
@@ -215,10 +219,9 @@ def _interval(
     hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else DETERMINED
     if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
         return open_ends
-    freedom = max(len(solution.evaluation.residual) - len(solution.theta), 1)
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
     level = _SURE_AT_LIMITS if unknown.log and edges_are_open else 0.975
-    width = float(stdtrit(freedom, level))
+    width = float(stdtrit(found.freedom[number], level))
     variance = float(found.covariance[number, number])
     reach = width * math.sqrt(variance)
     curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
@@ -320,7 +323,9 @@ def _fitted_actuator(
     )
 
 
-def _observation(problem: Problem, solution: Solution, record: Record, run: Run, order: Order) -> Observation:
+def _observation(
+    problem: Problem, solution: Solution, record: Record, run: Run, order: Order, correlated: Correlated
+) -> Observation:
     theta, place = solution.theta, record.place
 
     def own(what: str) -> dict[str, float]:
@@ -329,6 +334,9 @@ def _observation(problem: Problem, solution: Solution, record: Record, run: Run,
             for unknown, entry in zip(problem.unknowns, theta, strict=True)
             if unknown.place == place and unknown.base.startswith(f"observation.{what}.")
         }
+
+    def of_noise(what: Mapping[tuple[int, str], float]) -> dict[str, float]:
+        return {output: value for (at, output), value in what.items() if at == place}
 
     state: dict[str, float] = {}
     if record.start == "free":
@@ -341,15 +349,23 @@ def _observation(problem: Problem, solution: Solution, record: Record, run: Run,
         delay=problem.delay(theta, record),
         start=record.start,
         initial_state=state,
-        offset={**record.known_offset, **own("offset")},
-        drift={**record.known_drift, **own("drift")},
-        noise={output: problem.noise[place, output] for output in record.readings},
+        offset=_sum({**record.known_offset, **own("offset")}, of_noise(correlated.offset)),
+        drift=_sum({**record.known_drift, **own("drift")}, of_noise(correlated.drift)),
+        noise={
+            output: correlated.deviation.get((place, output), problem.noise[place, output])
+            for output in record.readings
+        },
         samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
         series_resistance=record.series_resistance,
+        noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
     )
 
 
-def _residuals(problem: Problem, solution: Solution) -> tuple[dict[str, FloatArray], ...]:
+def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: one.get(name, 0.0) + other.get(name, 0.0) for name in (*one, *other)}
+
+
+def _residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
     pieces = problem.pieces
     found: list[dict[str, FloatArray]] = []
     for record in problem.records:
@@ -357,14 +373,15 @@ def _residuals(problem: Problem, solution: Solution) -> tuple[dict[str, FloatArr
         for output, reading in record.readings.items():
             key = record.place, output
             column = np.full(len(reading.values), np.nan)
-            column[reading.used] = -solution.evaluation.residual[pieces[key]] * problem.noise[key]
+            column[reading.used] = -correlated.plain.residual[pieces[key]] * problem.noise[key]
+            since = record.run.time - record.run.time[0]
+            column -= correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
             of_run[output] = column
         found.append(of_run)
     return tuple(found)
 
 
 def _fit_findings(
-    problem: Problem,
     solution: Solution,
     found: Uncertainty,
     fitted: Mapping[str, FittedParameter],
@@ -375,7 +392,6 @@ def _fit_findings(
     named: Sequence[Direction],
 ) -> list[Finding]:
     findings = []
-    labels = {record.place: record.label for record in problem.records}
     if not solution.converged:
         findings.append(
             Finding("not-converged", "error", message(solution, ()), "free fewer parameters, or give longer runs")
@@ -394,18 +410,6 @@ def _fit_findings(
                     "the model lacks something that the readings show, or the parameter is not seen: fix it",
                 )
             )
-    for output in dict.fromkeys(output for _, output in found.coloured):
-        where = ", ".join(labels[place] for place, other in found.coloured if other == output)
-        findings.append(
-            Finding(
-                "coloured-residuals",
-                "info",
-                f"{where}: the residuals of {output} hang together (Ljung-Box, p < 0.1 %); errors and intervals allow "
-                "for it (Newey-West), but the model leaves something unexplained",
-                "look at the residuals in the report; a further branch may help",
-                channel=output,
-            )
-        )
     finite = np.array([math.isfinite(fitted[order(u.name)].standard_error) for u in asked])
     for name in (*stated, *exact):
         moved = np.where(finite, np.abs(found.leverage[name]), 0.0)

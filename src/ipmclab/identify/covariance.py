@@ -9,7 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.robust import long_run
+from ipmclab.identify.problem import Evaluation
 from ipmclab.identify.solve import STRUCTURAL
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,7 +39,9 @@ class Uncertainty:
     leverage : mapping of name to float array, shape (n,)
         Change of each entry for 1 % of a fixed parameter.
     coloured : tuple of (place, output)
-        Residuals that are not white.
+        Residuals that are not white, not even under the noise that was found.
+    freedom : float array, shape (n,)
+        Degrees of freedom with which each variance is known.
     """
 
     covariance: FloatArray
@@ -46,6 +50,7 @@ class Uncertainty:
     singular_values: FloatArray
     leverage: Mapping[str, FloatArray]
     coloured: tuple[tuple[int, str], ...]
+    freedom: FloatArray
 
     @property
     def rank(self) -> int:
@@ -70,27 +75,31 @@ def is_coloured(residual: FloatArray) -> bool:
     return bool(chdtrc(lags, statistic) < _REJECT)
 
 
-def uncertainty(
-    problem: Problem, theta: FloatArray, evaluation: Evaluation, fixed: Mapping[str, float], exact: Sequence[str]
-) -> Uncertainty:
+def uncertainty(correlated: Correlated, fixed: Mapping[str, float], exact: Sequence[str]) -> Uncertainty:
     """Covariance, rank and leverage at a solution.
+
+    Under the noise that was found the covariance is the inverse of the information, with what not knowing the noise
+    adds. Where residuals hang together even then, the sum of autocovariances takes its place, unless they drift: then
+    no such sum holds.
 
     Parameters
     ----------
-    problem : Problem
-        With the noise found in the residuals.
-    theta : float array, shape (n_unknown,)
-    evaluation : Evaluation
-        At ``theta``.
+    correlated : Correlated
+        The solution under the noise found in its residuals.
     fixed : mapping of name to float [SI]
         Fixed parameters with a stated standard uncertainty.
     exact : sequence of str
         Fixed parameters without one, whose leverage is to be known.
     """
+    problem, solution = correlated.problem, correlated.solution
+    theta, evaluation = solution.theta, solution.evaluation
+    readings = max(len(evaluation.residual) - len(theta), 1)
     nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
     if nuisance.all():
         nothing = np.zeros((0, 0))
-        return Uncertainty(nothing, nothing, nothing, np.zeros(0), dict.fromkeys((*fixed, *exact), np.zeros(0)), ())
+        return Uncertainty(
+            nothing, nothing, nothing, np.zeros(0), dict.fromkeys((*fixed, *exact), np.zeros(0)), (), np.zeros(0)
+        )
     singular, directions = _of_the_asked(evaluation, nuisance)
     asked = len(directions)
     seen = singular > STRUCTURAL * singular[0] if singular[0] > 0 else np.zeros(asked, dtype=bool)
@@ -109,15 +118,18 @@ def uncertainty(
         for key, piece in pieces.items()
         if problem.noise[key] > 1.01 * problem.floors[key] and is_coloured(evaluation.residual[piece])
     )
-    covariance = plain
-    if coloured:
+    covariance, freedom = plain, np.full(asked, float(readings))
+    if correlated.spread is not None:
+        kept = np.flatnonzero(~nuisance)
+        covariance = plain + correlated.spread.added[np.ix_(kept, kept)]
+        freedom = np.minimum(correlated.spread.freedom[kept], freedom)
+    robust = [key for key in coloured if key not in correlated.noise or not correlated.noise[key].terms.drifts]
+    if robust:
         beforehand = own[max(piece.stop for piece in pieces.values()) :]
         middle = beforehand.T @ beforehand
         for key, piece in pieces.items():
-            middle += (
-                _long_run(own[piece], evaluation.residual[piece]) if key in coloured else own[piece].T @ own[piece]
-            )
-        covariance = plain @ middle @ plain
+            middle += long_run(own[piece], evaluation.residual[piece]) if key in robust else own[piece].T @ own[piece]
+        covariance = covariance + plain @ (middle @ plain - np.eye(asked))
 
     names = [*fixed, *exact]
     leverage: dict[str, FloatArray] = {}
@@ -127,7 +139,7 @@ def uncertainty(
             leverage[name] = answer[:, column] * 0.01 * abs(problem.base[name])
             if name in fixed:
                 covariance = covariance + np.outer(answer[:, column], answer[:, column]) * fixed[name] ** 2
-    return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured)
+    return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom)
 
 
 def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
@@ -144,19 +156,3 @@ def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tu
     block = np.vstack([block, np.zeros((max(0, asked - len(block)), asked))])
     _, singular, directions = np.linalg.svd(block)
     return singular, directions
-
-
-def _long_run(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
-    """Newey and West's sum of score covariances, with Andrews' bandwidth for an AR(1)."""
-    score = jacobian * residual[:, None]
-    power = float(residual @ residual)
-    neighbour = float(residual[1:] @ residual[:-1]) / power if power else 0.0
-    neighbour = min(max(neighbour, -0.97), 0.97)
-    alpha = 4.0 * neighbour**2 / (1.0 - neighbour**2) ** 2
-    lags = min(len(residual) // 3, int(1.1447 * (alpha * len(residual)) ** (1.0 / 3.0)) + 1)
-    total = score.T @ score
-    for lag in range(1, lags + 1):
-        weight = 1.0 - lag / (lags + 1.0)
-        part = score[lag:].T @ score[:-lag]
-        total = total + weight * (part + part.T)
-    return np.asarray(total)

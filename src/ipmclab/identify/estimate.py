@@ -12,8 +12,10 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identify.diagnosis import DETERMINED
+from ipmclab.identify.doubts import unexplained
 from ipmclab.identify.free import FreeParameters
 from ipmclab.identify.missing import missing_stages
+from ipmclab.identify.noise.correlate import Correlated, correlate
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
@@ -47,6 +49,8 @@ _SEVERAL_MINIMA: Final = ("coupling.", "relaxation.", "viscoelastic.", "leak.", 
 class Estimate:
     """The solved problem, and what was found out about the runs on the way.
 
+    Under noise that is not white its rows are whitened; ``correlated`` holds them as they are.
+
     ``parameters`` are those of the actuator that was given. ``rivals`` are other minima, as entries by name, that the
     readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
     ``whole`` is the problem that still had them, where there are any.
@@ -57,6 +61,7 @@ class Estimate:
     solution: Solution
     rivals: tuple[Mapping[str, float], ...]
     findings: tuple[Finding, ...]
+    correlated: Correlated
     unseen: tuple[Unseen, ...] = ()
     whole: tuple[Problem, Solution] | None = None
 
@@ -91,7 +96,31 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
     findings += missing_stages(actuator, problem, solution)
-    return Estimate(parameters, problem, solution, rivals, tuple(findings), unseen, whole if unseen else None)
+    # Where the residuals are more than white noise, the parameters are those that are most likely under their noise.
+    asked = [column for column, unknown in enumerate(problem.unknowns) if _is_asked(unknown, names)]
+    beyond = {str(finding.channel) for finding in unexplained(problem, solution)}
+    correlated = correlate(problem, solution, asked, beyond)
+    problem, solution = correlated.problem, correlated.solution
+    if correlated.noise:
+        rivals = _still_rivals(problem, solution, rivals)
+    return Estimate(
+        parameters, problem, solution, rivals, tuple(findings), correlated, unseen, whole if unseen else None
+    )
+
+
+def _still_rivals(
+    problem: Problem, solution: Solution, rivals: Sequence[Mapping[str, float]]
+) -> tuple[dict[str, float], ...]:
+    """Those of other minima that are as good under correlated noise, where they lie then."""
+    names = [unknown.name for unknown in problem.unknowns]
+    allowed = solution.evaluation.cost * (1.0 + _RIVAL / len(solution.evaluation.residual))
+    found = []
+    for rival in rivals:
+        theta = np.array([rival.get(name, own) for name, own in zip(names, solution.theta, strict=True)])
+        other = polish(problem, theta) or _minimise(problem, theta, evaluations=_SHORTLY)
+        if other.evaluation.cost <= allowed:
+            found.append(dict(zip(names, map(float, other.theta), strict=True)))
+    return tuple(found)
 
 
 def _is_asked(unknown: Unknown, names: FreeParameters) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ipmclab.errors import InputError
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
+from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.observation import Observation
 from ipmclab.model import load_actuator, write_actuator
 from ipmclab.run import Finding
@@ -71,7 +72,7 @@ def read_fit(path: str | Path) -> Fit:
             correlations=_correlations(table),
             rank=table["rank"],
             singular_values=tuple(table["singular_values"]),
-            observations=tuple(Observation(**entry) for entry in table["runs"]),
+            observations=tuple(_observation(entry) for entry in table["runs"]),
             findings=tuple(_finding(entry) for entry in table["findings"]),
             converged=table["converged"],
             message=table["message"],
@@ -90,6 +91,11 @@ def read_fit(path: str | Path) -> Fit:
 def _parameter(entry: Mapping[str, Any]) -> FittedParameter:
     low, high = entry["interval"]
     return FittedParameter(**{**entry, "interval": (float(low), float(high))})
+
+
+def _observation(entry: Mapping[str, Any]) -> Observation:
+    noise = {output: NoiseModel.from_table(table) for output, table in entry.get("noise_model", {}).items()}
+    return Observation(**{**entry, "noise_model": noise})
 
 
 def _correlations(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:

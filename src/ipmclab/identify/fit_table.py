@@ -47,6 +47,7 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
                 "noise": dict(run.noise),
                 "samples": dict(run.samples),
                 "series_resistance": run.series_resistance,
+                "noise_model": {output: noise.to_table() for output, noise in run.noise_model.items()},
             }
             for run in fit.observations
         ],

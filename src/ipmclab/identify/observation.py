@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.starts.varpro import Drive
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
@@ -71,6 +72,8 @@ class Observation:
         Readings that entered the fit.
     series_resistance : float [ohm]
         A shunt that lay between the voltage sense and the strip.
+    noise_model : mapping of output to NoiseModel
+        Of outputs whose residuals hang together in time, or whose zero moves.
     """
 
     label: str
@@ -84,6 +87,7 @@ class Observation:
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: Mapping[str, int] = field(default_factory=dict)
     series_resistance: float = 0.0
+    noise_model: Mapping[str, NoiseModel] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -14,10 +14,12 @@ from ipmclab.identify.noise.columns import CONSTANTS, constants
 from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, directions_of, refine_noise
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
+from ipmclab.identify.noise.robust import contradicts
 from ipmclab.identify.noise.screen import needs_search
 from ipmclab.identify.noise.spread import Spread, spread
 from ipmclab.identify.problem import Evaluation, Problem
 from ipmclab.identify.solve import Solution, minimise, polish
+from ipmclab.identify.unknowns import Unknown
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,8 +43,13 @@ class Correlated:
         Of the outputs of which some run shows more than white noise.
     offset, drift : mapping of (place, output) to float [SI, SI/s]
         The constants of the noise: what the sensor adds at the first row, and in a second.
+    deviation : mapping of (place, output) to float [SI]
+        Of the residuals.
     spread : Spread or None
         What not knowing the noise exactly adds.
+    contradicted : set of str
+        Outputs whose residuals looked like a noise under which the parameters would be others than least squares
+        allows: the model lacks something there. Their noise counts as white.
     """
 
     problem: Problem
@@ -51,10 +58,14 @@ class Correlated:
     noise: Mapping[Key, NoiseModel] = field(default_factory=dict)
     offset: Mapping[Key, float] = field(default_factory=dict)
     drift: Mapping[Key, float] = field(default_factory=dict)
+    deviation: Mapping[Key, float] = field(default_factory=dict)
     spread: Spread | None = None
+    contradicted: Set[str] = frozenset()
 
 
-def correlate(problem: Problem, solution: Solution) -> Correlated:
+def correlate(
+    problem: Problem, solution: Solution, yielding: Sequence[int] = (), without: Set[str] = frozenset()
+) -> Correlated:
     """Find the noise of each output of each run in the residuals of a fit, and fit again under it.
 
     Where residuals show nothing but white noise, nothing is done.
@@ -64,24 +75,42 @@ def correlate(problem: Problem, solution: Solution) -> Correlated:
     problem : Problem
         Weighted by the scatter of its residuals.
     solution : Solution
+    yielding : sequence of int
+        Entries of zeros and slopes of sensors that were freed because white noise would not have made them: under
+        other noise they are asked anew, as constants of the noise.
+    without : set of str
+        Outputs that the model does not explain: what it leaves of them is no noise.
     """
-    pieces = _suspicious(problem, solution.evaluation)
+    pieces = [piece for piece in _suspicious(problem, solution.evaluation) if piece.key[1] not in without]
     shapes: dict[Key, Shape] = {}
     plain, here = solution.evaluation, solution
-    if not pieces:
+    if not pieces or not problem.unknowns:
         return Correlated(problem, solution, plain)
+    given = Correlated(problem, solution, plain)
+    searched = {piece.key for piece in pieces}
+    gone = [column for column in yielding if _belongs(problem.unknowns[column], searched)]
+    if gone:
+        problem = problem.without(gone, {})
+        theta = np.delete(solution.theta, gone)
+        plain = problem.evaluate(theta)
+        here = replace(solution, theta=theta, evaluation=plain, evaluations=solution.evaluations + 1)
+        pieces = [piece.among(problem.unknowns) for piece in pieces]
     found = CorrelatedProblem(problem, {})
     for turn in range(_TURNS):
         system = System(problem, plain, pieces)
         shapes = refine_noise(system, shapes) if turn else choose_noise(system)
         if all(shape.terms.is_white for shape in shapes.values()):
-            return Correlated(problem, solution, solution.evaluation)
+            return given
         found = CorrelatedProblem(problem, {piece.key: piece.whitening(shapes[piece.key]) for piece in pieces})
         before, here = here, _fit_again(found, plain, here)
         plain = problem.evaluate(here.theta)
         if turn and _moved(here.evaluation, here.theta - before.theta) < _SETTLED:
             break
-    return _told(found, here, plain, pieces, shapes)
+    correlated = _told(found, here, plain, pieces, shapes)
+    if contradiction(problem, given, shapes, here, gone):
+        return replace(given, contradicted=frozenset(output for _, output in shapes))
+    # A noise at the end of what a computer can tell apart is none that errors could be built on.
+    return correlated if correlated.spread and correlated.spread.is_finite else given
 
 
 def _told(
@@ -89,23 +118,28 @@ def _told(
 ) -> Correlated:
     """Everything in SI units."""
     noise: dict[Key, NoiseModel] = {}
+    deviation: dict[Key, float] = {}
     offset: dict[Key, float] = {}
     drift: dict[Key, float] = {}
     for piece in pieces:
         key, shape, unit = piece.key, shapes[piece.key], problem.noise[piece.key]
         noise[key] = NoiseModel.of(shape.terms, shape.entries, unit * math.sqrt(shape.variance), piece.step)
         whitening = problem.whitenings[key]
-        if not shape.terms.constants:
-            continue
-        # The residual is model less reading, and time runs from -1 to 1 about the middle of the readings.
-        answer = list(-unit * whitening.constants(plain.residual[problem.pieces[key]])[0])
+        residual = plain.residual[problem.pieces[key]]
+        middle, half = 0.5 * float(piece.time[0] + piece.time[-1]), 0.5 * float(piece.time[-1] - piece.time[0])
+        # The residual is model less reading; time runs from -1 to 1 about the middle of the readings.
+        answer = list(-unit * whitening.constants(residual)[0]) if shape.terms.constants else []
         level = float(answer.pop(0)) if shape.terms.offset else 0.0
-        slope = float(answer.pop(0)) / (0.5 * (piece.time[-1] - piece.time[0])) if shape.terms.trend else 0.0
-        start = next(record.run.time[0] for record in problem.records if record.place == key[0])
-        drift[key] = slope
-        offset[key] = level - slope * (0.5 * (piece.time[0] + piece.time[-1]) - start)
+        slope = float(answer.pop(0)) / half if shape.terms.trend else 0.0
+        start = next(float(record.run.time[0]) for record in problem.records if record.place == key[0])
+        if shape.terms.trend:
+            drift[key] = slope
+        if shape.terms.constants:
+            offset[key] = level - slope * (middle - start)
+        left = unit * residual[piece.inside] + level + slope * (piece.time - middle)
+        deviation[key] = float(np.sqrt(np.mean(left * left)))
     found = spread(System(problem.plain, plain, pieces), shapes)
-    return Correlated(problem, here, plain, noise, offset, drift, found)
+    return Correlated(problem, here, plain, noise, offset, drift, deviation, found)
 
 
 def _fit_again(problem: CorrelatedProblem, plain: Evaluation, before: Solution) -> Solution:
@@ -119,6 +153,19 @@ def _fit_again(problem: CorrelatedProblem, plain: Evaluation, before: Solution) 
 def _moved(here: Evaluation, step: FloatArray) -> float:
     """Length of a step in standard errors."""
     return float(np.linalg.norm(here.triangle[:, :-1] @ step))
+
+
+def contradiction(
+    problem: Problem, given: Correlated, shapes: Mapping[Key, Shape], here: Solution, gone: Sequence[int]
+) -> bool:
+    """Whether the noise cannot be noise; under a drift least squares is no judge of it."""
+    if gone or any(shape.terms.drifts for shape in shapes.values()):
+        return False
+    return contradicts(problem, given.plain, here.theta - given.solution.theta)
+
+
+def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
+    return (unknown.place, unknown.base.rsplit(".", 1)[1]) in keys
 
 
 def _suspicious(problem: Problem, here: Evaluation) -> list[Piece]:

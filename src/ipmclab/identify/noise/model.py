@@ -37,7 +37,7 @@ class NoiseModel:
     Examples
     --------
     >>> noise = NoiseModel(step=0.02, driven=1e-4, coefficients=(0.9,))
-    >>> round(1e4 * noise.deviation(np.array([0.0, 10.0]))[1], 3)
+    >>> round(1e4 * float(noise.deviation(np.array([0.0, 10.0]))[1]), 3)
     2.294
     """
 

@@ -57,11 +57,18 @@ class Piece:
     def of(cls, record: Record, output: str, unknowns: Sequence[Unknown]) -> Piece:
         """Measured readings only: between them the noise goes on."""
         time = record.run.time[record.readings[output].exact]
-        step = float(np.median(np.diff(record.run.time)))
-        own = {unknown.base for unknown in unknowns if unknown.place in (None, record.place)}
-        allowed = (f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own)
+        run = record.run
+        step = 1.0 / run.rate if run.is_uniform else float(np.median(np.diff(run.time)))
         inside = measured_rows(record, output)
-        return cls((record.place, output), time, step, steps_between(time, step), inside, allowed)
+        found = cls((record.place, output), time, step, steps_between(time, step), inside, (True, True))
+        return found.among(unknowns)
+
+    def among(self, unknowns: Sequence[Unknown]) -> Piece:
+        """The same with no constants but those that the unknowns of a fit leave to the noise."""
+        place, output = self.key
+        own = {unknown.base for unknown in unknowns if unknown.place in (None, place)}
+        allowed = (f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own)
+        return replace(self, allowed=allowed)
 
     def whitening(self, shape: Shape) -> Whitening:
         """For a shape of the noise."""

@@ -36,6 +36,11 @@ class Spread:
     added: FloatArray
     freedom: FloatArray
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether the noise was such that anything could be told."""
+        return bool(np.isfinite(self.added).all() and np.isfinite(self.freedom).all())
+
 
 def spread(system: System, shapes: Mapping[Key, Shape]) -> Spread:
     """Covariance and degrees of freedom.

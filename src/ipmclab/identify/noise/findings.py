@@ -1,0 +1,75 @@
+"""What a fit says of the noise that it found."""
+
+from __future__ import annotations
+
+from ipmclab.identify.covariance import Uncertainty
+from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.problem import Problem
+from ipmclab.run import Finding
+
+
+def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
+    """A finding for each output whose residuals are not white, and one where no noise describes them.
+
+    Parameters
+    ----------
+    problem : Problem
+    correlated : Correlated
+    found : Uncertainty
+        With the outputs that hang together even under the noise.
+    """
+    findings = []
+    labels = {record.place: record.label for record in problem.records}
+    for (place, output), noise in correlated.noise.items():
+        if noise.terms.is_white:
+            continue
+        drifts = ", so that it drifts" if noise.terms.drifts else ""
+        findings.append(
+            Finding(
+                "coloured-residuals",
+                "info",
+                f"{labels[place]}: the residuals of {output} are no white noise about zero; taken as {noise.terms}"
+                f"{drifts}: values, errors and intervals allow for it",
+                "look at the residuals in the report; if they follow the voltage, the model lacks something",
+                channel=output,
+            )
+        )
+    for output in sorted(correlated.contradicted):
+        findings.append(
+            Finding(
+                "model-error-like-noise",
+                "warning",
+                f"the residuals of {output} hang together, but not as noise would: under any noise that describes them "
+                "the parameters would lie where least squares cannot have come from (Hausman, p < 0.1 %). The model "
+                "lacks something; values are those of least squares",
+                "look at the residuals in the report; a further branch or stage may help",
+                channel=output,
+            )
+        )
+    for place, output in found.coloured:
+        model = correlated.noise.get((place, output))
+        if model is not None and model.terms.drifts:
+            findings.append(
+                Finding(
+                    "noise-not-described",
+                    "warning",
+                    f"{labels[place]}: {output} drifts, and what no model of its noise describes hangs together too "
+                    "(Ljung-Box, p < 0.1 %): a sum of autocovariances does not hold under a drift, so errors and "
+                    "intervals may be too small",
+                    "look at the residuals in the report; a further branch or stage may help; leave out what drifts",
+                    channel=output,
+                )
+            )
+        else:
+            findings.append(
+                Finding(
+                    "coloured-residuals",
+                    "info",
+                    f"{labels[place]}: what no model of the noise of {output} describes hangs together (Ljung-Box, "
+                    "p < 0.1 %); errors and intervals allow for it (Newey-West), but the model leaves something "
+                    "unexplained",
+                    "look at the residuals in the report; a further branch may help",
+                    channel=output,
+                )
+            )
+    return findings
