@@ -67,8 +67,8 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
         return actuator_from_text(text, where=name_or_path)
     path = Path(name_or_path)
     if isinstance(name_or_path, str) and "+" in name_or_path and not path.exists():
-        base, *stages = name_or_path.split("+")
-        return with_stages(load_actuator(base.strip()), *stages)
+        base, stages = _base(name_or_path)
+        return with_stages(load_actuator(base), *stages)
     _refuse_other_things(path)
     try:
         text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
@@ -85,6 +85,27 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
             f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
         ) from error
     return actuator_from_text(text, where=str(path))
+
+
+def is_library_name(name: str) -> bool:
+    """Whether a text names an actuator of the library, alone or with further stages.
+
+    Examples
+    --------
+    >>> is_library_name("friend-2+leak.cubic"), is_library_name("mine.toml+leak.cubic")
+    (True, False)
+    """
+    return name.partition("+")[0].strip() in library_names()
+
+
+def _base(name: str) -> tuple[str, list[str]]:
+    """An actuator and the stages after it; a folder above its file may have a plus in its name too."""
+    parts = name.split("+")
+    for count in range(1, len(parts)):
+        base = "+".join(parts[:count]).strip()
+        if base in library_names() or Path(base).is_file():
+            return base, parts[count:]
+    return parts[0].strip(), parts[1:]
 
 
 def _refuse_other_things(path: Path) -> None:
@@ -156,7 +177,12 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
 
 def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, float], dict[str, float]]:
     given = dict(_flatten(tables, ""))
-    known = Structure.of(given).declarations
+    try:
+        known = Structure.of(given).declarations
+    except InputError as error:
+        raise InputError(
+            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
+        ) from error
     for name in given:
         if name not in known:
             parent = name.rpartition(".")[0]

@@ -6,7 +6,7 @@ asks the structure for declarations, blocks and laws, and never for a stage.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import MappingProxyType
@@ -69,7 +69,7 @@ class Structure:
         Raises
         ------
         InputError
-            Names of two forms of one stage.
+            Names of two forms of one stage, or of a slow leak without the leak that it follows.
 
         Examples
         --------
@@ -134,11 +134,19 @@ class Structure:
 def _of(names: tuple[str, ...]) -> Structure:
     """Kept, because an actuator asks at every change of a value."""
     given = set(names)
-    forms = _one_of("leak", [form for form in FORMS if _under(given, f"leak.{form}.")])
-    line = _one_of("line", [kind for kind in ("modes", "segments") if f"line.{kind}" in given])
+    forms = refuse_two_forms("leak", [form for form in FORMS if _under(given, f"leak.{form}.")])
+    line = refuse_two_forms("line", [kind for kind in ("modes", "segments") if f"line.{kind}" in given])
+    leaks = {name for name in given if name.startswith("leak.")}
+    if leaks and not forms and all(name.startswith("leak.slow.") for name in leaks):
+        raise InputError(
+            "a slow leak follows a static one, and there is none",
+            code="no-form",
+            where="leak.slow",
+            repair=f"add one of {', '.join(f'leak.{form}' for form in FORMS)}",
+        )
     return Structure(
         branches=max(1, _count(given, "circuit.branches.")),
-        leak=forms or (FORMS[0] if _under(given, "leak.") else ""),
+        leak=forms or (FORMS[0] if leaks else ""),
         slow_leak=_under(given, "leak.slow."),
         clamp=_under(given, "clamp."),
         line=line or ("segments" if _under(given, "line.") else ""),
@@ -165,12 +173,24 @@ def _count(names: set[str], prefix: str) -> int:
     return len({name.removeprefix(prefix).split(".")[0] for name in names if name.startswith(prefix)})
 
 
-def _one_of(stage: str, found: list[str]) -> str:
+def refuse_two_forms(stage: str, found: Sequence[str], *, where: str = "") -> str:
+    """The one form of a stage that is named, empty where none is.
+
+    Raises
+    ------
+    InputError
+        There are more.
+
+    Examples
+    --------
+    >>> refuse_two_forms("leak", ["cubic"])
+    'cubic'
+    """
     if len(found) > 1:
         raise InputError(
-            f"there are {' and '.join(found)}, a strip has one of them",
+            f"there are {' and '.join(f'{stage}.{one}' for one in found)}, a strip has one of them",
             code="two-forms",
-            where=stage,
+            where=where or stage,
             repair=f"keep one of {', '.join(f'{stage}.{one}' for one in found)}",
         )
     return found[0] if found else ""

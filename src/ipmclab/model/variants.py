@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import Actuator
-from ipmclab.model.structure import Structure
+from ipmclab.model.structure import Structure, refuse_two_forms
 
 _COUNTED: Final = {
     "branches": "circuit.branches.",
@@ -22,6 +22,15 @@ _PLAIN: Final = (*("leak.cubic", "leak.exponential", "leak.butler_volmer", "leak
 STAGES: Final = (*_COUNTED, *_NUMBERED, *_PLAIN)
 """What may follow a plus."""
 
+_FORMS: Final = {
+    "leak": tuple(name for name in _PLAIN if name.startswith("leak.") and name != "leak.slow"),
+    "line": _NUMBERED,
+}
+"""Of these a strip has one form."""
+
+_MOST: Final = 99
+"""Branches or modes of one kind; the counts of a line have their own range."""
+
 
 def with_stages(actuator: Actuator, *stages: str) -> Actuator:
     """The actuator with further stages, at usual values of their parameters.
@@ -33,12 +42,14 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
         ``leak.cubic``, ``leak.exponential``, ``leak.butler_volmer``, ``leak.slow``, ``clamp``, ``laser``; with a count
         ``branches=3``, ``relaxation.displacement=2``, ``relaxation.force``,
         ``relaxation.displacement_pair``, ``relaxation.force_pair``, ``viscoelastic``, ``line.modes=12``,
-        ``line.segments=10``. A stage that is there keeps its values; a count that is smaller takes some away.
+        ``line.segments=10``. A stage that is there keeps its values; a count that is smaller takes some away; another
+        form of the leak or of the line takes the place of the one that is there.
 
     Raises
     ------
     InputError
-        An unknown stage, or a count that is no whole number from 1 up.
+        An unknown stage, a count that is no whole number in its range, two forms or two counts of one stage, or
+        ``leak.slow`` where there is no leak.
 
     Examples
     --------
@@ -51,8 +62,8 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
     """
     names = set(actuator.parameter_values)
     values = dict(actuator.parameter_values)
-    for text in stages:
-        stage, count = _parse(text)
+    asked = _parse_all(stages)
+    for stage, count in asked.items():
         if stage in _COUNTED:
             names = _counted(names, _COUNTED[stage], count or 1)
         elif stage in _NUMBERED:
@@ -73,7 +84,7 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
         usual = declaration.typical if declaration.typical is not None else declaration.default
         chosen[name] = values.get(name, usual)
     return Actuator(
-        name="+".join([actuator.name, *(text.strip() for text in stages)]),
+        name=_named(actuator.name, asked),
         parameter_values={name: value for name, value in chosen.items() if value is not None},
         standard_uncertainties={n: u for n, u in actuator.standard_uncertainties.items() if n in chosen},
         sample=actuator.sample,
@@ -85,20 +96,80 @@ def _counted(names: set[str], prefix: str, count: int) -> set[str]:
     return kept | {f"{prefix}{i}." for i in range(count)}
 
 
+def _named(base: str, asked: dict[str, int | None]) -> str:
+    """The name from which the same actuator can be loaded: without what the stages asked for replace."""
+    first, *there = base.split("+")
+    kept = [part for part in there if not any(_replaces(stage, part.partition("=")[0].strip()) for stage in asked)]
+    added = [stage if count is None else f"{stage}={count}" for stage, count in asked.items()]
+    return "+".join([first, *kept, *added])
+
+
+def _replaces(stage: str, there: str) -> bool:
+    return stage == there or any(stage in forms and there in forms for forms in _FORMS.values())
+
+
+def _parse_all(texts: Sequence[str]) -> dict[str, int | None]:
+    asked: dict[str, int | None] = {}
+    for text in texts:
+        stage, count = _parse(text)
+        if asked.get(stage, count) != count:
+            raise InputError(
+                f"{stage!r} is named twice, with different counts",
+                code="two-counts",
+                where="stages",
+                repair="name it once",
+            )
+        asked[stage] = count
+    for kind, forms in _FORMS.items():
+        refuse_two_forms(kind, [form.partition(".")[2] for form in forms if form in asked], where="stages")
+    return asked
+
+
 def _parse(text: str) -> tuple[str, int | None]:
-    match = re.fullmatch(r"\s*([\w.]+)\s*(?:=\s*(\d{1,3})\s*)?", text)
-    stage = match.group(1) if match else text.strip()
-    if match is None or stage not in STAGES:
-        raise InputError(
-            f"no stage is called {text.strip()!r}", code="unknown-stage", where="stages", repair=suggest(stage, STAGES)
-        )
-    if match.group(2) is None:
+    stage, equals, count = (part.strip() for part in text.partition("="))
+    if stage not in STAGES:
+        raise _unknown(stage, text.strip())
+    if not equals:
         return stage, None
-    if stage in _PLAIN or int(match.group(2)) < 1:
+    if stage in _PLAIN:
         raise InputError(
-            f"{text.strip()!r} cannot have this count",
+            f"{text.strip()!r} gives {stage!r} a count, it has none",
             code="bad-count",
             where="stages",
-            repair=f"give {stage!r} alone" if stage in _PLAIN else f"give {stage}=1 or more",
+            repair=f"give {stage!r} alone; values are set in a file or by replace()",
         )
-    return stage, int(match.group(2))
+    least, most = _range(stage)
+    if not (count.isascii() and count.isdigit() and len(count) < 9 and least <= int(count) <= most):
+        raise InputError(
+            f"{count!r} is not a count that {stage!r} can have",
+            code="bad-count",
+            where="stages",
+            repair=f"give a whole number from {least} to {most}, such as {stage}={least}",
+        )
+    return stage, int(count)
+
+
+def _range(stage: str) -> tuple[int, int]:
+    if stage not in _NUMBERED:
+        return 1, _MOST
+    declaration = Structure.of([stage]).declarations[stage]
+    return int(declaration.lower), int(declaration.upper)
+
+
+def _unknown(stage: str, text: str) -> InputError:
+    """What to do about a name that is no stage: a parameter of one, a stage without its form, or a slip."""
+    owner = max((one for one in STAGES if stage.startswith(f"{one}.")), key=len, default=None)
+    if owner is not None:
+        return InputError(
+            f"{text!r} is not a stage but a parameter of one",
+            code="unknown-stage",
+            where="stages",
+            repair=f"name the stage, {owner}; values are set in a file or by replace()",
+        )
+    forms = [one for one in STAGES if stage and one.startswith(f"{stage}.")]
+    return InputError(
+        f"{stage!r} alone does not say which" if forms else f"no stage is called {text!r}",
+        code="unknown-stage",
+        where="stages",
+        repair=f"choose one of {', '.join(forms)}" if forms else suggest(stage, STAGES),
+    )
