@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ipmclab import InputError
+from ipmclab import InputError, load_actuator, write_actuator
 from ipmclab.rig.channels import THESIS_RIG, Channel, Converter, FourProbe, Output, Rig, Thermometer, VirtualStrip
 from ipmclab.rig.files.rig_file import NI_9205_NOISE, load_rig, rig_from_text
 from ipmclab.rig.files.text import rig_to_text, write_rig
@@ -80,6 +80,13 @@ def test_a_file_is_written_and_read_again(tmp_path: Path) -> None:
 def test_the_strip_of_a_virtual_rig_lies_beside_its_file(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(RIG + 'actuator = "mine.toml"\n', "utf-8")
     assert Path(load_rig(tmp_path / "rig.toml").virtual.actuator) == tmp_path / "mine.toml"
+
+
+def test_the_strip_of_a_virtual_rig_may_have_further_stages(tmp_path: Path) -> None:
+    write_actuator(load_actuator("friend-2"), tmp_path / "mine.toml")
+    for named, stage in (("friend-2+leak.cubic", "cubic"), ("mine.toml+leak.exponential", "exponential")):
+        (tmp_path / "rig.toml").write_text(f'{RIG}actuator = "{named}"\n', "utf-8")
+        assert load_actuator(load_rig(tmp_path / "rig.toml").virtual.actuator).structure.leak == stage
 
 
 def ranges(low: float, high: float) -> st.SearchStrategy[tuple[float, float]]:

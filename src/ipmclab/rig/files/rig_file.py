@@ -306,10 +306,10 @@ def _address(table: RigTable, place: _Place) -> str | None:
 
 
 def _virtual(table: VirtualTable, place: _Place, folder: Path | None) -> VirtualStrip:
-    from ipmclab.model import library_names
+    from ipmclab.model.actuator_file import is_library_name
 
     actuator = table.actuator
-    if actuator not in library_names() and folder is not None:
+    if folder is not None and not is_library_name(actuator):
         actuator = str(folder / actuator)
     return VirtualStrip(
         actuator=actuator,
