@@ -76,6 +76,50 @@ def test_a_model_that_needs_what_was_not_measured_is_named_with_its_reason() -> 
     assert choice.as_dict()["models"][-1]["reason"] == lacking.reason
 
 
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        ("line.modes+leak.cubic", "it cannot leak at every place by a law of the voltage there"),
+        ("leak.cubic+leak.exponential", "a strip has one of them"),
+        ("leak.slow", "a slow leak follows a static one"),
+    ],
+)
+def test_a_model_whose_stages_do_not_go_together_is_named_with_its_reason(bad: str, reason: str) -> None:
+    told: list[int] = []
+    choice = ipmclab.choose(
+        record("friend-2+branches=1", "step 1 V", 4, seconds=4.0),
+        [bad, "branches=1"],
+        actuator="friend-2",
+        free="electrical",
+        folds=2,
+        progress=lambda what, done, of: told.append(of),
+    )
+    assert choice.preferred == "branches=1"
+    assert choice[bad].fit is None
+    assert reason in choice[bad].reason
+    assert set(told) == {3}
+    assert choice.as_dict()["models"][-1]["name"] == bad
+
+
+def test_models_that_are_all_impossible_are_an_error_with_every_reason() -> None:
+    with pytest.raises(IpmclabError, match=r"leak.slow: .* follows a static one.*line.modes\+leak.cubic: ") as told:
+        ipmclab.choose(
+            record("friend-2", "step 1 V", 6, seconds=2.0), "leak.slow,line.modes+leak.cubic", actuator="friend-2"
+        )
+    assert told.value.code == "nothing-to-compare"
+
+
+@pytest.mark.parametrize(
+    ("bad", "code"),
+    [("leak.cubic+leak.cubik", "unknown-stage"), ("clamp+line.modes=0", "bad-count"), ("no.toml", "no-actuator")],
+)
+def test_a_mistyped_model_is_refused_at_once_by_its_name(bad: str, code: str) -> None:
+    with pytest.raises(InputError) as told:
+        ipmclab.choose(record("friend-2", "step 1 V", 6, seconds=2.0), ["branches=1", bad], actuator="friend-2")
+    assert (told.value.code, told.value.where) == (code, f"models: {bad}")
+    assert told.value.repair
+
+
 def test_a_fit_that_breaks_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 

@@ -90,7 +90,8 @@ def choose(
     Raises
     ------
     InputError
-        No runs, no models, an unknown name, a number out of range, whole runs to hold out of one run.
+        No runs, no models, an unknown name, a number out of range, whole runs to hold out of one run. Not for a model
+        whose stages do not go together: that one comes last, with its reason.
     IpmclabError
         None of the models could be compared.
 
@@ -108,12 +109,16 @@ def choose(
     named = _named(models, actuator)
     _refuse(given, blocks, folds, held_out)
     asked, own = words_of(free), words_of(per_run)
-    refuse_unknown((*asked, *own), [model for _, model in named])
+    built = [(name, model) for name, model in named if isinstance(model, Actuator)]
+    candidates = {name: Candidate(name, reason=str(fault)) for name, fault in named if isinstance(fault, InputError)}
+    if not built:
+        raise _none(candidates)
+    refuse_unknown((*asked, *own), [model for _, model in built])
     whole_runs = len(given) > 1 if held_out is None else held_out == "runs"
     told = list(labels) if labels is not None else run_labels(given)
     channels = {name for run in given for name in READ_OUTPUTS if name in run.channels}
     each = min(folds, len(given)) if whole_runs else folds
-    count, done = len(named) * (1 + each), 0
+    count, done = len(built) * (1 + each), 0
 
     def tell(name: str, what: str) -> None:
         nonlocal done
@@ -121,8 +126,7 @@ def choose(
             progress(f"{name}, {what}", done, count)
         done += 1
 
-    candidates: dict[str, Candidate] = {}
-    for name, model in named:
+    for name, model in built:
         words, of_runs = free_of(model, channels, asked), _own(model, own)
         tell(name, "all runs")
         try:
@@ -134,7 +138,7 @@ def choose(
             candidates[name] = Candidate(name, fit, words, parameters=len(fit.parameters))
     division, unscored = _divide(given, told, candidates, whole_runs=whole_runs, blocks=blocks, folds=each)
     said: dict[str, HeldOut] = {}
-    for name, model in named:
+    for name, model in built:
         one = candidates[name]
         if one.fit is None:
             continue
@@ -158,8 +162,10 @@ def choose(
     return _choice(given, candidates, said, division, unscored, told)
 
 
-def _named(models: str | Iterable[str | Actuator], actuator: str | Actuator | None) -> list[tuple[str, Actuator]]:
-    named: list[tuple[str, Actuator]] = []
+def _named(
+    models: str | Iterable[str | Actuator], actuator: str | Actuator | None
+) -> list[tuple[str, Actuator | InputError]]:
+    named: list[tuple[str, Actuator | InputError]] = []
     for one in [models] if isinstance(models, str) else list(models):
         named += [(one.name, one)] if isinstance(one, Actuator) else parse_models(one, actuator)
     names = [name for name, _ in named]

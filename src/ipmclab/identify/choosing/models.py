@@ -16,8 +16,13 @@ from ipmclab.model.variants import STAGES
 _STAGE_GROUPS: Final = ("leak", "relaxation", "viscoelastic", "clamp")
 _FURTHER: Final = re.compile(r"\d{1,3}")
 
+_NOT_TOGETHER: Final = frozenset({"leak-in-modes", "no-form", "no-modes", "two-forms"})
+"""Of a model whose stages are each known, but make no strip together."""
 
-def parse_models(texts: str | Iterable[str], base: str | Actuator | None = None) -> list[tuple[str, Actuator]]:
+
+def parse_models(
+    texts: str | Iterable[str], base: str | Actuator | None = None
+) -> list[tuple[str, Actuator | InputError]]:
     """Read the names of models.
 
     Parameters
@@ -30,12 +35,13 @@ def parse_models(texts: str | Iterable[str], base: str | Actuator | None = None)
 
     Returns
     -------
-    models : list of (name, Actuator)
+    models : list of (name, Actuator or InputError)
+        The error where the stages of a model do not go together (``line.modes+leak.cubic``).
 
     Raises
     ------
     InputError
-        No name, an unknown one, stages without a base.
+        No name, an unknown one, a count that is none, a file that cannot be read, stages without a base.
 
     Examples
     --------
@@ -51,7 +57,16 @@ def parse_models(texts: str | Iterable[str], base: str | Actuator | None = None)
             words.append(word)
     if not words:
         raise InputError("no models were given", code="no-models", where="models", repair="name at least two")
-    return [(word, _model(word, base)) for word in dict.fromkeys(words)]
+    return [(word, _model_or_fault(word, base)) for word in dict.fromkeys(words)]
+
+
+def _model_or_fault(word: str, base: str | Actuator | None) -> Actuator | InputError:
+    try:
+        return _model(word, base)
+    except InputError as fault:
+        if fault.code in _NOT_TOGETHER:
+            return fault
+        raise InputError(fault.message, code=fault.code, where=f"models: {word}", repair=fault.repair) from fault
 
 
 def _model(word: str, base: str | Actuator | None) -> Actuator:
