@@ -40,6 +40,17 @@ def test_voltage_and_frequency(actuator: str, signal: str, rate: float, expected
 def test_a_leak_that_is_switched_off_is_none() -> None:
     off = {"leak.exponential.current_density": 0.0}
     assert codes("friend-2+leak.exponential", "step 3 V", **off) == ["above-electrolysis"]
+    assert codes("friend-2+leak.cubic", "step 3 V", **{"leak.cubic.cubic": 0.0}) == ["above-electrolysis"]
+
+
+@pytest.mark.parametrize("form", ["exponential", "butler_volmer"])
+def test_a_leak_that_begins_above_the_run_is_none(form: str) -> None:
+    high = {f"leak.{form}.threshold": 3.0}
+    assert codes(f"friend-2+leak.{form}", "step -3.01 V", **high) == []
+    strip = load_actuator(f"friend-2+leak.{form}").replace(**high)
+    (finding,) = simulate(strip, "step 2.99 V", duration=4.0, rate=50.0).metadata.findings
+    assert finding.code == "above-electrolysis"
+    assert "the leak of the model gives no current there" in finding.message
 
 
 def test_a_stiffer_modulus_moves_the_limit() -> None:

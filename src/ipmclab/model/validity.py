@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.stages.beam import Resonance, resonance
+from ipmclab.model.stages.leak import Leak
 from ipmclab.run import Finding, Run
 from ipmclab.units import LENGTH
 
@@ -86,7 +87,7 @@ def _largest(values: FloatArray) -> float:
 class _Limits:
     """What the parameters of an actuator say, whatever is asked of it."""
 
-    leaks: bool
+    leaks_above: float
     resonance: Resonance
 
 
@@ -94,36 +95,32 @@ def _limits(actuator: Actuator) -> _Limits:
     """Kept with the actuator: they are asked for at every simulation."""
     kept: dict[str, _Limits] = actuator.__dict__.setdefault("_validity_limits", {})
     if "value" not in kept:
-        kept["value"] = _Limits(_leaks(actuator), resonance(actuator.parameter_values))
+        kept["value"] = _Limits(_leaks_above(actuator), resonance(actuator.parameter_values))
     return kept["value"]
 
 
 def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
     largest = _largest(run.voltage)
-    if largest <= ELECTROLYSIS or _limits(actuator).leaks:
+    if largest <= ELECTROLYSIS or largest > _limits(actuator).leaks_above:
         return []
+    none = "leak of the model gives no current there" if actuator.structure.leak else "model has no leak"
     return [
         Finding(
             "above-electrolysis",
             "warning",
-            f"the voltage reaches {largest:.4g} V, water decomposes above {ELECTROLYSIS:g} V: the model has no leak, "
+            f"the voltage reaches {largest:.4g} V, water decomposes above {ELECTROLYSIS:g} V: the {none}, "
             "so a strip with water in it draws more current and moves otherwise",
-            "stay below, add a leak to the actuator, or be sure that the strip holds no water",
+            "stay below, give the actuator a leak at this voltage, or be sure that the strip holds no water",
             channel="voltage",
             values={"largest_voltage": largest, "limit": ELECTROLYSIS},
         )
     ]
 
 
-def _leaks(actuator: Actuator) -> bool:
-    """Whether any current leaks: a leak that is switched off is none."""
-    return any(
-        value > 0.0 for name, value in actuator.parameter_values.items() if name.startswith("leak.") and _is_size(name)
-    )
-
-
-def _is_size(name: str) -> bool:
-    return name.rpartition(".")[2] in ("linear", "quadratic", "cubic", "current_density")
+def _leaks_above(actuator: Actuator) -> float:
+    """The voltage [V] beyond which any current leaks: a leak that is switched off is none."""
+    form = actuator.structure.leak
+    return Leak(form).onset(actuator.parameter_values) if form else math.inf
 
 
 def _bending(actuator: Actuator, run: Run) -> list[Finding]:

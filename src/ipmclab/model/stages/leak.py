@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -59,6 +60,20 @@ class Leak:
     def declarations(self) -> tuple[Declaration, ...]:
         """The parameters of this stage."""
         return (*_DECLARATIONS[self.form], *(_SLOW if self.slow else ()))
+
+    def onset(self, values: Mapping[str, float]) -> float:
+        """The voltage [V] beyond which the law gives a current; infinite where it gives none at any.
+
+        Examples
+        --------
+        >>> typical = {one.name: one.typical for one in Leak("exponential").declarations}
+        >>> Leak("exponential").onset(typical)
+        1.23
+        """
+        first, second, third = (values[declaration.name] for declaration in _DECLARATIONS[self.form])
+        if self.form == "cubic":
+            return 0.0 if max(first, second, third) > 0.0 else math.inf
+        return second if first > 0.0 else math.inf
 
     def laws(self, values: Values, ports: Sequence[tuple[str, str, complex]]) -> tuple[Law, ...]:
         """The law at each place where the electrodes leak, its current density times the area there."""
