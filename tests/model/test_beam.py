@@ -108,10 +108,36 @@ def test_resonance_with_damping() -> None:
     omega = 2.0 * np.pi * plain.frequency
     residue = eq_4_10(np.array([pole]))[0] + 0.1 * pole / omega + pole**2 / omega**2
     assert abs(residue) < 1e-9
-    assert found.frequency > 1.1 * plain.frequency
     assert found.damping_ratio > 0.06
+    stiff = resonance(load_actuator("friend-2+viscoelastic").parameter_values)  # relaxes far below the resonance
+    assert stiff.frequency == pytest.approx(plain.frequency * np.sqrt(1.3), rel=1e-2)
     damped = load_actuator("friend-2+viscoelastic").replace(**{"beam.damping_ratio": 3.0})
     assert resonance(damped.parameter_values).damping_ratio > 1.0
+
+
+@pytest.mark.parametrize(
+    "modes",
+    [
+        ((2.0, 0.01, 240.6),),  # the modulus and the beam at one frequency: two resonances, far apart
+        ((2.0, 0.1, 240.6),),
+        ((0.1, 0.01, 100.0),),
+        ((100.0, 0.01, 240.0),),  # of which the lower one hardly shows
+        ((0.01, 0.01, 239.0),),
+        ((0.3, 2.0, 10.0),),
+        MODES,
+    ],
+)
+def test_the_first_resonance_is_where_the_response_first_peaks(modes: tuple[tuple[float, float, float], ...]) -> None:
+    strip = load_actuator(f"friend-2+viscoelastic={len(modes)}").replace(**viscoelastic(modes))
+    frequency = np.geomspace(1.0, 1000.0, 20_000)
+    s = 2j * np.pi * frequency
+    # The factor of eq. 4.7 with y of eq. 4.10.
+    y = 1.0 + sum(k * (s**2 + 2 * z * w * s) / (s**2 + 2 * z * w * s + w**2) for k, z, w in modes)
+    omega = 1.875**2 * np.sqrt(1.45e9 * 0.245e-3**2 / (12.0 * 3965.0)) / 0.025**2
+    height = np.abs(1.0 / (1.0 + 0.1 * s / (omega * y) + s**2 / (omega**2 * y)))
+    peaks = np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])) + 1
+    first = frequency[peaks[height[peaks] > 1.2][0]]
+    assert resonance(strip.parameter_values).frequency == pytest.approx(first, rel=0.13)
 
 
 @pytest.mark.parametrize(("name", "value"), [("amplitude", -0.1), ("damping_ratio", 0.0), ("frequency", -1.0)])

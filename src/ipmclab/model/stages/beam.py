@@ -42,6 +42,10 @@ def modulus_ratio(values: Values, s: complex) -> complex:
     return found
 
 
+_RINGS: Final = 0.5
+"""Part of the static displacement from which on what a pair of poles adds at its frequency is a resonance."""
+
+
 class Resonance(NamedTuple):
     """The first bending mode as it rings: natural frequency [Hz] and damping ratio."""
 
@@ -51,6 +55,9 @@ class Resonance(NamedTuple):
 
 def resonance(values: Mapping[str, float]) -> Resonance:
     """The first bending mode, with what a viscoelastic modulus adds to its stiffness and to its damping.
+
+    A lightly damped mode of the modulus makes two resonances of one: the first is the lowest pair of poles that adds
+    half of the static displacement or more at its own frequency.
 
     Examples
     --------
@@ -63,10 +70,18 @@ def resonance(values: Mapping[str, float]) -> Resonance:
     if not modes:
         return Resonance(float(abs(natural_frequency(values))) / (2.0 * math.pi), float(values["beam.damping_ratio"]))
     size = 2 + 2 * modes
-    a = Beam(modes).block(values).a[:size, :size]
-    poles, right = np.linalg.eig(a)
-    # A pole belongs to the beam by the part that displacement and velocity have in its mode.
-    share = np.sum(np.abs(right[:2].T * np.linalg.pinv(right)[:, :2]), axis=1)
+    whole = Beam(modes).block(values)
+    poles, right = np.linalg.eig(whole.a[:size, :size])
+    left = np.linalg.pinv(right)
+    # What a pair adds to the displacement at its own frequency, and what all poles make of a constant drive.
+    residues = right[0] * (left @ whole.b[:size, 0])
+    static = abs(np.sum(residues / poles))
+    rings = (poles.imag > 0.0) & (np.abs(residues) >= _RINGS * static * np.abs(poles.real))
+    if np.any(rings):
+        pole = complex(min(poles[rings], key=abs))
+        return Resonance(abs(pole) / (2.0 * math.pi), -pole.real / abs(pole))
+    # Nothing rings: the poles that displacement and velocity have most part in are the beam's.
+    share = np.sum(np.abs(right[:2].T * left[:, :2]), axis=1)
     pair = poles[np.argsort(-share)[:2]]
     rate = math.sqrt(abs(pair[0] * pair[1]))
     return Resonance(rate / (2.0 * math.pi), float(-(pair[0] + pair[1]).real / (2.0 * rate)))
