@@ -1,4 +1,4 @@
-"""What verbs say beside their tables: remarks, and findings in brief."""
+"""What verbs say beside their tables: warnings of the model, and findings in brief."""
 
 from __future__ import annotations
 
@@ -30,16 +30,17 @@ def test_what_the_model_does_not_hold_for_is_said(command, signal: str, rate: st
     done = simulated(command, signal, rate)
     assert done.status == 0
     told = " ".join(done.err.split())
-    assert told.count("remark:") == len(words)
+    assert told.count("warning:") == len(words)
+    assert "remark" not in told
     assert all(word in told for word in words)
 
 
-def test_remarks_of_a_validation_stand_in_json_too(command) -> None:
+def test_warnings_of_a_validation_stand_in_json_too(command) -> None:
     simulated(command, "step 2 V")
     done = command("validate", "friend-2", "a.nc", "--json")
     assert done.err == ""
     (validation,) = done.document["validations"]
-    (text,) = validation["remarks"]
+    (text,) = validation["warnings"]
     assert text.startswith("step 2 V: the voltage reaches 2 V")
 
 

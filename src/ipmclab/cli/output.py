@@ -128,10 +128,10 @@ def print_paragraph(text: str) -> None:
     print(textwrap.fill(text, min(console().width, TEXT_WIDTH)))
 
 
-def print_remarks(texts: Sequence[str]) -> None:
+def print_remarks(texts: Sequence[str], word: str = "remark") -> None:
     """Print what to think of a result on stderr, so that stdout stays what it was."""
     for text in texts:
-        print(textwrap.fill(f"remark: {text}", TEXT_WIDTH, subsequent_indent="  "), file=sys.stderr)
+        print(textwrap.fill(f"{word}: {text}", TEXT_WIDTH, subsequent_indent="  "), file=sys.stderr)
 
 
 def print_briefly(findings: Sequence[Finding]) -> None:

@@ -66,7 +66,7 @@ def simulate(
                     }
                     for name, (peak, time, end) in summary.items()
                 },
-                "remarks": told,
+                "warnings": told,
                 "out": out,
             }
         )
@@ -76,7 +76,7 @@ def simulate(
         for name, (peak, time, end) in summary.items()
     ]
     print_table(["output", "peak", "at", "end"], rows, title=f"{model.name} under {applied}, {len(run)} rows")
-    print_remarks(told)
+    print_remarks(told, "warning")
     print(f"wrote {out}")
 
 

@@ -80,7 +80,7 @@ def print_validations(names: Sequence[str], validations: Sequence[Validation], r
             print_findings(validation.findings)
 
 
-def _remarks(validation: Validation) -> list[str]:
+def _warnings(validation: Validation) -> list[str]:
     """Where the predictions leave what the model holds for, with the runs."""
     from ipmclab.model.validity import sentence
 
@@ -104,6 +104,6 @@ def validation_document(name: str, validation: Validation, runs: Sequence[Path])
     """A validation as it stands in a JSON document; ``name`` is what the user called the actuator."""
     document: dict[str, Any] = validation.as_dict() | {"actuator": name}
     document["runs"] = [{"run": path} | run for path, run in zip(runs, document["runs"], strict=True)]
-    document["remarks"] = _remarks(validation)
+    document["warnings"] = _warnings(validation)
     document["findings"] = [finding_document(finding) for finding in validation.findings]
     return document
