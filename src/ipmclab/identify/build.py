@@ -64,6 +64,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
 
     order = Order(problem.values(solution.theta, problem.records[0].place))
+    rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
     edges_are_open = _edges_are_open(asked, found)
     beside = _beside_unseen(result, stated, exact)
     fitted: dict[str, FittedParameter] = {}
@@ -73,10 +74,14 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         value = float(values[number])
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
         at_bound = (unknown.log or math.isfinite(error)) and _is_at_bound(unknown, float(solution.theta[place]))
-        others = [rival[unknown.name] for rival in result.rivals if unknown.name in rival]
+        others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in rivals if unknown.name in r.entries]
         interval = _interval(problem, solution, unknown, place, found, number, error, edges_are_open=edges_are_open)
         interval, alone = _with_rivals(unknown, float(solution.theta[place]), interval, others)
         variance = float(found.covariance[number, number])
+        wider = _half_width(unknown, interval) / _NORMAL_95 if others else 0.0
+        if unknown.log and wider**2 > variance:
+            variance = max(variance, wider**2)
+            error = max(error, wider)
         if unknown.name in beside:
             middle, spread = beside[unknown.name]
             reach = _NORMAL_95 * spread
@@ -249,12 +254,21 @@ def _edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
 
 
 def _with_rivals(
-    unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[float]
+    unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[tuple[float, float]]
 ) -> tuple[tuple[float, float], bool]:
-    """The interval widened to other minima that are as good, and whether they agree on the parameter."""
-    values = [unknown.value(other) for other in others]
-    apart = [abs(other - entry) for other in others if unknown.log]
-    return (min([interval[0], *values]), max([interval[1], *values])), all(gap <= _TWO_ERRORS for gap in apart)
+    """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
+    ends = [_beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
+    apart = [abs(other - entry) for other, _ in others if unknown.log]
+    low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
+    return (low, high), all(gap <= _TWO_ERRORS for gap in apart)
+
+
+def _half_width(unknown: Unknown, interval: tuple[float, float]) -> float:
+    """Of an interval, in entries of a logarithm."""
+    low, high = interval
+    if not unknown.log:
+        return 0.0
+    return 0.5 * math.log(high / low) if low > 0.0 and math.isfinite(high) else math.inf
 
 
 def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:

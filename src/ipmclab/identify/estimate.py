@@ -24,6 +24,7 @@ from ipmclab.identify.starts.start import StartingPoint, fastest_rate, leak_shar
 from ipmclab.identify.starts.starts import is_idle, not_at_rest
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen, without_unseen
+from ipmclab.identify.valleys import Place, Rival, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.structure import Structure
@@ -51,7 +52,7 @@ class Estimate:
 
     Under noise that is not white its rows are whitened; ``correlated`` holds them as they are.
 
-    ``parameters`` are those of the actuator that was given. ``rivals`` are other minima, as entries by name, that the
+    ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
     readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
     ``whole`` is the problem that still had them, where there are any.
     """
@@ -59,7 +60,7 @@ class Estimate:
     parameters: Mapping[str, Parameter]
     problem: Problem
     solution: Solution
-    rivals: tuple[Mapping[str, float], ...]
+    rivals: tuple[Rival, ...]
     findings: tuple[Finding, ...]
     correlated: Correlated
     unseen: tuple[Unseen, ...] = ()
@@ -108,18 +109,16 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     )
 
 
-def _still_rivals(
-    problem: Problem, solution: Solution, rivals: Sequence[Mapping[str, float]]
-) -> tuple[dict[str, float], ...]:
+def _still_rivals(problem: Problem, solution: Solution, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
     """Those of other minima that are as good under correlated noise, where they lie then."""
     names = [unknown.name for unknown in problem.unknowns]
     allowed = solution.evaluation.cost * (1.0 + _RIVAL / len(solution.evaluation.residual))
     found = []
     for rival in rivals:
-        theta = np.array([rival.get(name, own) for name, own in zip(names, solution.theta, strict=True)])
+        theta = np.array([rival.entries.get(name, own) for name, own in zip(names, solution.theta, strict=True)])
         other = polish(problem, theta) or _minimise(problem, theta, evaluations=_SHORTLY)
         if other.evaluation.cost <= allowed:
-            found.append(dict(zip(names, map(float, other.theta), strict=True)))
+            found.append(Rival.of(problem, other.theta))
     return tuple(found)
 
 
@@ -140,7 +139,8 @@ def _nearest_zero(problem: Problem, solution: Solution) -> Solution:
     wanted = float(np.clip(problem.base[name], unknown.lower, unknown.upper))
     values = problem.values(solution.theta, problem.records[0].place)
     level = values["coupling.gain"] * values[name]
-    (found,) = _held(problem, solution, name, [{name: wanted, "coupling.gain": level / wanted}])
+    (place,) = _held(problem, solution, name, [{name: wanted, "coupling.gain": level / wanted}])
+    found = place.solution
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     spent = found.evaluations + solution.evaluations
     allowed = found.evaluation.cost <= solution.evaluation.cost + _RIVAL * per_reading
@@ -182,7 +182,7 @@ def _without_idle(problem: Problem, solution: Solution, names: FreeParameters) -
 
 def _fit(
     actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[Record]
-) -> tuple[Problem, Solution, tuple[dict[str, float], ...]]:
+) -> tuple[Problem, Solution, tuple[Rival, ...]]:
     noise = {
         (record.place, output): max(reading.noise, 1e-300)
         for record in records
@@ -204,19 +204,25 @@ def _fit(
     tried = _to_the_end(tried)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
     valley = _along_valleys(actuator, names, problem, solution)
-    if valley and min(other.evaluation.cost for other in valley) < solution.evaluation.cost - 1e-3:
-        lowest = min(valley, key=lambda other: other.evaluation.cost)
+    lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
+    if lowest.evaluation.cost < solution.evaluation.cost - 1e-3:
         solution = _minimise(problem, lowest.theta)
         valley = _along_valleys(actuator, names, problem, solution)
-    tried += [(problem, other) for other in valley]
-    solution = replace(solution, evaluations=sum(other.evaluations for _, other in tried))
-    allowed = solution.evaluation.cost * (1.0 + _RIVAL / len(solution.evaluation.residual))
-    rivals = tuple(
-        dict(zip((unknown.name for unknown in of.unknowns), map(float, other.theta), strict=True))
+    spent = [*(other for _, other in tried), *(place.solution for place in valley)]
+    solution = replace(solution, evaluations=sum(other.evaluations for other in spent))
+    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
+    allowed = solution.evaluation.cost + _RIVAL * per_reading
+    rivals = [
+        Rival.of(of, other.theta)
         for of, other in tried
-        if other is not solution and other.evaluation.cost <= allowed
-    )
-    return *_weigh(problem, solution), rivals
+        if other.theta is not solution.theta and other.evaluation.cost <= allowed
+    ]
+    for place in valley:
+        excess = place.solution.evaluation.cost - solution.evaluation.cost
+        if excess <= _RIVAL * per_reading:
+            excess /= max(per_reading, 1e-300)
+            rivals.append(Rival.of(problem, place.solution.theta, place.errors * per_reading**0.5, excess))
+    return *_weigh(problem, solution), tuple(rivals)
 
 
 def _minimise(problem: Problem, theta: FloatArray, *, evaluations: int = _LONGEST) -> Solution:
@@ -272,7 +278,7 @@ def _to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem
     return sorted(found, key=lambda pair: pair[1].evaluation.cost)
 
 
-def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution) -> list[Solution]:
+def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, solution: Solution) -> list[Place]:
     """The best fits with a weakly seen parameter held at other values.
 
     A record that is short for the slowest branch does not tell it from the leak, and one that is slow for the zero of
@@ -282,7 +288,7 @@ def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, 
     values = problem.values(solution.theta, problem.records[0].place)
     errors = dict(zip((u.name for u in problem.unknowns), entry_errors(solution.evaluation), strict=True))
     series = {"circuit.sheet_resistance", "circuit.contact_resistance"}
-    found: list[Solution] = []
+    found: list[Place] = []
     circuit = max((error for name, error in errors.items() if name.startswith("circuit.")), default=0.0)
     if circuit > _WEAK and not series & set(names.actuator):
         shares = leak_shares(actuator, values)
@@ -290,10 +296,12 @@ def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, 
             found += _held(problem, solution, "circuit.dc_resistivity", shares)
     if {"coupling.gain", "coupling.zero"} <= set(names.shared) and errors["coupling.zero"] > _WEAK:
         found += _held(problem, solution, "coupling.zero", other_zeros(values, problem.records))
+    if isinstance(problem.responder, CircuitResponder):
+        found += branch_valley(problem, solution)
     return found
 
 
-def _held(problem: Problem, solution: Solution, name: str, points: Sequence[Mapping[str, float]]) -> list[Solution]:
+def _held(problem: Problem, solution: Solution, name: str, points: Sequence[Mapping[str, float]]) -> list[Place]:
     held = [unknown.name for unknown in problem.unknowns].index(name)
     found = []
     for point in points:
@@ -304,7 +312,8 @@ def _held(problem: Problem, solution: Solution, name: str, points: Sequence[Mapp
         pinned, others = Pinned(problem, held, float(theta[held])), np.delete(theta, held)
         best = polish(pinned, others) or minimise(pinned, others, evaluations=25)
         full = np.insert(best.theta, held, theta[held])
-        found.append(replace(best, theta=full, evaluation=problem.evaluate(full)))
+        errors = np.insert(entry_errors(best.evaluation), held, 0.0)
+        found.append(Place(replace(best, theta=full, evaluation=problem.evaluate(full)), errors))
     return found
 
 
