@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -43,7 +44,19 @@ def test_the_fit_says_whether_a_set_point_can_be_held(ratio: float, severity: st
     vague = {**fit.parameters, RATIO: replace(parameter, interval=(0.5, 1.5))}
     (finding,) = relaxing.set_point_findings(replace(fit, parameters=vague))
     assert finding.severity == "warning"
-    assert "do not tell whether the displacement can be held" in finding.message
+    assert finding.message.startswith("these runs do not tell whether a set point of the displacement can be held")
+
+
+@pytest.mark.parametrize("interval", [(-math.inf, math.inf), (0.2, math.inf), (-math.inf, 3.0), (math.nan, math.nan)])
+def test_an_interval_without_bounds_gives_no_verdict(interval: tuple[float, float]) -> None:
+    fit = fit_of(0.6)
+    vague = {**fit.parameters, RATIO: replace(fit.parameters[RATIO], interval=interval, determined=False)}
+    (finding,) = relaxing.set_point_findings(replace(fit, parameters=vague))
+    assert finding.severity == "warning"
+    assert finding.message.startswith("these runs do not tell whether a set point of the displacement can be held")
+    assert "keeps" not in finding.message  # what the point value would mean, it does not
+    for which, bound in zip(("low", "high"), interval, strict=True):
+        assert finding.values[which] == (bound if math.isfinite(bound) else None)
 
 
 def test_the_interval_of_a_sum_uses_the_correlation() -> None:

@@ -34,18 +34,20 @@ def set_point_findings(fit: Fit) -> list[Finding]:
 def _finding(fit: Fit, drive: Drive, names: Sequence[str]) -> Finding:
     point = set_point(fit.actuator, drive)
     low, high = _interval(fit, names, point.ratio)
-    told = f"{point.sentence}; 95 % interval of r {low:.5g} to {high:.5g}"
     numbers: dict[str, float | int | str | None] = {"ratio": point.ratio, "kind": point.kind}
     numbers |= {"low": low if math.isfinite(low) else None, "high": high if math.isfinite(high) else None}
-    if low < 1.0 < high and point.kind != "none":
+    if not (high <= 1.0 or low >= 1.0):  # a bound that is no number bounds nothing
+        known = f"{low:.5g} to {high:.5g}" if math.isfinite(low) or math.isfinite(high) else "any number"
         return Finding(
             "set-point",
             "warning",
-            f"{told}, so that these runs do not tell whether the {drive} can be held",
+            f"these runs do not tell whether a set point of the {drive} can be held: the 95 % interval of r is "
+            f"{known}, 1 in it; the fit took r = {point.ratio:.4g}",
             "record a step for several times the slowest time constant, and a second polarity against drift",
             channel=drive,
             values=numbers,
         )
+    told = f"{point.sentence}; 95 % interval of r {low:.5g} to {high:.5g}"
     return Finding(
         "set-point",
         "info" if point.can_be_held else "warning",

@@ -19,6 +19,7 @@ from ipmclab.errors import InputError
 from ipmclab.identify.fitted import fitted_outputs
 from ipmclab.identify.scores import LAGS, Comparison, score
 from ipmclab.identify.validate import RunValidation, Validation, run_labels, validate
+from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.quality import check, measure
 from ipmclab.report import tables
@@ -158,7 +159,7 @@ def html(
         ],
         frequency=_frequency_part(models, runs),
         records=[
-            *_records(runs, labels, measured, "identified from"),
+            *_records(runs, labels, measured, "identified from", fit.findings),
             *_records(validation_runs, run_labels(validation_runs), measured_later, "predicted"),
         ],
         definitions=tables.definitions(metric for metrics in (*measured, *measured_later) for metric in metrics),
@@ -235,13 +236,15 @@ def _holding(fit: Fit) -> Iterator[str]:
     """Where slow modes were fitted that stand in the way of holding a set point."""
     for finding in fit.findings:
         if finding.code == "set-point" and finding.severity == "warning":
-            channel, (low, high) = finding.channel, (finding.values["low"], finding.values["high"])
-            known = isinstance(low, float) and isinstance(high, float) and not low < 1.0 < high
+            # A bound that is not finite stands in no file: it is absent from a fit that was read.
+            low, high = finding.values.get("low"), finding.values.get("high")
+            reaches = (low is None or float(low) < 1.0) and (high is None or float(high) > 1.0)
             yield (
-                f"The {channel} relaxes back by as much as the coupling gives, or more: integral action cannot hold a "
-                "set point of it."
-                if known
-                else f"Whether a set point of the {channel} can be held is open: the interval of r reaches over 1."
+                f"These runs do not tell whether a set point of the {finding.channel} can be held: the interval of r "
+                "reaches over 1."
+                if reaches
+                else f"The {finding.channel} relaxes back by as much as the coupling gives, or more: integral action "
+                "cannot hold a set point of it."
             )
 
 
@@ -404,14 +407,20 @@ def _frequency_part(models: Sequence[Actuator], runs: Sequence[Run]) -> Picture:
 
 
 def _records(
-    runs: Sequence[Run], labels: Sequence[str], measured: Sequence[Sequence[Metric]], role: str
+    runs: Sequence[Run],
+    labels: Sequence[str],
+    measured: Sequence[Sequence[Metric]],
+    role: str,
+    said: Sequence[Finding] = (),
 ) -> list[dict[str, Any]]:
+    """The part on each record; where a model left what it holds for, not again what ``said`` says of that record."""
+    beyond = {finding.message for finding in said if finding.code in VALIDITY_CODES}
     return [
         {
             "label": label,
             "role": role,
             "facts": [("role", role), *tables.run_facts(run)],
-            "findings": check(run),
+            "findings": [one for one in check(run) if f"{label}: {one.message}" not in beyond],
             "metrics": tables.metric_rows(metrics),
             "sha256": run.content_sha256,
         }
