@@ -11,7 +11,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ipmclab import Actuator, InputError, Run, forecast, import_run, load_actuator, simulate
+from ipmclab import Actuator, InputError, Run, check, forecast, import_run, load_actuator, simulate
 from ipmclab.identify import ForecastSettings, with_slow_modes
 from ipmclab.identify.forecasting.disturbance import Disturbance
 from ipmclab.identify.forecasting.filter_loop import filtered
@@ -180,6 +180,26 @@ def test_a_contact_that_came_back_starts_the_modes_anew() -> None:
     assert before.reopened == ()
     assert [finding.code for finding in found.findings] == ["contact-lost"]
     assert found.anew.shape == (len(found.response), 9)
+
+
+def test_a_jump_of_the_rate_is_followed_and_a_spike_in_it_is_not() -> None:
+    truth, run = wandering(3, strength=1e-13)
+    assert run.displacement is not None
+    later = np.maximum(run.time - 45.0, 0.0)
+    moved = run.displacement + 0.5e-3 * (1.0 - np.exp(-later / 2.0))
+    spiked = moved.copy()
+    spiked[1150] += 0.05e-3  # much larger, it would hide the jump from the check
+    (jump,) = (f for f in check(replace(run, displacement=spiked)) if f.code == "rate-jump")
+    ((start, stop),) = jump.samples
+    assert start < 1150 < stop
+    found = prepare(with_slow_modes(truth), replace(run, displacement=spiked), origin=60.0)
+    assert "rate-jump" in [finding.code for finding in found.findings]
+    assert (np.flatnonzero(~np.isfinite(found.readings[start:stop])) + start).tolist() == [1150]
+    smooth, with_spike = (
+        forecast(with_slow_modes(truth), replace(run, displacement=each), origin=60.0).mean[-1]
+        for each in (moved, spiked)
+    )
+    assert with_spike == pytest.approx(smooth, abs=2e-6)
 
 
 @pytest.mark.parametrize(

@@ -221,23 +221,24 @@ def prepare(
     past = int(np.searchsorted(run.time, origin + 1e-9 * max(abs(origin), 1.0), side="right"))
     seen = _until(run, past)
     findings = check(seen)
-    used = usable(seen, findings)[channel]
     voltage = run.voltage.copy()
     kept: list[Finding] = []
     reopened: list[float] = []
+    followed: list[Finding] = []
     for finding in findings:
         if finding.code == "contact-missing":
             kept.append(finding)
+            followed.append(finding)  # it drifts there as it did before
             for start, stop in finding.samples:
                 voltage[start:stop] = 0.0
-                used[start:stop] = True  # it drifts there as it did before
         elif finding.code == "contact-lost":
             kept.append(finding)
             reopened += [float(run.time[stop]) for _, stop in finding.samples if stop < past]
         elif finding.code == "rate-jump" and finding.channel == channel:
             kept.append(finding)
-            for start, stop in finding.samples:  # the filter goes on through it: the level moves, the model stays
-                used[start:stop] = np.isfinite(values[start:stop])
+            followed.append(finding)  # the filter goes on through it: the level moves, the model stays
+    # What another finding says of the same rows still holds: a spike stays out.
+    used = usable(seen, [finding for finding in findings if finding not in followed])[channel]
     on = np.flatnonzero(np.abs(voltage[:past]) > 0.02 * np.abs(voltage[:past]).max(initial=0.0))
     edge = float(run.time[on[0]]) if len(on) else float(run.time[0])
     time, volts = _planned(run, voltage, past, horizon)
