@@ -180,14 +180,14 @@ def quantity_of(metric: str) -> Quantity:
 def headline_runs(sample: int, measured: str | None = None) -> tuple[HeadlineRun, ...]:
     """The runs of a sample of which the thesis prints a current, in the order of its figures.
 
+    Of sample 2 those at room conditions, of the others those at 20 degC and 80 %RH: at others no current is printed.
+
     Parameters
     ----------
     sample : int
         1 to 7.
     measured : "displacement" or "force", optional
         Only the runs that measured this.
-    conditions : str, optional
-        Room conditions for sample 2 and 20 degC, 80 %RH for the others where it is left out, as the thesis has them.
 
     Examples
     --------
