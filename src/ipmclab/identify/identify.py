@@ -7,9 +7,11 @@ from dataclasses import replace
 from typing import Final
 
 from ipmclab.errors import InputError
+from ipmclab.identify.beyond import beyond_findings
 from ipmclab.identify.build import build_fit
 from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
+from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
 from ipmclab.model import Actuator
@@ -101,7 +103,12 @@ def identify(
     _need_readings(names, records, silent)
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
-    return build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
+    fit = build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
+    beyond = beyond_findings(fit, records)
+    if not beyond:
+        return fit
+    fit = replace(fit, findings=(*fit.findings, *beyond))
+    return replace(fit, actuator=replace(fit.actuator, fit_table=fit_to_table(fit)))
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
