@@ -245,6 +245,15 @@ def test_force_alone_shows_only_the_product_of_d_and_modulus() -> None:
     assert fit.parameters["beam.modulus"].interval == (0.0, np.inf)
 
 
+def test_one_parameter_alone_that_is_hardly_known_has_an_interval() -> None:
+    """Its profile holds it, and then nothing is left to fit."""
+    run = record("sine 1 V 7 Hz", duration=1.25, rate=200.0)
+    fit = identify(FRIEND, [run], free="circuit.dc_resistivity")
+    one = fit.parameters["circuit.dc_resistivity"]
+    assert one.standard_error > 0.05 * one.value
+    assert one.interval[0] < FRIEND["circuit.dc_resistivity"] < one.interval[1]
+
+
 def test_a_free_direction_ends_where_the_file_is() -> None:
     runs = [record(), record("sine 1 V 0.1 Hz")]
     fit = identify(FRIEND, runs, free=["electrical", "circuit.sheet_resistance"])

@@ -106,7 +106,7 @@ def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
 def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
     """The step, and the decrease of the cost that it promises."""
     singular, directions, right, size = here.scaled_spectrum
-    kept = singular > STRUCTURAL * singular[0]
+    kept = singular > STRUCTURAL * singular.max(initial=0.0)
     turned = right[kept]
     return -(directions[kept].T @ (turned / singular[kept])) / size, float(turned @ turned)
 
@@ -114,7 +114,7 @@ def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
 def entry_errors(here: Evaluation) -> FloatArray:
     """Standard error of each entry, infinite where a direction of which the readings say nothing moves it."""
     singular, directions, _, size = here.scaled_spectrum
-    kept = singular > STRUCTURAL * singular[0]
+    kept = singular > STRUCTURAL * singular.max(initial=0.0)
     errors = np.sqrt(((directions[kept] / singular[kept, None]) ** 2).sum(axis=0)) / size
     moved = (np.abs(directions[~kept]) > 1e-3).any(axis=0)
     return np.where(moved, np.inf, errors)
