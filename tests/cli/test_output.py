@@ -6,6 +6,7 @@ import pytest
 
 from ipmclab import Finding
 from ipmclab.cli.output import print_briefly
+from ipmclab.run import Severity
 
 
 def simulated(command, signal: str, rate: str = "50 Hz"):
@@ -50,7 +51,7 @@ def test_a_perfect_prediction_is_not_judged_by_its_rounding(command) -> None:
     assert all(score["autocorrelation_outside_band"] is None for score in validation["runs"][0]["scores"].values())
 
 
-def test_findings_in_brief_are_grouped_and_the_worst_comes_first(capsys: pytest.CaptureFixture[str]) -> None:
+def test_infos_in_brief_are_grouped_and_the_worst_comes_first(capsys: pytest.CaptureFixture[str]) -> None:
     long = "a long story " * 40
     print_briefly([Finding("small", "info", long), Finding("bad", "error", "it broke"), Finding("small", "info", long)])
     lines = capsys.readouterr().out.splitlines()
@@ -58,3 +59,19 @@ def test_findings_in_brief_are_grouped_and_the_worst_comes_first(capsys: pytest.
     assert lines[2] == "  info small (2 times)"
     assert len(lines) == 5
     assert all(len(line) <= 200 for line in lines)
+
+
+@pytest.mark.parametrize("severity", ["warning", "error"])
+def test_warnings_and_errors_are_told_in_full_each_with_its_repair(
+    severity: Severity, capsys: pytest.CaptureFixture[str]
+) -> None:
+    long = " ".join(f"word{k}" for k in range(80))
+    first = Finding("at-bound", severity, f"first {long} end", f"mend {long} so", channel="current")
+    print_briefly([first, Finding("at-bound", severity, "another one", "mend it otherwise")])
+    out = capsys.readouterr().out
+    told = " ".join(out.split())
+    for text in (f"first {long} end", f"-> mend {long} so", "another one", "-> mend it otherwise"):
+        assert text in told
+    assert "..." not in told
+    assert "(current)" in told
+    assert all(len(line) <= 100 for line in out.splitlines())

@@ -135,29 +135,33 @@ def print_remarks(texts: Sequence[str], word: str = "remark") -> None:
 
 
 def print_briefly(findings: Sequence[Finding]) -> None:
-    """Print findings for a quick look: equal ones once, the ones that matter first, at most two lines each."""
-    groups: dict[tuple[str, str], list[Finding]] = {}
-    for finding in sorted(findings, key=lambda one: list(_STYLES).index(one.severity)):
-        groups.setdefault((finding.severity, finding.code), []).append(finding)
+    """Print findings of a fit: errors and warnings first and in full, with what to do; of infos one for each code."""
+    ordered = sorted(findings, key=lambda one: list(_STYLES).index(one.severity))
+    print_findings([one for one in ordered if one.severity != "info"], width=TEXT_WIDTH)
+    groups: dict[str, list[Finding]] = {}
+    for finding in ordered:
+        if finding.severity == "info":
+            groups.setdefault(finding.code, []).append(finding)
     out = console()
-    for (severity, code), members in groups.items():
-        out.print(f"  {severity}", style=_STYLES[severity], end=" ")
+    for code, members in groups.items():
+        out.print("  info", style=_STYLES["info"], end=" ")
         out.print(code, style="bold", end="")
         out.print(f" ({len(members)} times)" if len(members) > 1 else "")
         out.print("    " + textwrap.shorten(members[0].message, min(out.width, 2 * TEXT_WIDTH) - 6, placeholder=" ..."))
     if groups:
-        print("The report and --json have their full text.")
+        print("The report and --json have the full text of what is only noted (info).")
 
 
-def print_findings(findings: Sequence[Finding]) -> None:
+def print_findings(findings: Sequence[Finding], *, width: int = UNBOUNDED) -> None:
     """Print each finding: severity, code and channel; what was seen; what to do."""
     out = console()
+    within = min(out.width, width)
     for finding in findings:
         out.print(f"  {finding.severity}", style=_STYLES[finding.severity], end=" ")
         out.print(finding.code + (f" ({finding.channel})" if finding.channel else ""), style="bold")
         for text, indent in ((finding.message, "    "), (finding.repair, "    -> ")):
             if text:
-                out.print(textwrap.fill(text, out.width, initial_indent=indent, subsequent_indent=" " * len(indent)))
+                out.print(textwrap.fill(text, within, initial_indent=indent, subsequent_indent=" " * len(indent)))
 
 
 def finding_document(finding: Finding) -> dict[str, Any]:
