@@ -91,6 +91,24 @@ def test_what_nobody_foresaw_is_one_message_too(command, monkeypatch, failure, s
     assert done.err.count("\n") == 1
 
 
+def test_a_fault_names_the_way_to_its_traceback_which_shows_it_and_nothing_else_does(command, monkeypatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("odd")
+
+    monkeypatch.setattr("ipmclab.cli.check.read_runs", fail)
+    monkeypatch.delenv("IPMCLAB_TRACEBACK", raising=False)
+    usual = command("check", "a.nc")
+    assert "the same command once more with the environment variable IPMCLAB_TRACEBACK set to 1" in usual.err
+    assert "Traceback" not in usual.err
+    monkeypatch.setenv("IPMCLAB_TRACEBACK", "1")
+    shown = command("check", "a.nc", "--json")
+    assert (shown.status, shown.document["error"]["code"]) == (1, "fault")  # the rest is as it was
+    assert "Traceback (most recent call last)" in shown.err
+    assert "in fail" in shown.err
+    assert shown.err.endswith(usual.err)
+    assert "Traceback" not in command("check").err  # a wrong use is no fault
+
+
 def test_stdout_that_cannot_write_greek_does_not_fail(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", "from ipmclab.cli.app import run; run(['--version']); print('δ')"],

@@ -38,6 +38,9 @@ PROGRAM: Final = "ipmclab"
 INTERRUPTED: Final = 130
 """Exit status after Ctrl-C: 128 + the number of the interrupt signal, as shells have it."""
 
+TRACEBACK: Final = "IPMCLAB_TRACEBACK"
+"""Environment variable that, set to 1, shows where a fault of the program came from. No traceback comes otherwise."""
+
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -115,7 +118,10 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        return _fail(_explain(error), as_json="--json" in arguments)
+        explained = _explain(error)
+        if explained.code == "fault" and os.environ.get(TRACEBACK, "").strip() == "1":
+            traceback.print_exception(error)
+        return _fail(explained, as_json="--json" in arguments)
     if status == INTERRUPTED:
         interrupted = IpmclabError("stopped before the end", code="interrupted", repair="run the command again")
         interrupted.exit_status = INTERRUPTED
@@ -150,14 +156,13 @@ def _explain(error: Exception) -> IpmclabError:
             where=str(error.filename),
             repair=_FILE_REPAIRS.get(type(error), "check the path and the disk"),
         )
-    if sys.flags.dev_mode:
-        raise error
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return IpmclabError(
         f"{type(error).__name__}: {error}",
         code="fault",
         where=f"{frame.filename}:{frame.lineno}",
-        repair=f"this is a fault in {PROGRAM}: please report it with what `python -X dev -m {PROGRAM}` prints",
+        repair=f"this is a fault in {PROGRAM}: run the same command once more with the environment variable "
+        f"{TRACEBACK} set to 1, and report what it prints",
     )
 
 
