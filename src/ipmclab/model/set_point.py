@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -16,6 +17,7 @@ from ipmclab.model.stages.relaxation import Relaxation
 if TYPE_CHECKING:
     from ipmclab.model.actuator import Actuator
 
+FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Drive = Literal["displacement", "force"]
 Kind = Literal["none", "partial", "washout", "reversal"]
@@ -24,6 +26,12 @@ DRIVES: Final[tuple[Drive, ...]] = ("displacement", "force")
 
 _ROUNDING: Final = 1e-12
 """A ratio within this of 1 is 1; a zero this much smaller than the slowest rate is at the origin."""
+
+_SETTLED: Final = 40.0
+"""Time constants of the slowest pole after which nothing of it is left."""
+
+_REFINED: Final = 3
+"""Grids, each between two points of the one before, down to the moment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +49,9 @@ class SetPoint:
         Whether a step first moves it against the coupling's direction (of one slow mode: r tau1 > tau2).
     zeros : complex array, shape (n_zeros,) [1/s]
         Of the whole drive, the coupling and its slow modes together.
+    inverse_for : float [s]
+        How long a step of the voltage behind the electrodes keeps the drive on the wrong side; 0 without an inverse
+        start, infinite where it stays there.
     """
 
     drive: Drive
@@ -48,6 +59,7 @@ class SetPoint:
     kind: Kind
     inverse_start: bool
     zeros: ComplexArray
+    inverse_for: float = 0.0
 
     @property
     def right_half_plane(self) -> ComplexArray:
@@ -65,15 +77,15 @@ class SetPoint:
         told = f"r = {self.ratio:.4g} of the {self.drive}: {self._held()}"
         unstable = self.right_half_plane
         if len(unstable):
-            slowest = float(np.min(np.abs(unstable)))
-            told += (
-                f"; a zero lies in the right half plane, at {slowest:.4g} 1/s (non-minimum phase): its inverse grows, "
-                f"and a loop that holds is slower than about {0.5 * slowest:.3g} rad/s"
-            )
+            told += f"; {_told(unstable)} (non-minimum phase): its inverse grows"
+            slow = f"slower than about {0.5 * float(np.min(np.abs(unstable))):.3g} rad/s"
+            if self.can_be_held:
+                told += f", and a loop that holds is {slow}"
+            elif self.kind == "reversal":
+                told += f", and a loop of the opposite sign, which alone could hold, is {slow}"
         if self.inverse_start and self.kind != "none":
             told += "; a step starts in the inverse direction"
-            if len(unstable):
-                told += f", for about {1.0 / float(np.max(unstable.real)):.2g} s"
+            told += f", for about {self.inverse_for:.2g} s" if math.isfinite(self.inverse_for) else " and stays there"
         return told
 
     def _held(self) -> str:
@@ -139,12 +151,14 @@ def set_point(actuator: Actuator, drive: str = "displacement") -> SetPoint:
     kind: Kind = "partial" if has_modes else "none"
     if has_modes and ratio > 1.0 - _ROUNDING:
         kind = "washout" if ratio < 1.0 + _ROUNDING else "reversal"
+    inverse = bool((system.c @ system.b)[0, 0] < 0.0)
     return SetPoint(
         drive=which,
         ratio=float(ratio),
         kind=kind,
-        inverse_start=bool((system.c @ system.b)[0, 0] < 0.0),
+        inverse_start=inverse,
         zeros=_zeros(system),
+        inverse_for=_wrong_side(system) if inverse else 0.0,
     )
 
 
@@ -176,6 +190,40 @@ def ratio_names(actuator: Actuator, drive: str) -> tuple[str, ...]:
 
 def _is_ratio(name: str, drive: str) -> bool:
     return name.startswith((f"relaxation.{drive}.", f"relaxation.{drive}_pair.")) and name.endswith(".ratio")
+
+
+def _told(unstable: ComplexArray) -> str:
+    nearest = complex(unstable[np.argmin(np.abs(unstable))])
+    turning = f" ± {abs(nearest.imag):.4g}j" if nearest.imag else ""
+    where = f"at {nearest.real:.4g}{turning} 1/s"
+    if len(unstable) == 1:
+        return f"a zero lies in the right half plane, {where}"
+    return f"{len(unstable)} zeros lie in the right half plane, the nearest {where}"
+
+
+def _wrong_side(system: System) -> float:
+    """When the step response of a drive that starts below 0 first comes above it [s]; infinite where it never does."""
+    poles = np.linalg.eigvals(system.a)
+    rates = np.abs(poles)
+    times = np.geomspace(1e-4 / rates.max(), _SETTLED / np.abs(poles.real).min(), 500)
+    turning = np.abs(poles.imag[poles.imag > 1e-9 * rates])
+    for rate in turning:  # several in each turn, for as many turns as can matter
+        times = np.append(times, np.arange(1, 1000) * (0.2 / rate))
+    times = np.unique(times)
+    for _ in range(_REFINED):
+        above = np.flatnonzero(_step(system, times) > 0.0)
+        if not len(above):
+            return math.inf
+        last = int(above[0])
+        times = np.linspace(times[last - 1] if last else 0.0, times[last], 100)[1:]
+    return float(times[-1])
+
+
+def _step(system: System, times: FloatArray) -> FloatArray:
+    from ipmclab.model.numerics.discretise import transitions
+
+    drive: FloatArray = transitions([system], times).constant[0] @ system.c[0]
+    return drive
 
 
 def _zeros(system: System) -> ComplexArray:
