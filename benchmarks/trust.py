@@ -83,7 +83,7 @@ CASES = {
         "force",
         200.0,
         3000,
-        2e-6,
+        5e-7,
         np.log([FRIEND_2.gain, FRIEND_2.zero, FRIEND_2.p1, FRIEND_2.p2]),
         _coupled,
     ),
