@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
+from os import PathLike
 from typing import Final
 
 from ipmclab.errors import InputError
@@ -15,6 +16,7 @@ from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
 from ipmclab.model import Actuator
+from ipmclab.model.given import need_actuator, need_run
 from ipmclab.quality.check import check_record
 from ipmclab.quality.record import Record as Checked
 from ipmclab.run import Finding, Run
@@ -64,8 +66,8 @@ def identify(
     Raises
     ------
     InputError
-        An unknown name, no runs, a run without the readings that the free parameters need, more unknowns than
-        readings.
+        No actuator, an unknown name, no runs, a run without the readings that the free parameters need, more
+        unknowns than readings.
 
     Examples
     --------
@@ -76,6 +78,7 @@ def identify(
     >>> round(fit.parameters["circuit.dc_resistivity"].value, 6)
     43.420408
     """
+    need_actuator(actuator)
     given = _runs(runs)
     names = parse_free(actuator.parameter_values, free, per_run)
     _refuse_counts(actuator, names)
@@ -123,17 +126,11 @@ def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
 
 
 def _runs(runs: Sequence[Run] | Run) -> list[Run]:
-    given = [runs] if isinstance(runs, Run) else list(runs)
+    given = [runs] if isinstance(runs, (Run, str, PathLike)) else list(runs)
     if not given:
         raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
     for place, run in enumerate(given):
-        if not isinstance(run, Run):
-            raise InputError(
-                f"item {place} is a {type(run).__name__}, not a run",
-                code="not-a-run",
-                where="runs",
-                repair="read it with read_run, or make one with Run.from_arrays",
-            )
+        need_run(run, where=f"runs[{place}]")
     return given
 
 

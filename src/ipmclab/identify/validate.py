@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,6 +24,7 @@ from ipmclab.identify.observation import (
 )
 from ipmclab.identify.open_coupling import open_coupling
 from ipmclab.identify.scores import Comparison, Score, score
+from ipmclab.model.given import need_actuator, need_run
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.quality import check
@@ -152,7 +154,7 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
     Raises
     ------
     InputError
-        No run, or a run in which nothing was measured that the actuator predicts.
+        No actuator, no run, or a run in which nothing was measured that the actuator predicts.
     IpmclabError
         A prediction that is not finite.
 
@@ -165,9 +167,12 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
     >>> round(validation.scores["force"].fit_percent, 6)
     100.0
     """
-    given = [runs] if isinstance(runs, Run) else list(runs)
+    need_actuator(actuator)
+    given = [runs] if isinstance(runs, (Run, str, PathLike)) else list(runs)
     if not given:
         raise InputError("there is no run to predict", code="no-runs", where="runs", repair="give at least one run")
+    for place, run in enumerate(given):
+        need_run(run, where=f"runs[{place}]")
     known: dict[str, Mapping[str, Any]] = {sha256: {} for sha256 in used} | fitted_runs(actuator.fit_table)
     done: list[RunValidation] = []
     findings: list[Finding] = []

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.given import need_actuator
 from ipmclab.model.numerics.modal import coefficients, modes
 from ipmclab.model.stages.laser import blank_lost, read_far
 from ipmclab.model.validity import validity
@@ -136,7 +137,7 @@ def simulate(
     Raises
     ------
     InputError
-        A duration, rate, hold, signal, array or state that cannot be used; a signal longer than the
+        No actuator; a duration, rate, hold, signal, array or state that cannot be used; a signal longer than the
         record; an output that is not finite.
 
     Examples
@@ -146,6 +147,7 @@ def simulate(
     >>> len(run), round(1e3 * float(run.current[0]), 3)
     (2000, 60.348)
     """
+    need_actuator(actuator)
     if isinstance(signal, Run):
         return _simulate_run(actuator, signal, duration, rate, initial_state)
     check_hold(hold)

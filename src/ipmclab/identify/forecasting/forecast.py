@@ -8,6 +8,7 @@ from ipmclab.identify.fit import Fit
 from ipmclab.identify.forecasting.forecast_record import prepare
 from ipmclab.identify.forecasting.forecast_values import Forecast, ForecastSettings, known_channel
 from ipmclab.model import Actuator
+from ipmclab.model.given import need_actuator
 from ipmclab.run import Run
 
 __all__ = ["Forecast", "ForecastSettings", "forecast", "prepare", "with_slow_modes"]
@@ -35,6 +36,7 @@ def with_slow_modes(
     [1.0, 10.0, 100.0]
     """
     known_channel(channel)
+    need_actuator(actuator)
     prefix = f"relaxation.{channel}."
     values = {name: value for name, value in actuator.parameter_values.items() if not name.startswith(prefix)}
     for place, time_constant in enumerate(np.geomspace(shortest, longest, modes)):

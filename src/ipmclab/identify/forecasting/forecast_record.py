@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from ipmclab.errors import InputError
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.forecasting.disturbance import Disturbance, filter_readings
 from ipmclab.identify.forecasting.forecast_values import Forecast, ForecastSettings, known_channel
+from ipmclab.model.given import need_actuator, need_run
 from ipmclab.quality import check, usable
 from ipmclab.run import Finding, Run
 
@@ -106,7 +108,7 @@ class Prepared:
         ------
         InputError
         """
-        if not 0.0 < level < 1.0:
+        if not (_is_number(level) and 0.0 < level < 1.0):
             raise InputError(
                 f"the level is {level!r}, it must lie between 0 and 1",
                 code="bad-level",
@@ -218,6 +220,8 @@ def prepare(
     """
     values = _checked(run, origin, horizon, channel)
     actuator = model.actuator if isinstance(model, Fit) else model
+    if actuator is not None:
+        need_actuator(actuator)
     past = int(np.searchsorted(run.time, origin + 1e-9 * max(abs(origin), 1.0), side="right"))
     seen = _until(run, past)
     findings = check(seen)
@@ -273,12 +277,21 @@ def prepare(
 
 def _checked(run: Run, origin: float, horizon: float, channel: str) -> FloatArray:
     known_channel(channel)
+    need_run(run)
     values: FloatArray | None = getattr(run, channel)
     if values is None or not np.isfinite(values).any():
         raise InputError(
             f"the run has no {channel}", code="no-readings", where=channel, repair="give a run that measured it"
         )
     first, last = float(run.time[0]), float(run.time[-1])
+    for name, given in (("origin", origin), ("horizon", horizon)):
+        if not _is_number(given):
+            raise InputError(
+                f"the {name} is {given!r}, it must be a number",
+                code=f"bad-{name}",
+                where=name,
+                repair=f"give it in s, such as {name}=30.0",
+            )
     if not (first < origin <= last + 1e-9):
         raise InputError(
             f"the origin {origin!r} s lies outside the run, which lasts from {first:.6g} s to {last:.6g} s",
@@ -294,6 +307,10 @@ def _checked(run: Run, origin: float, horizon: float, channel: str) -> FloatArra
             repair="give it in s, such as 10",
         )
     return values
+
+
+def _is_number(given: Any) -> bool:
+    return isinstance(given, Real) and not isinstance(given, bool)
 
 
 def _until(run: Run, past: int) -> Run:
