@@ -217,11 +217,8 @@ def _fit(
         for of, other in tried
         if other.theta is not solution.theta and other.evaluation.cost <= allowed
     ]
-    for place in valley:
-        excess = place.solution.evaluation.cost - solution.evaluation.cost
-        if excess <= _RIVAL * per_reading:
-            excess /= max(per_reading, 1e-300)
-            rivals.append(Rival.of(problem, place.solution.theta, place.errors * per_reading**0.5, excess))
+    least = solution.evaluation.cost
+    rivals += [rival for place in valley if (rival := Rival.at(problem, place, least, per_reading)) is not None]
     return *_weigh(problem, solution), tuple(rivals)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,9 @@ from ipmclab.identify.starts.varpro import Drive, responses
 from ipmclab.model import Actuator
 from ipmclab.model.stages.circuit import Circuit
 from ipmclab.model.structure import Structure
+
+if TYPE_CHECKING:
+    from ipmclab.model.sensitivity import Kept
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -175,6 +178,8 @@ class ActuatorResponder:
     def __init__(self, actuator: Actuator) -> None:
         self._actuator = actuator
         self._bases: dict[int, FloatArray] = {}
+        self._latest: tuple[object, Actuator] | None = None
+        self._kept: Kept | None = None
 
     def amplitudes(self, record: Record) -> int:
         """As many as the readings of this run can tell apart."""
@@ -187,7 +192,7 @@ class ActuatorResponder:
     def prepare(self, record: Record, values: Mapping[str, float]) -> None:
         """Choose the basis of a run with a free start, for parameters near the final ones."""
         rest = np.zeros(len(self._actuator.state_names))
-        states = self._sensitivities(record, values, (), 0.0, rest).states
+        states = self._sensitivities(record, values, (), 0.0, rest, asked=("states",)).states
         weighted = np.concatenate(
             [
                 states[row][reading.exact] / max(reading.noise, 1e-300)
@@ -200,7 +205,8 @@ class ActuatorResponder:
 
     def start_columns(self, record: Record, values: Mapping[str, float], delay: float) -> FloatArray:
         """The response to each state."""
-        return self._sensitivities(record, values, (), delay, np.zeros(len(self._actuator.state_names))).states
+        rest = np.zeros(len(self._actuator.state_names))
+        return self._sensitivities(record, values, (), delay, rest, asked=("states",)).states
 
     def initial_state(self, record: Record, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:  # noqa: ARG002
         """The states that the readings can see; the others as small as they can be."""
@@ -213,7 +219,8 @@ class ActuatorResponder:
         """Outputs and their derivatives."""
         basis = self._bases.get(record.place)
         state = None if basis is None else basis @ start if len(start) else np.zeros(len(basis))
-        found = self._sensitivities(record, values, names, delay, state)
+        asked = [*(["states"] if basis is not None else []), *(["delay"] if record.delay_is_free else [])]
+        found = self._sensitivities(record, values, names, delay, state, asked=asked)
         states = found.states @ basis if basis is not None else found.states[:, :, :0]
         return Response(found.values, found.parameters, states, found.delay)
 
@@ -224,14 +231,15 @@ class ActuatorResponder:
         names: Sequence[str],
         delay: float,
         state: FloatArray | None,
+        *,
+        asked: Collection[str],
     ) -> Response:
-        from ipmclab.model.sensitivity import sensitivities
+        from ipmclab.model.sensitivity import Kept, sensitivities
 
-        changes = {name: value for name, value in values.items() if value != self._actuator[name]}
-        if record.series_resistance:
-            changes["circuit.contact_resistance"] = values["circuit.contact_resistance"] + record.series_resistance
+        if self._kept is None:
+            self._kept = Kept()
         found = sensitivities(
-            self._actuator.replace(**changes),
+            self._at(values, record.series_resistance),
             tuple(names),
             record.run.time,
             record.run.voltage,
@@ -239,5 +247,17 @@ class ActuatorResponder:
             outputs=tuple(record.readings),
             initial_state=state,
             delay=delay,
+            asked=asked,
+            kept=self._kept,
         )
         return Response(found.values, found.parameters, found.states, found.delay)
+
+    def _at(self, values: Mapping[str, float], series_resistance: float) -> Actuator:
+        """The actuator with some parameters; the latest is kept, which runs share."""
+        key = tuple(values.values()), series_resistance
+        if self._latest is None or self._latest[0] != key:
+            changes = {name: value for name, value in values.items() if value != self._actuator[name]}
+            if series_resistance:
+                changes["circuit.contact_resistance"] = values["circuit.contact_resistance"] + series_resistance
+            self._latest = key, self._actuator.replace(**changes)
+        return self._latest[1]

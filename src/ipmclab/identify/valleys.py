@@ -25,6 +25,10 @@ FloatArray = npt.NDArray[np.float64]
 SURE: Final = 3.84
 """Excess of chi-square of one parameter that 95 % of fits stay below."""
 
+SURELY_SOMEWHERE: Final = 7.88
+"""The same for a branch that may not show at all. Then it stands where noise looks most like one, of about ten places
+between a row and a record that know nothing of each other: the excess that 99.5 % stay below at each."""
+
 _WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
 _FASTEST: Final = 0.3  # rows
 _SLOWEST: Final = 30.0  # records
@@ -36,10 +40,11 @@ _NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """The best fit with something held, and the standard errors of all entries with it held."""
+    """The best fit with something held, the standard errors of all entries there, and the excess that is allowed."""
 
     solution: Solution
     errors: FloatArray
+    allowed: float = SURE
 
 
 @dataclass(frozen=True)
@@ -58,22 +63,31 @@ class Rival:
     reach: Mapping[str, float]
 
     @classmethod
-    def of(cls, problem: Problem, theta: FloatArray, errors: FloatArray | None = None, excess: float = 0.0) -> Rival:
-        """From a vector.
+    def of(cls, problem: Problem, theta: FloatArray, reach: FloatArray | None = None) -> Rival:
+        """From a vector, and how far each entry may still move."""
+        names = [unknown.name for unknown in problem.unknowns]
+        known = np.zeros(len(names)) if reach is None else reach
+        return cls(dict(zip(names, map(float, theta), strict=True)), dict(zip(names, map(float, known), strict=True)))
+
+    @classmethod
+    def at(cls, problem: Problem, place: Place, least: float, variance: float) -> Rival | None:
+        """From a place, or None where the readings do not allow it.
 
         Parameters
         ----------
         problem : Problem
-        theta : float array, shape (n_unknown,)
-        errors : float array, shape (n_unknown,), optional
-            With what was held there held.
-        excess : float
-            Chi-square above that of the best fit.
+        place : Place
+        least : float
+            Cost of the best fit.
+        variance : float
+            Cost of one reading: 1 where the noise is as it was taken to be.
         """
-        names = [unknown.name for unknown in problem.unknowns]
-        left = float(np.sqrt(max(SURE - excess, 0.0)))
-        reach = np.zeros(len(names)) if errors is None or left == 0.0 else errors * left
-        return cls(dict(zip(names, map(float, theta), strict=True)), dict(zip(names, map(float, reach), strict=True)))
+        left = place.allowed - max(place.solution.evaluation.cost - least, 0.0) / max(variance, 1e-300)
+        if left < 0.0:
+            return None
+        # Within a place 95 % of its own, less towards the last one that is allowed.
+        reach = place.errors * np.sqrt(variance * min(left, SURE)) if left > 0.0 else None
+        return cls.of(problem, place.solution.theta, reach)
 
     def sorted_as(self, problem: Problem, order: Order) -> Rival:
         """With branches and modes named as they stand in another order: the fastest is the fastest there."""
@@ -153,7 +167,7 @@ def branch_valley(problem: Problem, solution: Solution) -> list[Place]:
             assert best is not None
             warm = tied.full(best.theta)
             whole = replace(best, theta=warm, evaluation=problem.evaluate(warm))
-            found.append(Place(whole, tied.errors(best)))
+            found.append(Place(whole, tied.errors(best), SURELY_SOMEWHERE))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -25,6 +25,9 @@ FloatArray = npt.NDArray[np.float64]
 
 _COMPLEX_STEP: Final = 1e-100
 """So small that its square vanishes beside any number here: Im f(p + ih)/h is then f'(p) to the last digit."""
+
+_POINTS: Final = 8  # runs that differ in a parameter or in their outputs each have one
+_LINES: Final = 16
 
 _MOST_EXPONENTIALS: Final = 4096
 """Matrix exponentials taken at once: a record with an irregular clock has as many as rows for each parameter."""
@@ -144,6 +147,8 @@ def sensitivities(
     outputs: Sequence[str] | None = None,
     initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
     delay: float = 0.0,
+    asked: Collection[str] = ("states", "delay"),
+    kept: Kept | None = None,
 ) -> Sensitivities:
     """Outputs at the rows of a record, with exact derivatives by parameters, initial states and delay.
 
@@ -156,6 +161,10 @@ def sensitivities(
     ----------
     names : sequence of str
         Dotted names of parameters.
+    asked : collection of "states" and "delay"
+        What is wanted beside the parameters; the derivatives that are not are zero.
+    kept : Kept, optional
+        What an earlier call worked out and this one can use.
 
     The other parameters are those of ``simulate_outputs``.
 
@@ -179,24 +188,79 @@ def sensitivities(
     check_hold(hold)
     times, volts = _record(time, voltage)
     chosen = choose_outputs(outputs)
-    line = timeline(times, volts, hold, delay=delay, from_rest=initial_state is None)
+    kept = Kept() if kept is None else kept
+    line = kept.line(times, volts, hold, delay, from_rest=initial_state is None)
     state = state_vector(actuator, initial_state)
-    system = actuator.system
-    line = divided(line, parts(system, line.durations))
-    stepped = [
-        actuator.assembled({**actuator.parameter_values, name: complex(actuator[name], _COMPLEX_STEP)})
-        for name in names
-    ]
-    seen = seen_states([system, *stepped], chosen)
-    system, *stepped = (reduced(each, chosen, seen) for each in (system, *stepped))
-    moves = _moves(system, stepped, line.durations)
-    found = (_linear if system.law_ports is None else _with_laws)(system, stepped, moves, line, state[seen], len(times))
+    line = divided(line, parts(actuator.system, line.durations))
+    point = kept.point(actuator, tuple(names), tuple(chosen))
+    system, stepped, seen = point.system, point.stepped, point.seen
+    moves = point.moves_over(line.durations)
+    solve = _linear if system.law_ports is None else _with_laws
+    found = solve(system, stepped, moves, line, state[seen], len(times), asked)
     if len(seen) < len(state):
         states = np.zeros((*found.values.shape, len(state)))
         states[:, :, seen] = found.states
         found = replace(found, states=states)
     _before_laser(found, actuator, names, [OUTPUTS[place] for place in chosen])
     return found
+
+
+class Kept:
+    """What calls of ``sensitivities`` have in common: runs share their parameters, and a run keeps its time line.
+
+    It holds the latest of each only, and is for one thread.
+    """
+
+    def __init__(self) -> None:
+        self._points: dict[tuple[object, ...], _Point] = {}
+        self._lines: dict[tuple[object, ...], tuple[FloatArray, FloatArray, Timeline]] = {}
+
+    def line(self, times: FloatArray, volts: FloatArray, hold: Hold, delay: float, *, from_rest: bool) -> Timeline:
+        """The time line of a record; while the arrays are the same objects, it is kept."""
+        key = id(times), id(volts), hold, delay, from_rest
+        if key not in self._lines:
+            if len(self._lines) >= _LINES:
+                self._lines.clear()
+            # The arrays are held, so that nothing else can take their identity.
+            self._lines[key] = times, volts, timeline(times, volts, hold, delay=delay, from_rest=from_rest)
+        return self._lines[key][2]
+
+    def point(self, actuator: Actuator, names: tuple[str, ...], chosen: tuple[int, ...]) -> _Point:
+        """The systems of an actuator and of each parameter's derivative."""
+        key = tuple(actuator.parameter_values.items()), names, chosen
+        if key not in self._points:
+            if len(self._points) >= _POINTS:
+                self._points.clear()
+            self._points[key] = _Point.of(actuator, names, chosen)
+        return self._points[key]
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """The system at some parameters, one more for each derivative, and the transitions worked out so far."""
+
+    system: System
+    stepped: tuple[System, ...]
+    seen: npt.NDArray[np.int64]
+    moves: dict[bytes, _Moves]
+
+    @classmethod
+    def of(cls, actuator: Actuator, names: Sequence[str], chosen: Sequence[int]) -> _Point:
+        system = actuator.system
+        stepped = [
+            actuator.assembled({**actuator.parameter_values, name: complex(actuator[name], _COMPLEX_STEP)})
+            for name in names
+        ]
+        seen = seen_states([system, *stepped], chosen)
+        own, *others = (reduced(each, chosen, seen) for each in (system, *stepped))
+        return cls(own, tuple(others), seen, {})
+
+    def moves_over(self, durations: FloatArray) -> _Moves:
+        key = durations.tobytes()
+        if key not in self.moves:
+            self.moves.clear()
+            self.moves[key] = _moves(self.system, self.stepped, durations)
+        return self.moves[key]
 
 
 def _before_laser(found: Sensitivities, actuator: Actuator, names: Sequence[str], outputs: Sequence[str]) -> None:
@@ -250,6 +314,7 @@ def _linear(
     line: Timeline,
     state: FloatArray,
     rows: int,
+    asked: Collection[str],
 ) -> Sensitivities:
     from ipmclab.model.numerics import kernels
 
@@ -257,20 +322,20 @@ def _linear(
     c, d = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
     d_c = _slopes([at.c for at in stepped], c.shape)
     d_d = _slopes([at.d[:, 0] for at in stepped], d.shape)
-    tangents = np.hstack([np.zeros((n, count)), np.eye(n)])
+    by_states = n if "states" in asked else 0
+    tangents = np.hstack([np.zeros((n, count)), np.eye(n)[:, :by_states]])
     values = np.empty((len(c), rows))
-    derivatives = np.empty((len(c), rows, count + n))
-    by_delay = np.empty_like(values)
+    derivatives = np.empty((len(c), rows, count + by_states))
+    by_delay = np.zeros_like(values)
     along: list[Any] = [*moves.at[:3], *moves.by[:3], line.interval, line.start, line.end, line.row, line.reading]
     kernels.dense_tangents(*[*along, c, d, d_c, d_d, state, tangents, values, derivatives])
     moving: list[Any] = [line.interval, line.rate, line.jump, line.read_before_jump, line.row, line.reading_rate]
-    kernels.dense_delay(
-        *[*moves.at[:2], *moving, np.ascontiguousarray(system.b[:, 0]), c, d, by_delay],
-    )
+    if "delay" in asked:
+        kernels.dense_delay(*[*moves.at[:2], *moving, np.ascontiguousarray(system.b[:, 0]), c, d, by_delay])
     return Sensitivities(
         values=values,
         parameters=derivatives[:, :, :count],
-        states=derivatives[:, :, count:],
+        states=derivatives[:, :, count:] if by_states else np.zeros((*values.shape, n)),
         delay=by_delay,
     )
 
@@ -282,6 +347,7 @@ def _with_laws(
     line: Timeline,
     state: FloatArray,
     rows: int,
+    asked: Collection[str],
 ) -> Sensitivities:
     from ipmclab.model.numerics.dense_laws_loop import dense_laws_tangents
 
@@ -304,9 +370,10 @@ def _with_laws(
         [np.array([law.coefficients for law in at.laws]) for at in others], laws.coefficients.shape
     )
     flow = np.ascontiguousarray(system.a), np.ascontiguousarray(system.b[:, 0]), np.ascontiguousarray(own.drive)
-    tangents = np.hstack([np.zeros((n, count)), np.eye(n), np.zeros((n, 1))])
+    by_states = n if "states" in asked else 0
+    tangents = np.hstack([np.zeros((n, count)), np.eye(n)[:, :by_states], np.zeros((n, 1))])
     values = np.empty((len(c), rows))
-    derivatives = np.empty((len(c), rows, count + n + 1))
+    derivatives = np.empty((len(c), rows, count + by_states + 1))
     along: list[Any] = [line.durations, line.interval, line.start, line.end, line.row, line.reading]
     moving: list[Any] = [line.rate, line.reading_rate, line.arrives, line.leaves]
     at_ports: list[Any] = [laws.ports, d_ports, laws.forms, laws.coefficients, d_coefficients]
@@ -315,8 +382,8 @@ def _with_laws(
     return Sensitivities(
         values=values,
         parameters=derivatives[:, :, :count],
-        states=derivatives[:, :, count : count + n],
-        delay=derivatives[:, :, -1],
+        states=derivatives[:, :, count:-1] if by_states else np.zeros((*values.shape, n)),
+        delay=derivatives[:, :, -1] if "delay" in asked else np.zeros_like(values),
     )
 
 
