@@ -14,6 +14,8 @@ from scipy.optimize import brentq
 from ipmclab import InputError, IpmclabError, load_actuator, simulate
 from ipmclab.model import Actuator
 from ipmclab.model.numerics.law_loop import law, solve_one, solve_several
+from ipmclab.model.numerics.law_modal import law_loop
+from ipmclab.run import Hold
 from tests.independent.thesis import FRIEND_2, OUTPUTS
 
 FORMS = ("cubic", "exponential", "butler_volmer")
@@ -170,6 +172,26 @@ def test_the_loop_over_modes_equals_the_dense_one(name: str, hold: str) -> None:
                 assert apart(fast, dense) < 1e-11, (changes, hold)
             else:
                 assert not np.any(fast)
+
+
+@pytest.mark.parametrize("hold", ["zero", "zero-before", "first"])
+@pytest.mark.parametrize(
+    "stages",
+    [
+        "leak.exponential+relaxation.displacement",
+        "leak.butler_volmer+relaxation.displacement=2+relaxation.force_pair",
+        "leak.cubic+viscoelastic=2+laser",
+        "leak.exponential+relaxation.force+viscoelastic",
+    ],
+)
+def test_what_hangs_on_the_node_follows_the_loop_over_modes(stages: str, hold: Hold) -> None:
+    actuator = load_actuator(f"friend-2+{stages}")
+    assert law_loop(actuator, 0.02, hold) is not None  # and not the dense path, with which it is compared
+    for voltage in (rough(700), np.full(700, 3.0)):
+        assert apart(outputs(actuator, voltage, 50.0, hold), outputs(actuator, voltage, 50.0, hold, dense=True)) < 1e-11
+    assert not np.any(outputs(actuator, np.zeros(700), 50.0, hold))
+    two = outputs(actuator, np.array([1.0, 3.0]), 50.0, hold)
+    assert apart(two[:, 1:], outputs(actuator, np.array([1.0, 3.0]), 50.0, hold, dense=True)[:, 1:]) < 1e-11
 
 
 @pytest.mark.parametrize(("rate", "bound"), [(50.0, 2e-6), (10.0, 2e-6)])

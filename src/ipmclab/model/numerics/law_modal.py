@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.numerics.dense import LONGEST
+from ipmclab.model.assemble import assemble
+from ipmclab.model.blocks import Block
+from ipmclab.model.numerics.dense import LONGEST, Dense
 from ipmclab.model.numerics.modal import Modes, exponential_integrals, modes
+from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.structure import Structure
 
 if TYPE_CHECKING:
     from ipmclab.model.actuator import Actuator
@@ -56,8 +60,11 @@ def _law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
     if structure.slow_leak or structure.clamp or structure.line or period > LONGEST * (1 + 1e-6):
         return None
     values = actuator.parameter_values
-    # The strip without its leak; what leaks is a lower voltage at the front of the electrodes.
-    found = modes(replace(structure, leak="").blocks(values), external="voltage", outputs=_PORTS)
+    # The strip without its leak; what leaks is a lower voltage at the front of the electrodes. What hangs on the node
+    # does not load it: of its motion the loop over the modes computes the plain one, and a richer one comes after.
+    linear = replace(structure, leak="")
+    plain = Structure(structure.branches, laser=structure.laser)
+    found = modes(plain.blocks(values), external="voltage", outputs=_PORTS)
     numbers = None if found is None else _numbers(found, period)
     if numbers is None:
         return None
@@ -66,13 +73,33 @@ def _law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
     circuit = np.array([*numbers.circuit, series, numbers.weights[1, 6]])
     k = np.array(law.coefficients, dtype=np.float64)
     jumps, form = _JUMPS[hold], law.form
+    motion = None if linear == plain else _Motion(linear.blocks(values), period)
 
     def loop(voltage: FloatArray, values: FloatArray) -> None:
         from ipmclab.model.numerics.law_modal_loop import law_modal
 
-        law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, values)
+        fronts = np.empty((3, 0 if motion is None else len(voltage)))
+        law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, values, fronts)
+        if motion is not None:
+            motion.write(fronts, values[2:])
 
     return loop
+
+
+class _Motion:
+    """Displacement and force of a linear strip, driven by the voltage at the front of its electrodes."""
+
+    def __init__(self, blocks: Sequence[Block], period: float) -> None:
+        system = assemble(blocks, external="voltage", outputs=_PORTS[2:])
+        every = range(len(system.outputs))
+        system = reduced(system, every, seen_states([system], every))
+        self._dense, self._size = Dense.of(system, [period]), len(system.states)
+
+    def write(self, fronts: FloatArray, values: FloatArray) -> None:
+        """From ``fronts`` of ``law_modal_loop.law_modal``."""
+        rows = fronts.shape[1]
+        kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
+        self._dense.run(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2], np.zeros(self._size), values)
 
 
 @dataclass(frozen=True, eq=False)

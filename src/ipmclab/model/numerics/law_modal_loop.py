@@ -146,6 +146,7 @@ def law_modal(
     form: int,
     k: FloatArray,
     outputs: FloatArray,
+    fronts: FloatArray,
 ) -> None:
     """Two real modes of the circuit with a law, and two pairs behind them, from rest.
 
@@ -169,6 +170,9 @@ def law_modal(
     k : float array, shape (3,)
     outputs : float array, shape (4, n_time)
         Written: current, applied voltage, displacement, force.
+    fronts : float array, shape (3, n_time) or (3, 0) [V]
+        Written, unless it is empty: e at the begin and at the end of the period before each row, and where the row is
+        read. With these in place of the voltage everything else behind the electrodes is a linear system.
     """
     a1, begin1, end1 = circuit[0], circuit[1], circuit[2]
     a2, begin2, end2 = circuit[3], circuit[4], circuit[5]
@@ -276,6 +280,10 @@ def law_modal(
             if jumps <= 0:
                 x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
                 begins[l], ends[l] = e_begin, e_end
+        if fronts.shape[1] > 0:
+            fronts[0, first : first + rows] = begins[:rows]
+            fronts[1, first : first + rows] = ends[:rows]
+            fronts[2, first : first + rows] = reads[:rows]
         for l in range(rows):  # noqa: E741
             x1[l] += end1 * ends[l]
             x2[l] += end2 * ends[l]
