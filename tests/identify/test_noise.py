@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,8 @@ from scipy.stats import multivariate_normal
 from ipmclab.identify.noise.columns import Columns, constants, steps_between, whitened
 from ipmclab.identify.noise.likelihood import likelihood
 from ipmclab.identify.noise.model import NoiseModel
+from ipmclab.identify.noise.pieces import Shape
+from ipmclab.identify.noise.robust import spread_by
 from ipmclab.identify.noise.screen import needs_search
 from ipmclab.identify.noise.search import choose_terms
 from ipmclab.identify.noise.terms import Terms, autoregression, state_space
@@ -59,7 +62,7 @@ def _roots(partials: Array) -> Array:
     return np.roots([1.0, -first * (1.0 - second), -second])
 
 
-def readings(terms: Terms, *, gaps: bool) -> tuple[Array, Columns]:
+def readings(*, gaps: bool) -> tuple[Array, Columns]:
     generator = np.random.default_rng(SEED)
     rows = np.sort(generator.choice(60, 40, replace=False)) if gaps else np.arange(40)
     time = 3.0 + STEP * rows
@@ -70,7 +73,7 @@ def readings(terms: Terms, *, gaps: bool) -> tuple[Array, Columns]:
 @pytest.mark.parametrize("gaps", [False, True], ids=["every row", "gaps"])
 @pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
 def test_whitening_is_the_inverse_of_the_cholesky_factor(terms: Terms, entries: tuple[float, ...], gaps: bool) -> None:
-    time, columns = readings(terms, gaps=gaps)
+    time, columns = readings(gaps=gaps)
     factor = np.linalg.cholesky(dense(terms, entries, time))
     found, logarithm = columns.whitened(terms, np.array(entries))
     np.testing.assert_allclose(found, np.linalg.solve(factor, columns.matrix), atol=1e-9)
@@ -81,7 +84,7 @@ def test_whitening_is_the_inverse_of_the_cholesky_factor(terms: Terms, entries: 
 @pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
 def test_likelihood_is_that_of_the_contrasts(terms: Terms, entries: tuple[float, ...], gaps: bool) -> None:
     """Restricted likelihood: the density of what is left when all unknown constants are projected out."""
-    time, columns = readings(terms, gaps=gaps)
+    time, columns = readings(gaps=gaps)
     covariance = dense(terms, entries, time)
     held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
     design = columns.matrix[:, [*held, 2, 3, 4]]
@@ -103,7 +106,7 @@ def test_likelihood_is_that_of_the_contrasts(terms: Terms, entries: tuple[float,
 def test_other_readings_count_in_the_likelihood_as_if_all_were_one() -> None:
     """A second stretch of white readings of the same parameters, through its normal equations or as rows."""
     terms, entries = SHAPES[1]
-    time, columns = readings(terms, gaps=True)
+    time, columns = readings(gaps=True)
     generator = np.random.default_rng(SEED + 1)
     more = generator.standard_normal((25, 4))
     found = likelihood(columns, more.T @ more, terms, np.array(entries))
@@ -124,6 +127,15 @@ def test_partial_autocorrelations_make_every_stationary_autoregression() -> None
     np.testing.assert_allclose(covariances, wanted, rtol=1e-10)
     noise = NoiseModel(step=1.0, driven=2.0, coefficients=tuple(coefficients))
     assert noise.stationary == pytest.approx(4.0 * wanted[0], rel=1e-10)
+
+
+@pytest.mark.parametrize(("terms", "entries"), [SHAPES[1], SHAPES[3], SHAPES[4]], ids=str)
+def test_the_spread_of_least_squares_is_that_of_the_dense_covariance(terms: Terms, entries: tuple[float, ...]) -> None:
+    time, columns = readings(gaps=True)
+    stationary = replace(terms, offset=False, trend=False)
+    found = spread_by(columns.matrix, columns.steps, Shape(stationary, np.array(entries), 2.0))
+    wanted = 2.0 * columns.matrix.T @ dense(stationary, entries, time) @ columns.matrix
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
 
 
 def made(kind: str, rows: int, generator: np.random.Generator) -> Array:

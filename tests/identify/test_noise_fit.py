@@ -129,6 +129,14 @@ def test_what_the_model_lacks_is_no_noise() -> None:
     assert "coloured-residuals" in codes
 
 
+def test_noise_is_not_held_for_what_the_model_lacks() -> None:
+    """A step shows the first branch in a row or two: there least squares is a poor judge, and must know it."""
+    generator = np.random.default_rng(SEED)
+    for _ in range(6):
+        fit = identify(FRIEND, runs("AR(1)", generator)[:1])
+        assert "model-error-like-noise" not in {finding.code for finding in fit.findings}
+
+
 def test_the_noise_goes_into_the_file_and_back(tmp_path: Path) -> None:
     fit = identify(FRIEND, runs("walk", np.random.default_rng(SEED)))
     write_fit(fit, tmp_path / "fitted.toml")

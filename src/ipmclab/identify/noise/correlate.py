@@ -107,7 +107,7 @@ def correlate(
         if turn and _moved(here.evaluation, here.theta - before.theta) < _SETTLED:
             break
     correlated = _told(found, here, plain, pieces, shapes)
-    if contradiction(problem, given, shapes, here, gone):
+    if _contradicted(problem, given, [(piece, shapes[piece.key]) for piece in pieces], here):
         return replace(given, contradicted=frozenset(output for _, output in shapes))
     # A noise at the end of what a computer can tell apart is none that errors could be built on.
     return correlated if correlated.spread and correlated.spread.is_finite else given
@@ -155,13 +155,15 @@ def _moved(here: Evaluation, step: FloatArray) -> float:
     return float(np.linalg.norm(here.triangle[:, :-1] @ step))
 
 
-def contradiction(
-    problem: Problem, given: Correlated, shapes: Mapping[Key, Shape], here: Solution, gone: Sequence[int]
-) -> bool:
-    """Whether the noise cannot be noise; under a drift least squares is no judge of it."""
-    if gone or any(shape.terms.drifts for shape in shapes.values()):
+def _contradicted(problem: Problem, given: Correlated, pieces: Sequence[tuple[Piece, Shape]], here: Solution) -> bool:
+    """Whether the noise cannot be noise; under an unknown zero or a walk least squares is no judge of it."""
+    if any(shape.terms.constants or shape.terms.walk for _, shape in pieces):
         return False
-    return contradicts(problem, given.plain, here.theta - given.solution.theta)
+    if len(given.solution.theta) != len(here.theta):
+        return False
+    directions = directions_of(here.evaluation)
+    step = here.theta - given.solution.theta
+    return contradicts(problem, given.plain, pieces, step, directions @ directions.T)
 
 
 def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
