@@ -56,7 +56,10 @@ def _timed(candidate: Callable[[], object], calls: int) -> float:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Time of one candidate over another's, as the median over rounds, and what it must keep to."""
+    """Time of one candidate over another's, as the median over rounds, and what it must keep to.
+
+    Without a bound it is only reported.
+    """
 
     name: str
     rounds: npt.NDArray[np.float64]
@@ -73,9 +76,10 @@ class Ratio:
 
     def __str__(self) -> str:
         low, high = np.quantile(self.rounds, [0.1, 0.9])
-        wanted = f"at most {self.at_most:g}" if np.isfinite(self.at_most) else f"at least {self.at_least:g}"
-        verdict = "holds" if self.holds else "FAILS"
-        return f"| {self.name} | {self.median:.3g} ({low:.3g} to {high:.3g}) | {wanted} | {verdict} |"
+        bounds = [f"at least {self.at_least:g}"] if self.at_least > 0.0 else []
+        bounds += [f"at most {self.at_most:g}"] if np.isfinite(self.at_most) else []
+        verdict = ("holds" if self.holds else "FAILS") if bounds else ""
+        return f"| {self.name} | {self.median:.3g} ({low:.3g} to {high:.3g}) | {', '.join(bounds)} | {verdict} |"
 
 
 RATIO_HEAD = "| ratio of times | median (10 to 90 % of rounds) | gate | |\n|---|---|---|---|"
