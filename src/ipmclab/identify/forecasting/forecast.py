@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ipmclab.identify.fit import Fit
+from ipmclab.identify.forecasting.doubts import table_without
 from ipmclab.identify.forecasting.forecast_record import prepare
 from ipmclab.identify.forecasting.forecast_values import Forecast, ForecastSettings, known_channel
 from ipmclab.model import Actuator
@@ -47,6 +48,8 @@ def with_slow_modes(
         parameter_values=values,
         standard_uncertainties={n: u for n, u in actuator.standard_uncertainties.items() if n in values},
         sample=actuator.sample,
+        # What the fit left open of the rest is told with the forecast.
+        fit_table=table_without(actuator.fit_table, [n for n in actuator.parameter_values if n.startswith(prefix)]),
     )
 
 
@@ -86,8 +89,8 @@ def forecast(
     Raises
     ------
     InputError
-        A channel that the run does not have, an origin outside it or too soon after the voltage came on, a horizon
-        or level that is none.
+        A channel that the run does not have, an origin outside it, too soon after the voltage came on or long after
+        the last usable reading, a horizon or level that is none.
 
     Examples
     --------

@@ -14,6 +14,14 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.forecasting.disturbance import Disturbance, filter_readings
+from ipmclab.identify.forecasting.doubts import (
+    age_finding,
+    free_length,
+    left_open,
+    reach_finding,
+    undetermined_finding,
+    without_open_ratios,
+)
 from ipmclab.identify.forecasting.forecast_values import Forecast, ForecastSettings, known_channel
 from ipmclab.model.given import need_actuator, need_run
 from ipmclab.quality import check, usable
@@ -62,6 +70,8 @@ class Prepared:
     reopened : tuple of float [s]
         When a lost contact came back.
     findings : tuple of Finding
+    free_length : float [m]
+        How far a displacement can go; infinite where nothing bounds the channel.
     """
 
     channel: str
@@ -80,6 +90,7 @@ class Prepared:
     spread: FloatArray
     reopened: tuple[float, ...]
     findings: tuple[Finding, ...]
+    free_length: float
     volts: float
 
     @cached_property
@@ -148,6 +159,7 @@ class Prepared:
         expected, variance = state.predict(disturbance, self.ahead - self.origin, columns[past:])
         expected = expected + self.response[past:]
         sigma = np.sqrt(variance)
+        beyond = reach_finding(self.ahead, expected, self.free_length)
         half = _quantile(0.5 + 0.5 * level) * sigma
         # Of a noise-free record a coefficient may be known to rounding, and its variance below 0 by as much.
         errors = np.sqrt(np.maximum(np.diag(state.covariance)[2:], 0.0))
@@ -163,7 +175,7 @@ class Prepared:
             settings=settings,
             # A ratio is what the slopes are by; its own value is where the response was taken.
             coefficients=self._learnt(state.mean[2:], errors),
-            findings=self.findings,
+            findings=self.findings if beyond is None else (*self.findings, beyond),
         )
 
     def _learnt(self, values: FloatArray, errors: FloatArray) -> dict[str, tuple[float, float]]:
@@ -220,13 +232,16 @@ def prepare(
     """
     values = _checked(run, origin, horizon, channel)
     actuator = model.actuator if isinstance(model, Fit) else model
+    kept: list[Finding] = []
     if actuator is not None:
         need_actuator(actuator)
+        names_open = left_open(model, channel)
+        actuator, open_ratios = without_open_ratios(actuator, channel, names_open)
+        kept += [one for one in [undetermined_finding(names_open, open_ratios)] if one is not None]
     past = int(np.searchsorted(run.time, origin + 1e-9 * max(abs(origin), 1.0), side="right"))
     seen = _until(run, past)
     findings = check(seen)
     voltage = run.voltage.copy()
-    kept: list[Finding] = []
     reopened: list[float] = []
     followed: list[Finding] = []
     for finding in findings:
@@ -235,6 +250,8 @@ def prepare(
             followed.append(finding)  # it drifts there as it did before
             for start, stop in finding.samples:
                 voltage[start:stop] = 0.0
+        elif finding.code == "sampling-period-unknown":
+            kept.append(finding)  # every second of the forecast hangs on it
         elif finding.code == "contact-lost":
             kept.append(finding)
             reopened += [float(run.time[stop]) for _, stop in finding.samples if stop < past]
@@ -243,6 +260,8 @@ def prepare(
             followed.append(finding)  # the filter goes on through it: the level moves, the model stays
     # What another finding says of the same rows still holds: a spike stays out.
     used = usable(seen, [finding for finding in findings if finding not in followed])[channel]
+    old = age_finding(run.time[:past], used & np.isfinite(values[:past]), horizon, channel)
+    kept += [] if old is None else [old]
     on = np.flatnonzero(np.abs(voltage[:past]) > 0.02 * np.abs(voltage[:past]).max(initial=0.0))
     edge = float(run.time[on[0]]) if len(on) else float(run.time[0])
     time, volts = _planned(run, voltage, past, horizon)
@@ -271,6 +290,7 @@ def prepare(
         spread=spread,
         reopened=tuple(reopened),
         findings=tuple(kept),
+        free_length=free_length(actuator, channel),
         volts=float(np.abs(voltage[:past]).max(initial=0.0)),
     )
 

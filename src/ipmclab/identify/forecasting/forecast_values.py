@@ -84,7 +84,7 @@ class Forecast:
     coefficients : mapping of name to (mean, standard deviation) [SI]
         The parameters of the actuator that were learnt from the record, ``curl`` [SI/s] beside them.
     findings : tuple of Finding
-        Of the record up to the origin, where the forecast hangs on them.
+        Of the record up to the origin and of the model, where the forecast hangs on them.
     """
 
     channel: str
