@@ -27,7 +27,8 @@ def step(tmp_path: Path) -> Path:
 
 def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Path) -> None:
     files = ("--out", "best.toml", "--report", "choice.html", "--plot", "choice.svg")
-    outcome = command("choose", "step.nc", "--actuator", "friend-2", "--models", "branches=1,2", *files, "--json")
+    models = ("--actuator", "friend-2", "--models", "branches=1,2", "--folds", "3")
+    outcome = command("choose", "step.nc", *models, *files, "--json")
     assert outcome.status == 0, outcome.err
     assert outcome.err == ""
     document = outcome.document
@@ -46,11 +47,14 @@ def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Pat
 
 
 def test_a_table_for_people(command: Command, step: Path) -> None:
-    outcome = command("choose", "step.nc", "--actuator", "friend-2", "--models", "branches=1", "--models", "branches=2")
+    models = ("--models", "branches=1", "--models", "branches=2", "--models", "line.modes+leak.cubic", "--folds", "3")
+    outcome = command("choose", "step.nc", "--actuator", "friend-2", *models)
     assert outcome.status == 0
     assert "preferred" in outcome.out
     assert "independent ones" in outcome.out
-    assert "branches=1 predicts worse than branches=2" in " ".join(outcome.out.split())
+    said = " ".join(outcome.out.split())
+    assert "branches=1 predicts worse than branches=2" in said
+    assert "line.modes+leak.cubic could not be compared" in said
 
 
 @pytest.mark.parametrize(
@@ -58,6 +62,7 @@ def test_a_table_for_people(command: Command, step: Path) -> None:
     [
         (("--models", "branches=1,2"), "it does not say of which actuator"),
         (("--models", "friend-2"), "1 model was given"),
+        (("--models", "friend-2,friend-2+leak.cubik"), "models: friend-2+leak.cubik: no stage is called 'leak.cubik'"),
         (("--models", "branches=1,2", "--actuator", "friend-2", "--hold-out", "all"), "--hold-out"),
         (("--models", "branches=1,2", "--actuator", "friend-2", "--report", "x.pdf"), "must end in .html"),
         (("--models", "branches=1,2", "--actuator", "friend-2", "--folds", "0"), "blocks in 0 folds"),
