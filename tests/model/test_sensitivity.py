@@ -10,6 +10,8 @@ import scipy.signal
 
 from ipmclab import InputError
 from ipmclab.model import Actuator, sensitivities, simulate_outputs
+from ipmclab.model.sensitivity import Kept
+from ipmclab.model.variants import with_stages
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
 from tests.model.conftest import STRIPS, actuator_of
 
@@ -209,3 +211,25 @@ def test_derivative_by_the_delay(hold: str, delay: float, rest: bool, friend_2: 
     far_ahead, far_behind = (values(delay * PERIOD + 2 * by) for by in (step, -step))
     expected = (8.0 * (ahead - behind) - (far_ahead - far_behind)) / (12.0 * step)
     np.testing.assert_array_less(np.abs(found - expected) / peak(expected), 1e-6)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.007])
+@pytest.mark.parametrize("stages", [(), ("leak.exponential",), ("clamp", "line.segments=3", "leak.cubic"), ("laser",)])
+def test_what_is_kept_and_what_is_left_out_change_nothing(
+    stages: tuple[str, ...], delay: float, friend_2: Actuator
+) -> None:
+    strip, kept = with_stages(friend_2, *stages), Kept()
+    names = ["coupling.gain", "circuit.dc_resistivity", "circuit.branches.0.permittivity"]
+    voltage, outputs = 2.0 * rough(), ["current", "displacement"]
+    # There and back, so that what was kept at one point is not taken for another.
+    for factor in (1.0, 1.01, 1.0):
+        at = strip.replace(**{"coupling.gain": strip["coupling.gain"] * factor})
+        alone = sensitivities(at, names, TIME, voltage, "zero", outputs=outputs, delay=delay)
+        again = sensitivities(at, names, TIME, voltage, "zero", outputs=outputs, delay=delay, kept=kept)
+        fewer = sensitivities(at, names, TIME, voltage, "zero", outputs=outputs, delay=delay, kept=kept, asked=())
+        for field in ("values", "parameters", "states", "delay"):
+            assert np.array_equal(getattr(alone, field), getattr(again, field)), field
+        for field in ("values", "parameters"):
+            assert np.array_equal(getattr(alone, field), getattr(fewer, field)), field
+        assert not fewer.states.any()
+        assert not fewer.delay.any()
