@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ipmclab import InputError, IpmclabError, load_actuator, simulate
-from ipmclab.model import Actuator
+from ipmclab.model import Actuator, simulate_outputs
 from ipmclab.model.numerics.law_loop import law, solve_one, solve_several
 from ipmclab.model.numerics.law_modal import law_loop
 from ipmclab.run import Hold
@@ -192,6 +192,28 @@ def test_what_hangs_on_the_node_follows_the_loop_over_modes(stages: str, hold: H
     assert not np.any(outputs(actuator, np.zeros(700), 50.0, hold))
     two = outputs(actuator, np.array([1.0, 3.0]), 50.0, hold)
     assert apart(two[:, 1:], outputs(actuator, np.array([1.0, 3.0]), 50.0, hold, dense=True)[:, 1:]) < 1e-11
+
+
+@pytest.mark.parametrize("hold", ["zero", "zero-before", "first"])
+@pytest.mark.parametrize(
+    "stages",
+    [
+        "relaxation.displacement",
+        "viscoelastic=2+laser",
+        "leak.butler_volmer+leak.slow+relaxation.force",
+        "leak.cubic+clamp",
+        "leak.exponential+line.segments=4",
+    ],
+)
+def test_rows_of_one_period_equal_a_time_line(stages: str, hold: Hold) -> None:
+    actuator = load_actuator(f"friend-2+{stages}")
+    time, later = np.arange(400) / 50.0, np.arange(400) / 50.0
+    later[-1] += 0.013  # no regular clock, which is laid on a time line
+    for voltage in (rough(400), np.full(400, 3.0)):
+        for names in (list(OUTPUTS), ["force", "current"]):
+            straight = simulate_outputs(actuator, time, voltage, hold, outputs=names)
+            laid = simulate_outputs(actuator, later, voltage, hold, outputs=names)
+            assert apart(straight[:, :-1], laid[:, :-1]) < 1e-12
 
 
 @pytest.mark.parametrize(("rate", "bound"), [(50.0, 2e-6), (10.0, 2e-6)])

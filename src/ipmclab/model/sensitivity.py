@@ -16,6 +16,7 @@ from ipmclab.model.numerics.dense import Dense, check_solved, law_numbers, parts
 from ipmclab.model.numerics.discretise import Transition, transitions
 from ipmclab.model.numerics.law_modal import law_loop
 from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.numerics.regular import regular
 from ipmclab.model.numerics.timeline import Timeline, divided, timeline
 from ipmclab.model.simulate import check_hold, checked_voltage, modal_coefficients
 from ipmclab.model.stages.laser import Laser, read_far
@@ -117,6 +118,12 @@ def simulate_outputs(
             elif with_law is not None:
                 with_law(volts, every)
             values = every[chosen]
+            read_far(values, names, actuator.parameter_values)
+            return values
+        dense = regular(actuator, period, chosen)
+        if dense is not None:
+            values = np.empty((len(chosen), len(times)))
+            dense.write(volts, hold, values)
             read_far(values, names, actuator.parameter_values)
             return values
     line = timeline(times, volts, hold, delay=delay, from_rest=initial_state is None)
