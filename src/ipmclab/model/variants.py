@@ -140,10 +140,12 @@ def _parse(text: str) -> tuple[str, int | None]:
         )
     least, most = _range(stage)
     if not (count.isascii() and count.isdigit() and len(count) < 9 and least <= int(count) <= most):
+        whole = count.removeprefix("-")
+        is_whole = whole.isascii() and whole.isdigit()
         raise InputError(
-            f"{count!r} is not a count that {stage!r} can have",
+            f"the value {count} is outside the allowed {least} to {most}" if is_whole else f"{count!r} is no count",
             code="bad-count",
-            where="stages",
+            where=stage,
             repair=f"give a whole number from {least} to {most}, such as {stage}={least}",
         )
     return stage, int(count)
