@@ -258,7 +258,7 @@ def main() -> None:
     body = (
         "One record of 2,000 samples of friend-2 (1 V step, 50 S/s, zero-order hold), four outputs; "
         f"{options.rounds} rounds. `simulate` is the whole public call from the signal's text to a Run, "
-        "without its Dataset; those with a leak or with slow modes are of a sine of 3 V at hold first.\n\n"
+        "without its Dataset; the calls of richer models are given the samples of a sine of 3 V, at hold first.\n\n"
         f"| candidate | microseconds per record | nanoseconds per sample |\n|---|---|---|\n{rows}"
     )
     lsim_times = times["scipy.signal.lsim"]
