@@ -175,3 +175,30 @@ def test_bad_input_is_refused_by_name(options: dict, code: str) -> None:
         ipmclab.choose(**{"runs": [run], "actuator": "friend-2", **options})
     assert told.value.code == code
     assert told.value.repair
+
+
+def test_a_stage_that_one_run_shows_cannot_be_judged_by_whole_runs() -> None:
+    """2.5 V leaks, 0.5 V does not: without the first run nothing tells the leak."""
+    truth = "friend-2+branches=1+leak.exponential"
+    runs = [record(truth, "step 2.5 V", 7, seconds=10.0), record(truth, "square 0.5 V 0.2 Hz", 8, seconds=10.0)]
+    models = ["branches=1", "branches=1+leak.exponential"]
+    choice = ipmclab.choose(runs, models, actuator="friend-2")
+    assert choice[models[1]].shown_in_one == {"leak.exponential": ("step 2.5 V",)}
+    assert choice[models[0]].shown_in_one == {}
+    said = [text for text in choice.sentences if "only step 2.5 V shows leak.exponential" in text]
+    assert len(said) == 1
+    assert "--hold-out blocks" in said[0]
+    blocks = ipmclab.choose(runs, models, actuator="friend-2", held_out="blocks", blocks=8, folds=2)
+    assert blocks.preferred == models[1]
+    assert blocks[models[1]].shown_in_one == {}
+
+
+def test_a_stage_of_which_nothing_is_free_is_named() -> None:
+    run = record("friend-2+branches=1", "step 1 V", 9, seconds=4.0)
+    models = ["branches=1", "branches=1+leak.exponential"]
+    choice = ipmclab.choose(run, models, actuator="friend-2", free="electrical", blocks=4, folds=2)
+    assert choice[models[1]].held == ("leak.exponential",)
+    assert choice[models[0]].held == ()
+    (said,) = [text for text in choice.sentences if "nothing of leak.exponential is free" in text]
+    assert said.startswith(f"{models[1]}: ")
+    assert choice.as_dict()["models"][0].keys() >= {"held", "shown_in_one"}

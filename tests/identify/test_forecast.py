@@ -274,7 +274,7 @@ def test_readings_that_are_hardly_there() -> None:
     ahead = forecast(with_slow_modes(truth), replace(run, displacement=thin), origin=60.0)
     assert np.isfinite(ahead.mean).all()
     assert (ahead.upper > ahead.lower).all()
-    gone = np.where(run.time < 21.0, run.displacement, np.nan)
+    gone = np.where((run.time < 21.0) | (run.time > 59.5), run.displacement, np.nan)
     with pytest.raises(InputError, match="too few readings"):
         forecast(truth, replace(run, displacement=gone), origin=60.0)
 

@@ -39,6 +39,10 @@ class Candidate:
         On which they rest.
     noise : mapping of output to NoiseModel
         Under which the held-out errors are most likely.
+    shown_in_one : mapping of stage to tuple of str
+        Stages that the fit to all runs determines and the fit without one run does not, with the labels of such runs.
+    held : tuple of str
+        Stages that not every model has, and of which nothing was free.
     """
 
     name: str
@@ -52,6 +56,8 @@ class Candidate:
     bic: float | None = None
     log_likelihood: float | None = None
     noise: Mapping[str, NoiseModel] = field(default_factory=dict)
+    shown_in_one: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +149,19 @@ class Choice:
                 size = f"{abs(apart.value):.3g} nats, standard error {apart.standard_error:.2g}"
                 told.append(f"{one.name} predicts worse than {self.best} (by {size}).")
         told += [
+            f"{one.name}: only {_listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
+            "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
+            for one in ranked
+            if one.name != self.preferred or alike
+            for stage, labels in one.shown_in_one.items()
+        ]
+        told += [
+            f"{one.name}: nothing of {_listed(one.held)} is free, so that it stays at the values of the actuator, "
+            "usual ones where the stage was added by name; free it too (--free), or leave --free out."
+            for one in self.candidates
+            if one.held
+        ]
+        told += [
             f"The fit of {one.name} did not converge: see what it says of why."
             for one in ranked
             if one.fit is not None and not one.fit.converged
@@ -186,6 +205,8 @@ def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:
         "name": one.name,
         "reason": one.reason or None,
         "free": list(one.free),
+        "held": list(one.held),
+        "shown_in_one": {stage: list(labels) for stage, labels in one.shown_in_one.items()},
         "parameters": one.parameters,
         "converged": None if one.fit is None else one.fit.converged,
         "log_predictive": one.log_predictive,

@@ -24,6 +24,7 @@ from ipmclab.identify.choosing.held_out import (
 )
 from ipmclab.identify.choosing.models import free_of, parse_models, refuse_unknown, words_of
 from ipmclab.identify.choosing.noise import NoiseModel, Series, fit_noise
+from ipmclab.identify.choosing.stages_shown import shown_in_one, stages_apart, stages_held
 from ipmclab.identify.identify import identify
 from ipmclab.identify.observation import READ_OUTPUTS, prepare
 from ipmclab.identify.validate import run_labels
@@ -138,6 +139,7 @@ def choose(
             candidates[name] = Candidate(name, fit, words, parameters=len(fit.parameters))
     division, unscored = _divide(given, told, candidates, whole_runs=whole_runs, blocks=blocks, folds=each)
     said: dict[str, HeldOut] = {}
+    apart = stages_apart(dict(built))
     for name, model in built:
         one = candidates[name]
         if one.fit is None:
@@ -157,8 +159,14 @@ def choose(
         noise = held_out_noise(out, division)
         said[name] = score_blocks(out, division, noise)
         candidates[name] = replace(
-            one, log_predictive=float(said[name].score.sum()), rmse=held_out_rmse(out, division), noise=noise
+            one,
+            log_predictive=float(said[name].score.sum()),
+            rmse=held_out_rmse(out, division),
+            noise=noise,
+            shown_in_one=shown_in_one(one.fit, apart[name], out, division),
         )
+    for name, stages in stages_held(dict(built), {name: candidates[name].free for name, _ in built}).items():
+        candidates[name] = replace(candidates[name], held=stages)
     return _choice(given, candidates, said, division, unscored, told)
 
 

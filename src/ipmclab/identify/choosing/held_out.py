@@ -114,11 +114,14 @@ class Fold:
         How its prediction moves with its parameters.
     weights : mapping of (place, output) to float [1/SI]
         What the fit gave to each reading of what it saw.
+    left_open : tuple of str
+        The parameters that what it saw does not determine.
     """
 
     residuals: Residuals
     slopes: Mapping[Key, FloatArray]
     weights: Mapping[Key, float]
+    left_open: tuple[str, ...] = ()
 
 
 def hold_out(
@@ -167,7 +170,8 @@ def hold_out(
             moved |= {(place, output): columns for output, columns in found.items()}
             if in_fit is not None:
                 weights |= {(place, output): 1.0 / part.observations[in_fit].noise[output] for output in outputs}
-        folds.append(Fold(left, moved, weights))
+        left_open = tuple(name for name, one in part.parameters.items() if not one.determined)
+        folds.append(Fold(left, moved, weights, left_open))
     return tuple(folds)
 
 
