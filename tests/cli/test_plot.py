@@ -1,0 +1,25 @@
+"""Figures from the command line: a run is called by its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ipmclab.cli.plot import labels
+
+
+def test_runs_of_one_signal_are_told_apart_by_their_files(command, tmp_path: Path) -> None:
+    for actuator, out in (("friend-2", "linear.nc"), ("friend-2+leak.cubic", "leaky.nc")):
+        words = ("--signal", "step 1 V", "--duration", "2 s", "--rate", "20 Hz", "--out", out)
+        assert command("simulate", actuator, *words).status == 0
+    assert command("plot", "linear.nc", "leaky.nc", "--out", "both.svg").status == 0
+    drawn = (tmp_path / "both.svg").read_text(encoding="utf-8")
+    assert "linear.nc" in drawn
+    assert "leaky.nc" in drawn
+
+
+def test_files_called_alike_are_named_with_their_folder() -> None:
+    assert labels([Path("a") / "step.nc", Path("b") / "step.nc", Path("c") / "sine.nc"]) == [
+        "a/step.nc",
+        "b/step.nc",
+        "sine.nc",
+    ]
