@@ -36,6 +36,7 @@ _SAME_NOISE: Final = 0.002
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
 _RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
+_SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 _LONGEST: Final = 300  # evaluations of one search
 _DEAR: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth of chi-square
 _CHEAP: Final = 1e-10
@@ -293,6 +294,9 @@ def _along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, 
             found += _held(problem, solution, "circuit.dc_resistivity", shares)
     if {"coupling.gain", "coupling.zero"} <= set(names.shared) and errors["coupling.zero"] > _WEAK:
         found += _held(problem, solution, "coupling.zero", other_zeros(values, problem.records))
+    slow = "leak.slow.time_constant"
+    if slow in names.shared and errors[slow] > _WEAK:
+        found += _held(problem, solution, slow, [{slow: values[slow] * factor} for factor in _SLOWER])
     if isinstance(problem.responder, CircuitResponder):
         found += branch_valley(problem, solution)
     return found
