@@ -377,7 +377,7 @@ def test_a_count_is_a_whole_number_from_1(kind: str, count: float, said: str) ->
 
 
 def test_a_line_has_one_form() -> None:
-    with pytest.raises(InputError, match=r"line: there are modes and segments, a strip has one of them"):
+    with pytest.raises(InputError, match=r"line: there are line\.modes and line\.segments, a strip has one of them"):
         lined(FRIEND_2, modes=3, segments=3)
 
 
