@@ -38,7 +38,7 @@ def test_the_check_is_one_document(command: Command) -> None:
         (["rig", "check", "nowhere.toml"], "error: rig: there is no rig 'nowhere.toml'"),
         (["rig", "check", "thesis", "--amplitude", "3"], "error: --amplitude: '3' has no unit"),
         (["rig", "check", "thesis", "--amplitude", "-3 V"], "it must be above 0"),
-        (["rig", "check", "thesis", "--actuator", "friend-3"], "did you mean 'friend-2'?"),
+        (["rig", "check", "thesis", "--actuator", "freind-2"], "did you mean 'friend-2'?"),
         (["rig", "check", "thesis", "--fail-on", "eror"], "did you mean 'error'?"),
         (["rig", "chek", "thesis"], "No such command 'chek'"),
         (["rig", "check"], "Missing argument 'RIG'"),
