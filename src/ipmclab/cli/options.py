@@ -14,7 +14,13 @@ from ipmclab.units import Quantity, parse_number, parse_quantity
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document (SI units) instead of tables.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the output file if it exists.")]
 ActuatorName = Annotated[
-    str, typer.Argument(metavar="ACTUATOR", help="A library name such as friend-2, or a TOML file.", show_default=False)
+    str,
+    typer.Argument(
+        metavar="ACTUATOR",
+        help="A strip of the library (friend-2; friend-1-measured to friend-7-measured) or a TOML file, with further "
+        "stages after a + (friend-2+leak.exponential+relaxation.displacement=2).",
+        show_default=False,
+    ),
 ]
 RunFile = Annotated[Path, typer.Argument(metavar="RUN", help="A run (.nc).", show_default=False)]
 RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs (.nc).", show_default=False)]
