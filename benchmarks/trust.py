@@ -1,7 +1,7 @@
 """Whether the intervals of a fit hold the truth under noise that is not white: Monte-Carlo coverage.
 
-Run ``python -m benchmarks.trust [--trials 400] [--noises walk,drift] [--cases circuit] [--record]``. Two problems of the
-linear model, each with a 1 V step and a 1 V sine that begin with 5 s at 0 V: the five electrical parameters of
+Run ``python -m benchmarks.trust [--trials 400] [--noises walk,drift] [--cases circuit] [--record]``. Two problems of
+the linear model, each with a 1 V step and a 1 V sine that begin with 5 s at 0 V: the five electrical parameters of
 friend-2 from the current, its sheet resistance known; and the four of its coupling from the force, its circuit known.
 Four noises of equal strength: white; AR(1) with a pole of 0.9; white with a straight drift of 3 standard deviations
 over the record, up or down; white with a random walk that strays as far. Trials are simulated by the thesis's
