@@ -202,3 +202,10 @@ def test_a_stage_of_which_nothing_is_free_is_named() -> None:
     (said,) = [text for text in choice.sentences if "nothing of leak.exponential is free" in text]
     assert said.startswith(f"{models[1]}: ")
     assert choice.as_dict()["models"][0].keys() >= {"held", "shown_in_one"}
+
+
+def test_noise_that_cannot_be_is_passed_by_without_a_warning() -> None:
+    # With two folds a search of the noise starts where the readings are impossible; a warning is an error here.
+    run = record("friend-2", "step 1 V delay=1 s", 0)
+    choice = ipmclab.choose(run, "branches=1,2", actuator="friend-2", folds=2)
+    assert choice.best == "branches=2"

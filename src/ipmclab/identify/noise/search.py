@@ -25,6 +25,7 @@ _HOPELESS: Final = 0.0  # penalties by which the best start of further terms may
 _STEP: Final = 1e-4
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
 _FLAT: Final = 1e-2
+_IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,8 @@ def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[
     variance = first.variance
 
     def above(point: FloatArray) -> float:
-        return likelihood(columns, others, terms, point, variance).deviance - first.deviance
+        height = likelihood(columns, others, terms, point, variance).deviance - first.deviance
+        return height if height < _IMPOSSIBLE else _IMPOSSIBLE  # differences of infinities are no numbers
 
     entries = _descend(above, entries, terms.bounds)
     return Found(terms, entries, likelihood(columns, others, terms, entries, variance))
