@@ -108,11 +108,14 @@ def test_the_late_contact_of_a_real_step(real_runs: Path) -> None:
     fit = identify(strip, [cut])
     assert "contact-missing" in codes(fit)
     rho = fit.parameters[RHO_1]
-    assert rho.determined
+    # The current of this record drifts (a random walk is found), which leaves a wide interval; but a closed one.
+    assert rho.interval[0] > 0.0
+    assert np.isfinite(rho.interval[1])
     assert not rho.at_bound
-    # Series and first branch together cannot exceed the voltage over the largest current.
-    series = 30.0 + fit.actuator.circuit_elements().branch_resistances[0]
-    assert 50.0 < series < 1.6 * 2.957 / np.nanmax(cut.current)
+    # What lies in series with everything behind it lets the largest current through at the edge.
+    elements = fit.actuator.circuit_elements()
+    behind = 1.0 / (1.0 / elements.dc + sum(1.0 / resistance for resistance in elements.branch_resistances))
+    assert 50.0 < 30.0 + behind.real < 1.6 * 2.957 / np.nanmax(cut.current)
 
 
 def rms(residual: np.ndarray) -> float:
