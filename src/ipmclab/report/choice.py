@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from markupsafe import Markup
-
-from ipmclab.destination import replacing
-from ipmclab.errors import InputError
 from ipmclab.report.figures.choice import choice_figure
+from ipmclab.report.page_file import render, write_page
 from ipmclab.report.save import save_figure
 from ipmclab.report.svg import inline_svg
 from ipmclab.report.wording import NO_BREAK, plain, with_unit
 from ipmclab.run import Run
 from ipmclab.units import CHANNELS
-from ipmclab.version import __version__
 
 if TYPE_CHECKING:
     from ipmclab.identify import Choice
@@ -83,30 +78,14 @@ def report_choice(
     InputError
         Another suffix, a folder that does not exist, or a file that does.
     """
-    target = Path(path)
-    if target.suffix.lower() not in (".html", ".htm"):
-        raise InputError(
-            f"a report cannot be written as {target.suffix!r}",
-            code="bad-suffix",
-            where=str(path),
-            repair=f"write for example {target.with_suffix('.html').name}",
-        )
-    with replacing(target, overwrite=overwrite) as part:
-        part.write_text(choice_html(choice, runs, command=command), encoding="utf-8", newline="\n")
-    return target
+    return write_page(lambda: choice_html(choice, runs, command=command), path, overwrite=overwrite)
 
 
 def choice_html(choice: Choice, runs: Sequence[Run] = (), *, command: str = "") -> str:
     """The text of the report of a choice."""
-    from jinja2 import Environment, StrictUndefined
-
-    folder = files("ipmclab.report")
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
-    template = environment.from_string(folder.joinpath("choice.html.j2").read_text("utf-8"))
     alike = [one.name for one in choice.ranked[1:] if not choice.differences[one.name, choice.best].is_told]
-    return template.render(
-        version=__version__,
-        css=Markup(folder.joinpath("style.css").read_text("utf-8")),
+    return render(
+        "choice.html.j2",
         sentences=choice.sentences,
         doubt=bool(alike),
         outputs=[CHANNELS[output].name for output in choice.outputs],

@@ -7,14 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from ipmclab.destination import replacing
 from ipmclab.errors import InputError
 from ipmclab.identify.fitted import fitted_outputs
 from ipmclab.identify.scores import LAGS, Comparison, score
@@ -27,6 +25,7 @@ from ipmclab.report.figures.frequency import frequency_figure
 from ipmclab.report.figures.prediction import prediction_figure
 from ipmclab.report.figures.residuals import autocorrelation_figure
 from ipmclab.report.figures.shape import shape_figure
+from ipmclab.report.page_file import render, write_page
 from ipmclab.report.svg import inline_svg
 from ipmclab.report.wording import NO_BREAK, percent, plain
 from ipmclab.run import Finding, Run
@@ -101,17 +100,7 @@ def report(
     ...     report(fit, runs=[step], validation_runs=[square], path=Path(folder) / "report.html").name
     'report.html'
     """
-    target = Path(path)
-    if target.suffix.lower() not in (".html", ".htm"):
-        raise InputError(
-            f"a report cannot be written as {target.suffix!r}",
-            code="bad-suffix",
-            where=str(path),
-            repair=f"write for example {target.with_suffix('.html').name}",
-        )
-    with replacing(target, overwrite=overwrite) as part:
-        part.write_text(html(fit, runs, validation_runs, also=also, command=command), encoding="utf-8", newline="\n")
-    return target
+    return write_page(lambda: html(fit, runs, validation_runs, also=also, command=command), path, overwrite=overwrite)
 
 
 def html(
@@ -123,25 +112,20 @@ def html(
     command: str = "",
 ) -> str:
     """The text of the report; its arguments are those of ``report``."""
-    from jinja2 import Environment, StrictUndefined
-
     _same_runs(fit, runs)
     labels = [observation.label for observation in fit.observations]
     fitted = [fitted_outputs(fit, run, place) for place, run in enumerate(runs)]
     hashes = [observation.content_sha256 for observation in fit.observations]
     models = (fit.actuator, *also)
     validations = [validate(model, validation_runs, used=hashes) for model in models] if validation_runs else []
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
-    environment.filters["symbol"] = symbol
-    template = environment.from_string(files("ipmclab.report").joinpath("template.html.j2").read_text("utf-8"))
     sentences, doubt = verdict(fit, validations)
     measured = [measure(run) for run in runs]
     measured_later = [measure(run) for run in validation_runs]
-    return template.render(
-        version=__version__,
+    return render(
+        "template.html.j2",
+        {"symbol": symbol},
         title=f"{fit.actuator.name}: from records to a model",
         subtitle=_subtitle(fit, runs),
-        css=Markup(files("ipmclab.report").joinpath("style.css").read_text("utf-8")),
         verdict=sentences,
         doubt=doubt,
         parameters=tables.parameter_rows(fit),
