@@ -32,7 +32,8 @@ FloatArray = npt.NDArray[np.float64]
 OUTPUTS: Final = ("current", "applied_voltage", "displacement", "force")
 """What an actuator gives out, always in this order."""
 
-_PORTS: Final = {"applied_voltage": "node_voltage"}
+OUTPUT_PORTS: Final = tuple("node_voltage" if name == "applied_voltage" else name for name in OUTPUTS)
+"""The port behind each output, in the same order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +184,8 @@ class Actuator:
 
     def assembled(self, values: Values | None = None) -> System:
         """The joined system, for these or for other (also complex) parameter values."""
-        ports = [_PORTS.get(name, name) for name in OUTPUTS]
         at = self.parameter_values if values is None else values
-        return assemble(self.blocks(at), external="voltage", outputs=ports, laws=self.structure.laws(at))
+        return assemble(self.blocks(at), external="voltage", outputs=OUTPUT_PORTS, laws=self.structure.laws(at))
 
     @cached_property
     def system(self) -> System:

@@ -47,6 +47,11 @@ class Declaration:
     default: float | None = None
     typical: float | None = None
 
+    @property
+    def usual(self) -> float | None:
+        """A usual size [SI]: the typical one, else the default; None where neither is known."""
+        return self.default if self.typical is None else self.typical
+
     def check(self, value: float, *, where: str) -> None:
         """Refuse a value outside the allowed range.
 

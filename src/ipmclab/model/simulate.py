@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.actuator import OUTPUT_PORTS, OUTPUTS, Actuator
 from ipmclab.model.given import need_actuator
 from ipmclab.model.numerics.modal import coefficients, modes
 from ipmclab.model.stages.laser import blank_lost, read_far
@@ -94,8 +94,7 @@ def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatAr
     kept: dict[tuple[float, str], FloatArray | None] = actuator.__dict__.setdefault("_modal_coefficients", {})
     key = (period, hold)
     if key not in kept:
-        ports = [name if name != "applied_voltage" else "node_voltage" for name in OUTPUTS]
-        found = modes(actuator.blocks(), external="voltage", outputs=ports)
+        found = modes(actuator.blocks(), external="voltage", outputs=OUTPUT_PORTS)
         kept[key] = None if found is None else coefficients(found, period, hold)
     return kept[key]
 

@@ -79,10 +79,7 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
         else:
             names.add(f"{stage}.")
     declarations = Structure.of(names).declarations
-    chosen = {}
-    for name, declaration in declarations.items():
-        usual = declaration.typical if declaration.typical is not None else declaration.default
-        chosen[name] = values.get(name, usual)
+    chosen = {name: values.get(name, declaration.usual) for name, declaration in declarations.items()}
     return Actuator(
         name=_named(actuator.name, asked),
         parameter_values={name: value for name, value in chosen.items() if value is not None},

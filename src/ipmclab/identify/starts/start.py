@@ -128,8 +128,7 @@ def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:
     """A usual size of each free parameter that has one; what the readings tell of it comes over it."""
     found = {}
     for name in sorted(free):
-        declared = actuator.structure.declarations[name]
-        usual = TYPICAL.get(name, declared.default if declared.typical is None else declared.typical)
+        usual = TYPICAL.get(name, actuator.structure.declarations[name].usual)
         if usual is not None:
             found[name] = usual
     return found

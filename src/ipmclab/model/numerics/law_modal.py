@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.actuator import OUTPUT_PORTS, Actuator
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
 from ipmclab.model.numerics.dense import LONGEST, Dense
@@ -18,12 +19,10 @@ from ipmclab.model.numerics.reduce import reduced, seen_states
 from ipmclab.model.structure import Structure
 
 if TYPE_CHECKING:
-    from ipmclab.model.actuator import Actuator
     from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 
-_PORTS: Final = ("current", "node_voltage", "displacement", "force")
 _JUMPS: Final = {"zero": 1, "zero-before": -1, "first": 0}
 
 
@@ -64,7 +63,7 @@ def _law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
     # does not load it: of its motion the loop over the modes computes the plain one, and a richer one comes after.
     linear = replace(structure, leak="")
     plain = Structure(structure.branches, laser=structure.laser)
-    found = modes(plain.blocks(values), external="voltage", outputs=_PORTS)
+    found = modes(plain.blocks(values), external="voltage", outputs=OUTPUT_PORTS)
     numbers = None if found is None else _numbers(found, period)
     if numbers is None:
         return None
@@ -90,7 +89,7 @@ class _Motion:
     """Displacement and force of a linear strip, driven by the voltage at the front of its electrodes."""
 
     def __init__(self, blocks: Sequence[Block], period: float) -> None:
-        system = assemble(blocks, external="voltage", outputs=_PORTS[2:])
+        system = assemble(blocks, external="voltage", outputs=OUTPUT_PORTS[2:])
         every = range(len(system.outputs))
         system = reduced(system, every, seen_states([system], every))
         self._dense, self._size = Dense.of(system, [period]), len(system.states)
