@@ -42,7 +42,7 @@ Tell = Callable[[str, int, int], None]
 Left = Mapping[Key, tuple[Series, NoiseModel]]
 """What a fit leaves of each output of each run, and the noise that it looks like."""
 
-_FAULTS: Final = (ArithmeticError, ValueError, NotImplementedError, np.linalg.LinAlgError)
+_FAULTS: Final = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """What a fit of an unsuitable model may end in, besides our own errors."""
 
 
