@@ -19,9 +19,9 @@ from ipmclab.identify.noise.correlate import Correlated, correlate
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
+from ipmclab.identify.rest import is_idle, not_at_rest
 from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, null_directions, polish, settle
 from ipmclab.identify.starts.start import StartingPoint, fastest_rate, leak_shares, other_zeros, starting_points
-from ipmclab.identify.starts.starts import is_idle, not_at_rest
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen, without_unseen
 from ipmclab.identify.valleys import Place, Rival, branch_valley
