@@ -147,6 +147,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         evaluations=solution.evaluations,
         residuals=_residuals(problem, result.correlated),
         software_version=__version__,
+        estimate=result,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
     held = set_point_findings(fit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,9 @@ import numpy.typing as npt
 from ipmclab.identify.observation import Observation
 from ipmclab.model import Actuator
 from ipmclab.run import Finding
+
+if TYPE_CHECKING:
+    from ipmclab.identify.estimate import Estimate
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -95,6 +99,8 @@ class Fit:
     residuals : tuple of mapping of output to float array, shape (n_time,) [SI]
         Reading minus model, NaN where a reading was not used; empty in a fit that was read from a file.
     software_version : str
+    estimate : Estimate, optional
+        The solved problem itself, from which profiles and samples are drawn; None in a fit that was read from a file.
     """
 
     actuator: Actuator
@@ -110,6 +116,7 @@ class Fit:
     evaluations: int = 0
     residuals: tuple[Mapping[str, FloatArray], ...] = field(default=())
     software_version: str = ""
+    estimate: Estimate | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         """A line for the fit, one for each parameter, and what is not determined."""
