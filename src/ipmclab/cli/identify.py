@@ -56,8 +56,8 @@ def identify(
     check_output(out, force=force, suffixes=(".toml",))
     model = load_actuator(actuator)
     loaded = read_runs(runs)
-    with progress(f"identifying {model.name}"):
-        fit = identify_actuator(model, loaded, free=free, per_run=per_run or [])
+    with progress(f"identifying {model.name}") as tell:
+        fit = identify_actuator(model, loaded, free=free, per_run=per_run or [], progress=tell)
         write_fit(fit, out, overwrite=force)
     if as_json:
         print_json({"fit": fit_document(fit), "runs": runs, "out": out})

@@ -195,10 +195,13 @@ def counting(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[None]:
-    """Say on a terminal what is being done, until it is done."""
+def progress(what: str) -> Iterator[Callable[[str, float], None]]:
+    """Say on a terminal what is being done, until it is done.
+
+    Long work calls the function that is given with a sentence and the fraction that is done.
+    """
     if not sys.stderr.isatty():
-        yield
+        yield lambda *_: None
         return
-    with console(stderr=True).status(what):
-        yield
+    with console(stderr=True).status(what) as status:
+        yield lambda sentence, done: status.update(f"{what}: {sentence} ({100.0 * done:.0f} %)")

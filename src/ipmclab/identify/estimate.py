@@ -18,6 +18,7 @@ from ipmclab.identify.missing import missing_stages
 from ipmclab.identify.noise.correlate import Correlated, correlate
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
+from ipmclab.identify.progress import stage
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
 from ipmclab.identify.rest import is_idle, not_at_rest
 from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, null_directions, polish, settle
@@ -87,6 +88,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
             break
         given_up |= moving
         records = [replace(record, start="free") if record.place in moving else record for record in records]
+    stage("asking what the readings do not show", 0.5, 0.6)
     whole = problem, solution
     problem, solution, unseen = without_unseen(problem, solution)
     if unseen and problem.unknowns:
@@ -101,6 +103,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     # Where the residuals are more than white noise, the parameters are those that are most likely under their noise.
     asked = [column for column, unknown in enumerate(problem.unknowns) if _is_asked(unknown, names)]
     beyond = {str(finding.channel) for finding in unexplained(problem, solution)}
+    stage("finding the noise, and fitting under it", 0.6, 0.8, 1000)
     correlated = correlate(problem, solution, asked, beyond)
     problem, solution = correlated.problem, correlated.solution
     if correlated.noise:
@@ -192,10 +195,12 @@ def _fit(
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
+    stage("finding where to start from the readings alone", 0.05, 0.2, 300)
     circuit = _circuit_first(actuator, parameters, names, records)
     points = starting_points(actuator, names, records, circuit)
     shortly = _SHORTLY if explore and len(points) > 1 else _LONGEST
-    for point in points:
+    for number, point in enumerate(points):
+        stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
         problem = _problem(actuator, parameters, names, records, point, noise)
         theta = _first(problem, point)
         solution = (polish(problem, theta) if point.exact else None) or _minimise(problem, theta, evaluations=shortly)
@@ -204,6 +209,7 @@ def _fit(
             break
     tried = _to_the_end(tried)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
+    stage("looking for other fits that are as good", 0.4, 0.5, 300)
     valley = _along_valleys(actuator, names, problem, solution)
     lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
     if lowest.evaluation.cost < solution.evaluation.cost - 1e-3:
@@ -221,6 +227,12 @@ def _fit(
     least = solution.evaluation.cost
     rivals += [rival for place in valley if (rival := Rival.at(problem, place, least, per_reading)) is not None]
     return *_weigh(problem, solution), tuple(rivals)
+
+
+def _share(begin: float, end: float, number: int, count: int) -> tuple[float, float]:
+    """Where one of several equal parts of a stage begins and ends."""
+    step = (end - begin) / count
+    return begin + number * step, begin + (number + 1) * step
 
 
 def _minimise(problem: Problem, theta: FloatArray, *, evaluations: int = _LONGEST) -> Solution:

@@ -15,6 +15,7 @@ from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
+from ipmclab.identify.progress import Tell, stage, telling
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator, need_run
 from ipmclab.quality.check import check_record
@@ -35,6 +36,7 @@ def identify(
     free: str | Iterable[str] = "electrical",
     per_run: str | Iterable[str] = (),
     labels: Sequence[str] | None = None,
+    progress: Tell | None = None,
 ) -> Fit:
     """Identify parameters of an actuator from one or more runs at once.
 
@@ -58,6 +60,9 @@ def identify(
         Parameters of which each run has its own, such as ``circuit.contact_resistance``.
     labels : sequence of str, optional
         A short name for each run, for messages and tables; else its source file, its signal or its place.
+    progress : function of (str, float), optional
+        Called with a sentence and the fraction that is done, at most ten times a second. Whatever it raises ends the
+        fit and reaches the caller.
 
     Returns
     -------
@@ -79,6 +84,18 @@ def identify(
     43.420408
     """
     need_actuator(actuator)
+    with telling(progress):
+        return _identify(actuator, runs, free, per_run, labels)
+
+
+def _identify(
+    actuator: Actuator,
+    runs: Sequence[Run] | Run,
+    free: str | Iterable[str],
+    per_run: str | Iterable[str],
+    labels: Sequence[str] | None,
+) -> Fit:
+    stage("reading the runs", 0.0, 0.05)
     given = _runs(runs)
     names = parse_free(actuator.parameter_values, free, per_run)
     _refuse_counts(actuator, names)
@@ -106,6 +123,7 @@ def identify(
     _need_readings(names, records, silent)
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
+    stage("errors and intervals", 0.8, 1.0)
     fit = build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
     beyond = beyond_findings(fit, records)
     if not beyond:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.observation import Record
+from ipmclab.identify.progress import tick
 from ipmclab.identify.response import Responder, Response
 from ipmclab.identify.unknowns import Unknown
 
@@ -231,6 +232,7 @@ class Problem:
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
+        tick()
         readings = max((piece.stop for piece in self.pieces.values()), default=0)
         rows = np.empty((len(theta) + 1, readings + len(self._prior_places)))
         # A search may try values at which the model overflows: it steps back from what is not finite.

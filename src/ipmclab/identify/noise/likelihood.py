@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ipmclab.identify.noise.columns import Columns, without
 from ipmclab.identify.noise.kernels import restricted
 from ipmclab.identify.noise.terms import Terms
+from ipmclab.identify.progress import tick
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,6 +54,7 @@ def likelihood(
     variance : float
         Where the search for the scale starts.
     """
+    tick()
     every, logarithm = columns.products(terms, entries)
     own, of_constants = without(every, terms)
     variance, misfit, of_directions = restricted(own, others, float(columns.count - terms.constants), variance)

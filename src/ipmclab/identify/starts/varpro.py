@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.progress import tick
 from ipmclab.identify.starts.kernels import pole_response, pole_values
 
 FloatArray = npt.NDArray[np.float64]
@@ -113,6 +114,7 @@ class _Table:
 
     def gram(self, poles: FloatArray) -> FloatArray:
         """Products of all rows with each other."""
+        tick()
         span = len(poles) * self.width
         moving = self.rows[self._fixed :]
         values = moving[:span].reshape(len(poles), self.width, -1)

@@ -1,0 +1,125 @@
+"""What a long fit is doing, told to whoever asked, who may end it: the function that is told may raise."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Final
+
+Tell = Callable[[str, float], None]
+"""Called with a sentence, and with the fraction of the work that is done."""
+
+_PERIOD: Final = 0.1  # s between two calls with the same sentence
+
+
+class _Teller:
+    """Turns the model runs of a stage, of which nobody knows how many will follow, into a fraction that only grows."""
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._sentence = ""
+        self._begin, self._end = 0.0, 0.0
+        self._ticks, self._usual = 0, 1
+        self._fraction = 0.0
+        self._told = -math.inf
+        self._ended: BaseException | None = None
+
+    def stage(self, sentence: str, begin: float, end: float, usual: int) -> None:
+        self._sentence, self._begin, self._end = sentence, begin, end
+        self._ticks, self._usual = 0, usual
+        self._say()
+
+    def tick(self) -> None:
+        self._ticks += 1
+        if self._ended is not None or time.monotonic() - self._told >= _PERIOD:
+            self._say()
+
+    def _say(self) -> None:
+        if self._ended is not None:  # what was ended stays ended, whoever caught it on its way
+            raise self._ended
+        done = -math.expm1(-self._ticks / self._usual)
+        self._fraction = max(self._fraction, self._begin + done * (self._end - self._begin))
+        self._told = time.monotonic()
+        try:
+            self._tell(self._sentence, self._fraction)
+        except BaseException as error:
+            self._ended = error
+            raise
+
+
+_teller: ContextVar[_Teller | None] = ContextVar("teller", default=None)
+_part: ContextVar[tuple[str, float, float]] = ContextVar("part", default=("", 0.0, 1.0))
+
+
+@contextmanager
+def telling(tell: Tell | None) -> Iterator[None]:
+    """What is done within is told to a function; None leaves it to the one that is told already, if any.
+
+    Parameters
+    ----------
+    tell : function of (str, float), optional
+        Called with a sentence and the fraction that is done, which only grows, at most ten times a second. Whatever
+        it raises ends the work and reaches the caller.
+
+    Examples
+    --------
+    >>> with telling(print):
+    ...     stage("searching", 0.0, 0.5)
+    searching 0.0
+    """
+    if tell is None:
+        yield
+        return
+    teller, part = _teller.set(_Teller(tell)), _part.set(("", 0.0, 1.0))
+    try:
+        yield
+    finally:
+        _teller.reset(teller)
+        _part.reset(part)
+
+
+@contextmanager
+def part(sentence: str, begin: float, end: float) -> Iterator[None]:
+    """A fit within a longer work: its stages are told after a sentence, within a part of the whole.
+
+    Examples
+    --------
+    >>> with telling(print), part("without the first run", 0.5, 0.75):
+    ...     stage("searching", 0.2, 0.6)
+    without the first run: searching 0.55
+    """
+    before, first, last = _part.get()
+    length = last - first
+    token = _part.set((f"{before}{sentence}: ", first + begin * length, first + end * length))
+    try:
+        yield
+    finally:
+        _part.reset(token)
+
+
+def stage(sentence: str, begin: float, end: float, usual: int = 100) -> None:
+    """Begin a stage of the work.
+
+    Parameters
+    ----------
+    sentence : str
+    begin, end : float
+        The fractions of the work between which it lies.
+    usual : int
+        How many ticks it usually takes.
+    """
+    teller = _teller.get()
+    if teller is not None:
+        before, first, last = _part.get()
+        length = last - first
+        teller.stage(before + sentence, first + begin * length, first + end * length, usual)
+
+
+def tick() -> None:
+    """One more model run, likelihood, or other small piece of work is done: here the work can be ended."""
+    teller = _teller.get()
+    if teller is not None:
+        teller.tick()
