@@ -50,6 +50,8 @@ class Correlated:
     contradicted : set of str
         Outputs whose residuals looked like a noise under which the parameters would be others than least squares
         allows: the model lacks something there. Their noise counts as white.
+    shapes : mapping of (place, output) to Shape
+        What ``noise`` says, in units of the problem's noise.
     """
 
     problem: Problem
@@ -61,6 +63,7 @@ class Correlated:
     deviation: Mapping[Key, float] = field(default_factory=dict)
     spread: Spread | None = None
     contradicted: Set[str] = frozenset()
+    shapes: Mapping[Key, Shape] = field(default_factory=dict)
 
 
 def correlate(
@@ -139,7 +142,7 @@ def _told(
         left = unit * residual[piece.inside] + level + slope * (piece.time - middle)
         deviation[key] = float(np.sqrt(np.mean(left * left)))
     found = spread(System(problem.plain, plain, pieces), shapes)
-    return Correlated(problem, here, plain, noise, offset, drift, deviation, found)
+    return Correlated(problem, here, plain, noise, offset, drift, deviation, found, shapes=shapes)
 
 
 def _fit_again(problem: CorrelatedProblem, plain: Evaluation, before: Solution) -> Solution:
