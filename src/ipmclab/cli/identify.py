@@ -42,6 +42,13 @@ def identify(
     per_run: Annotated[
         list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
     ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Free parameters whose value and standard uncertainty in the file count as known beforehand.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -57,7 +64,7 @@ def identify(
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:
-        fit = identify_actuator(model, loaded, free=free, per_run=per_run or [], progress=tell)
+        fit = identify_actuator(model, loaded, free=free, per_run=per_run or [], prior=prior or [], progress=tell)
         write_fit(fit, out, overwrite=force)
     if as_json:
         print_json({"fit": fit_document(fit), "runs": runs, "out": out})
@@ -81,7 +88,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
                 significant(value, digits) if parameter.determined else "not determined",
                 f"{significant(low, digits)} to {significant(high, digits)}",
                 base.quantity.display_unit if base is not None else parameter.unit,
-                "at its bound" if parameter.at_bound else "",
+                "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else "",
             ]
         )
     print_table(["parameter", "value", "95 % interval", "unit", ""], rows)
@@ -127,6 +134,7 @@ def fit_document(fit: Fit) -> dict[str, Any]:
                 "interval_next_mounting": parameter.interval_next_mounting,
                 "determined": parameter.determined,
                 "at_bound": parameter.at_bound,
+                "prior": parameter.prior,
             }
             for name, parameter in fit.parameters.items()
         },

@@ -99,6 +99,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
             interval=interval,
             determined=alone and error <= DETERMINED and not (at_bound and unknown.log),
             at_bound=at_bound,
+            prior=unknown.beforehand,
         )
     rank_names = list(actuator.parameter_values)
     for one in result.unseen:
@@ -223,6 +224,8 @@ def _interval(
     entry = float(solution.theta[place])
     open_ends = _open_ends(unknown)
     hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else DETERMINED
+    if any(other.beforehand is not None for other in problem.unknowns):
+        hopeless = math.inf  # what is known beforehand ends every profile
     if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
         return open_ends
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
@@ -249,7 +252,9 @@ def _beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, fl
 def _edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
     """Whether an edge lies anywhere between its rows for all that the readings show."""
     return any(
-        unknown.prior is not None and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
+        unknown.base == "observation.delay"
+        and unknown.prior is not None
+        and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
         for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
     )
 

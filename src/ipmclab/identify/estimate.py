@@ -22,7 +22,14 @@ from ipmclab.identify.progress import stage
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
 from ipmclab.identify.rest import is_idle, not_at_rest
 from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, null_directions, polish, settle
-from ipmclab.identify.starts.start import StartingPoint, fastest_rate, leak_shares, other_zeros, starting_points
+from ipmclab.identify.starts.start import (
+    StartingPoint,
+    fastest_rate,
+    known_first,
+    leak_shares,
+    other_zeros,
+    starting_points,
+)
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen, without_unseen
 from ipmclab.identify.valleys import Place, Rival, branch_valley
@@ -197,7 +204,7 @@ def _fit(
     tried: list[tuple[Problem, Solution]] = []
     stage("finding where to start from the readings alone", 0.05, 0.2, 300)
     circuit = _circuit_first(actuator, parameters, names, records)
-    points = starting_points(actuator, names, records, circuit)
+    points = known_first(actuator, names, records, circuit)
     shortly = _SHORTLY if explore and len(points) > 1 else _LONGEST
     for number, point in enumerate(points):
         stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))

@@ -39,6 +39,8 @@ class FittedParameter:
     at_bound : bool
     interval_next_mounting : pair of float [SI] or None
         What to expect at another clamping; None, because runs of one mounting cannot tell.
+    prior : pair of float [SI] or None
+        Value and standard uncertainty of what was known beforehand, where the fit used it.
     """
 
     name: str
@@ -50,6 +52,7 @@ class FittedParameter:
     determined: bool
     at_bound: bool = False
     interval_next_mounting: tuple[float, float] | None = None
+    prior: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -64,11 +67,15 @@ class Direction:
         What is not known, and what would cure it.
     error : float
         Standard error along it, as a logarithm; infinite where the readings say nothing at all.
+    cures : tuple of str
+        What would determine it, the quickest first: ``measure`` and a parameter, or ``record`` and an output. Empty
+        where nothing but more or better readings of the same kind would.
     """
 
     coefficients: Mapping[str, float]
     sentence: str
     error: float
+    cures: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def read_fit(path: str | Path) -> Fit:
         return Fit(
             actuator=actuator,
             parameters={entry["name"]: _parameter(entry) for entry in table["parameters"]},
-            undetermined=tuple(Direction(**entry) for entry in table["undetermined"]),
+            undetermined=tuple(_direction(entry) for entry in table["undetermined"]),
             correlations=_correlations(table),
             rank=table["rank"],
             singular_values=tuple(table["singular_values"]),
@@ -88,9 +88,14 @@ def read_fit(path: str | Path) -> Fit:
         ) from error
 
 
+def _direction(entry: Mapping[str, Any]) -> Direction:
+    return Direction(**{**entry, "cures": tuple(entry.get("cures", ()))})
+
+
 def _parameter(entry: Mapping[str, Any]) -> FittedParameter:
-    low, high = entry["interval"]
-    return FittedParameter(**{**entry, "interval": (float(low), float(high))})
+    given = {key: entry[key] for key in ("interval", "prior") if key in entry}
+    pairs = {key: (float(first), float(second)) for key, (first, second) in given.items()}
+    return FittedParameter(**{**entry, **pairs})
 
 
 def _observation(entry: Mapping[str, Any]) -> Observation:

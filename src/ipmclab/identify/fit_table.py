@@ -27,12 +27,19 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
                 "interval": list(parameter.interval),
                 "determined": parameter.determined,
                 "at_bound": parameter.at_bound,
+                **({} if parameter.prior is None else {"prior": list(parameter.prior)}),
             }
             for parameter in fit.parameters.values()
         ],
         "correlations": [[fit.correlations[a][b] for b in names] for a in names],
         "undetermined": [
-            {"coefficients": dict(d.coefficients), "sentence": d.sentence, "error": d.error} for d in fit.undetermined
+            {
+                "coefficients": dict(direction.coefficients),
+                "sentence": direction.sentence,
+                "error": direction.error,
+                "cures": list(direction.cures),
+            }
+            for direction in fit.undetermined
         ],
         "runs": [
             {

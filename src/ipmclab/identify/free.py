@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
@@ -41,11 +41,14 @@ class FreeParameters:
         One value for each run, without the place.
     observation : tuple of str
         Offsets and drifts of the readings, one for each run.
+    priors : mapping of name to pair of float [SI]
+        Value and standard uncertainty of what is known beforehand.
     """
 
     shared: tuple[str, ...]
     per_run: tuple[str, ...] = ()
     observation: tuple[str, ...] = ()
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def actuator(self) -> tuple[str, ...]:
@@ -83,13 +86,8 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     ('circuit.contact_resistance',)
     """
     names = list(known)
-    groups = {
-        "electrical": [n for n in names if n == "circuit.dc_resistivity" or n.startswith("circuit.branches.")],
-        "coupling": [n for n in names if n.startswith("coupling.")],
-        **{stage: [n for n in names if n.startswith(f"{stage}.") and n not in _BY_NAME_ONLY] for stage in _STAGES},
-    }
-    shared = _expand(free, groups, names, "free")
-    own = _expand(per_run, groups, names, "per_run")
+    shared = names_of(names, free, "free")
+    own = names_of(names, per_run, "per_run")
     if not shared and not own:
         raise InputError(
             "nothing is free",
@@ -104,7 +102,14 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     )
 
 
-def _expand(given: str | Iterable[str], groups: Mapping[str, list[str]], names: list[str], where: str) -> set[str]:
+def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> set[str]:
+    """The dotted names that groups, names and comma lists of them stand for; ``where`` is what messages name."""
+    names = list(known)
+    groups = {
+        "electrical": [n for n in names if n == "circuit.dc_resistivity" or n.startswith("circuit.branches.")],
+        "coupling": [n for n in names if n.startswith("coupling.")],
+        **{stage: [n for n in names if n.startswith(f"{stage}.") and n not in _BY_NAME_ONLY] for stage in _STAGES},
+    }
     texts = [given] if isinstance(given, str) else list(given)
     found: set[str] = set()
     for text in texts:

@@ -15,6 +15,7 @@ from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
+from ipmclab.identify.priors import prior_findings, with_priors
 from ipmclab.identify.progress import Tell, stage, telling
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator, need_run
@@ -35,6 +36,7 @@ def identify(
     *,
     free: str | Iterable[str] = "electrical",
     per_run: str | Iterable[str] = (),
+    prior: str | Iterable[str] = (),
     labels: Sequence[str] | None = None,
     progress: Tell | None = None,
 ) -> Fit:
@@ -58,6 +60,10 @@ def identify(
         ``observation.drift.<output>`` free the zero and the slope of a sensor, for each run.
     per_run : str or iterable of str
         Parameters of which each run has its own, such as ``circuit.contact_resistance``.
+    prior : str or iterable of str
+        Free parameters of which something is known beforehand: the value and the standard uncertainty in ``actuator``,
+        or, where it states no uncertainty, the range that strips have. It counts like one more reading of the
+        parameter, normal, or log-normal where the parameter is moved as a logarithm; with ``per_run``, one of each run.
     labels : sequence of str, optional
         A short name for each run, for messages and tables; else its source file, its signal or its place.
     progress : function of (str, float), optional
@@ -72,7 +78,7 @@ def identify(
     ------
     InputError
         No actuator, an unknown name, no runs, a run without the readings that the free parameters need, more
-        unknowns than readings.
+        unknowns than readings, a prior of which nothing is known.
 
     Examples
     --------
@@ -85,7 +91,7 @@ def identify(
     """
     need_actuator(actuator)
     with telling(progress):
-        return _identify(actuator, runs, free, per_run, labels)
+        return _identify(actuator, runs, free, per_run, prior, labels)
 
 
 def _identify(
@@ -93,12 +99,14 @@ def _identify(
     runs: Sequence[Run] | Run,
     free: str | Iterable[str],
     per_run: str | Iterable[str],
+    prior: str | Iterable[str],
     labels: Sequence[str] | None,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
     given = _runs(runs)
     names = parse_free(actuator.parameter_values, free, per_run)
     _refuse_counts(actuator, names)
+    names = with_priors(actuator, names, prior)
     outputs = _outputs(names)
     checked = [Checked.of(run) for run in given]
     found = [check_record(record) for record in checked]
@@ -125,7 +133,10 @@ def _identify(
     result = estimate(actuator, names, records)
     stage("errors and intervals", 0.8, 1.0)
     fit = build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
-    beyond = beyond_findings(fit, records)
+    beyond = (
+        *beyond_findings(fit, records),
+        *prior_findings(actuator, fit.parameters, [run.content_sha256 for run in given]),
+    )
     if not beyond:
         return fit
     fit = replace(fit, findings=(*fit.findings, *beyond))

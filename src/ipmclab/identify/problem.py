@@ -164,6 +164,7 @@ class Problem:
         priors = [(place, *unknown.prior) for place, unknown in enumerate(self.unknowns) if unknown.prior is not None]
         self._prior_places = np.array([place for place, _, _ in priors], dtype=np.intp)
         self._prior_centres = np.array([centre for _, centre, _ in priors])
+        self._prior_is_range = np.array([self.unknowns[place].beforehand is None for place, _, _ in priors], dtype=bool)
         self._prior_jacobian = np.zeros((len(priors), len(self.unknowns)))
         for row, (place, _, deviation) in enumerate(priors):
             self._prior_jacobian[row, place] = 1.0 / deviation
@@ -249,7 +250,7 @@ class Problem:
         There every delay is as likely as another (a rectangular distribution of the same deviation), so within it
         that part is no evidence.
         """
-        away = np.abs(self._prior_jacobian @ (theta - self._centred(theta)))
+        away = np.abs(self._prior_jacobian @ (theta - self._centred(theta)))[self._prior_is_range]
         beyond = np.maximum(away - _RECTANGLE, 0.0)
         return float(away @ away - beyond @ beyond)
 

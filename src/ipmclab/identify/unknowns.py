@@ -37,7 +37,8 @@ class Unknown:
     nuisance : bool
         Needed for the fit, but not asked for: starting states.
     prior : pair of float, optional
-        Centre and standard deviation of what is known of the entry beforehand.
+        Centre and standard deviation of what is known of the entry beforehand; of a delay, those of the range where it
+        lies, in which every value is as likely as another.
     """
 
     name: str
@@ -62,6 +63,18 @@ class Unknown:
     def chain(self, value: float) -> float:
         """Derivative of the value with respect to its entry."""
         return value if self.log else self.scale
+
+    def known(self, value: float, uncertainty: float) -> Unknown:
+        """The same with a prior: normal in the entry, and so log-normal in the value of a logarithm."""
+        return replace(self, prior=(self.entry(value), uncertainty / self.chain(value)))
+
+    @property
+    def beforehand(self) -> tuple[float, float] | None:
+        """Value and standard uncertainty that were known beforehand [SI]; None where that was nothing, or a range."""
+        if self.prior is None or self.base == "observation.delay":
+            return None
+        value = self.value(self.prior[0])
+        return value, self.prior[1] * self.chain(value)
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -132,6 +145,7 @@ def unknowns_of(
         ]
     for name in free.per_run:
         found += [actuator_unknown(parameters[name], record.place) for record in records]
+    found = [u if u.base not in free.priors else u.known(*free.priors[u.base]) for u in found]
     for record in records:
         if record.delay_is_free:
             reach = LONGEST_DELAY * record.period

@@ -36,6 +36,8 @@ class Declaration:
         The value where a file says nothing; None when it must be given.
     typical : float [SI], optional
         A usual size, with which a stage is added to an actuator; where it is left out, the default.
+    likely : pair of float [SI], optional
+        Where 19 of 20 strips lie, where the literature knows it: what is known of a strip before it is measured.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Declaration:
     transform: Transform = "log"
     default: float | None = None
     typical: float | None = None
+    likely: tuple[float, float] | None = None
 
     @property
     def usual(self) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -107,6 +107,23 @@ def starting_points(
         for motion in _motion_starts(strip, free, records, shifts):
             points.append(StartingPoint({**base, **motion}, delays, only_electrical))
     return points
+
+
+def known_first(
+    actuator: Actuator, names: FreeParameters, records: Sequence[Record], circuit: StartingPoint | None
+) -> list[StartingPoint]:
+    """Starting points; where something is known beforehand, first those that hold it while they look for the rest."""
+    points = starting_points(actuator, names, records, circuit)
+    if not names.priors:
+        return points
+    known = {name: value for name, (value, _) in names.priors.items()}
+    rest = replace(
+        names,
+        shared=tuple(name for name in names.shared if name not in known),
+        per_run=tuple(name for name in names.per_run if name not in known),
+    )
+    about = starting_points(actuator.replace(**_allowed(actuator, known)), rest, records, circuit)
+    return [*(replace(point, values={**point.values, **known}) for point in about), *points]
 
 
 def _with_leak(
