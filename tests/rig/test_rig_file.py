@@ -136,7 +136,16 @@ def rigs(draw: st.DrawFn) -> Rig:
         voltage_sensed=draw(st.sampled_from(["electrodes", "upstream of shunt"])),
         output=Output(low, high, "cDAQ1Mod2/ao0"),
         thermometer=draw(st.none() | st.just(Thermometer("cDAQ1Mod3/ai1", 1000.0, 3))),
-        four_probe=draw(st.none() | st.builds(FourProbe, st.just("cDAQ1Mod3/ai0"), st.floats(1e-4, 0.1))),
+        four_probe=draw(
+            st.none()
+            | st.builds(
+                FourProbe,
+                st.just("cDAQ1Mod3/ai0"),
+                st.floats(1e-4, 0.1),
+                contacts=st.sampled_from(["line", "points"]),
+                offset=st.floats(0.0, 1.0),
+            )
+        ),
         bench="ni" if ni else "virtual",
         address=draw(st.sampled_from([None, "127.0.0.1:1", "lab-pc.example:65535"])) if ni else None,
         virtual=VirtualStrip(
@@ -145,6 +154,7 @@ def rigs(draw: st.DrawFn) -> Rig:
             relative_humidity=draw(st.floats(0.0, 100.0)),
             load=draw(st.sampled_from(["strip", "dummy"])),
             preload_drift=draw(st.floats(-0.1, 0.1)),
+            meter_offset=draw(st.floats(-1.0, 1.0)),
         ),
     )
 

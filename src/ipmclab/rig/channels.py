@@ -8,12 +8,14 @@ drives the strip.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.four_probe import Contacts, sheet_factor
 from ipmclab.units import CHANNELS, Quantity
 
 FloatArray = npt.NDArray[np.float64]
@@ -197,7 +199,7 @@ class Thermometer:
 
 @dataclass(frozen=True)
 class FourProbe:
-    """Four contacts across the strip that measure the resistance of its surface (thesis, section 3.2).
+    """Four contacts on the strip that measure the resistance of its surface (thesis, section 3.2).
 
     The outer two carry a small constant current, the inner two read the voltage between them.
 
@@ -206,24 +208,30 @@ class FourProbe:
     physical : str
         The input, such as ``"cDAQ1Mod3/ai0"``.
     spacing : float [m]
-        Between the inner contacts, which lie across the whole width of the strip.
+        Between the inner contacts; points are all as far from each other.
     current : float [A]
         1 mA for the NI 9217.
+    contacts : "line" or "points"
+        Across the whole width of the strip, or four points along its middle.
+    offset : float [ohm]
+        By how much the meter may read wrong everywhere.
     """
 
     physical: str = ""
     spacing: float = 10e-3
     current: float = 1e-3
+    contacts: Contacts = "line"
+    offset: float = 0.05
 
-    def sheet_resistance(self, resistance: float, width: float) -> float:
-        """The resistance of a square [ohm/sq], from that between the inner contacts [ohm] and the width [m].
+    def sheet_resistance(self, resistance: float, width: float, length: float = math.inf) -> float:
+        """The resistance of a square [ohm/sq], from that between the inner contacts [ohm] and the strip's size [m].
 
         Examples
         --------
         >>> FourProbe(spacing=10e-3).sheet_resistance(2.6, width=5e-3)
         1.3
         """
-        return resistance * width / self.spacing
+        return resistance * sheet_factor(self.contacts, self.spacing, width, length)
 
 
 @dataclass(frozen=True)
@@ -242,6 +250,8 @@ class VirtualStrip:
         ``dummy`` is the load of ``rig prove``: 10 ohm and 100 mF in series, no strip.
     preload_drift : float [N]
         By how much the preload of the load cell falls, with a time constant of 10 min.
+    meter_offset : float [ohm]
+        What the meter of the four-probe contacts reads too much.
     """
 
     actuator: str = "friend-2"
@@ -250,6 +260,7 @@ class VirtualStrip:
     relative_humidity: float = 45.0
     load: Literal["strip", "dummy"] = "strip"
     preload_drift: float = 0.0
+    meter_offset: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,12 @@ _SWITCHES: Final[Mapping[str, tuple[str, str, Any]]] = {
     "contact open": ("the clamp does not touch the strip", "contact", "open"),
     "laser blocked": ("something is between laser and strip", "laser_blocked", True),
     "laser clear": ("nothing is between laser and strip", "laser_blocked", False),
+    "probes shorted": (
+        "a piece of metal joins the four contacts of the sheet-resistance probe",
+        "probes_shorted",
+        True,
+    ),
+    "probes on strip": ("the four contacts lie on the strip", "probes_shorted", False),
 }
 
 WORDS: Final[Mapping[str, str]] = {

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.model.four_probe import sheet_factor
 from ipmclab.rig.chamber import Lag, platinum_resistance
-from ipmclab.rig.channels import Channel, Rig
+from ipmclab.rig.channels import Channel, FourProbe, Rig
 from ipmclab.rig.exact import TICK, ExactSystem, to_ticks
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ class StripPlant:
         self._contact: Contact = "good"
         self._tip: Tip = "either"
         self.laser_blocked = False
+        self.probes_shorted = False
         self._strip = ExactSystem(self._system())
         self._now = 0
         self._mounted = 0.0
@@ -165,7 +167,7 @@ class StripPlant:
             if meter is not None and name == (meter.physical or "thermometer"):
                 return platinum_resistance(value("temperature"), meter.resistance)
             assert probe is not None
-            return np.full(len(times), self._surface_resistance(probe.spacing))
+            return np.full(len(times), self._surface_resistance(probe))
 
         return _Terminals(self.terminals, terminal)
 
@@ -205,11 +207,15 @@ class StripPlant:
             return np.full(len(told), channel.lost)
         return np.where((told < low) | (told > high), channel.lost, volts)
 
-    def _surface_resistance(self, spacing: float) -> float:
-        """Between the inner contacts of the four-probe clamp [ohm]; a dummy load has no surface."""
+    def _surface_resistance(self, probe: FourProbe) -> float:
+        """What the meter of the four-probe contacts sees [ohm]; a dummy load has no surface."""
+        if self.probes_shorted:
+            return self.rig.virtual.meter_offset
         if self._actuator is None:
             return CONTACT_RESISTANCE["open"]
-        return self._actuator["circuit.sheet_resistance"] * spacing / self._actuator["geometry.width"]
+        width, length = self._actuator["geometry.width"], _length(self._actuator)
+        squares = 1.0 / sheet_factor(probe.contacts, probe.spacing, width, length)
+        return self._actuator["circuit.sheet_resistance"] * squares + self.rig.virtual.meter_offset
 
     def _system(self) -> System:
         """The strip, or the dummy load, as the output sees it."""
@@ -298,6 +304,11 @@ def _load(name: str) -> Actuator:
     from ipmclab.model import load_actuator
 
     return load_actuator(name)
+
+
+def _length(actuator: Actuator) -> float:
+    """Of the whole strip [m]."""
+    return actuator["geometry.free_length"] + actuator["geometry.clamped_length"]
 
 
 def _dummy(in_series: float) -> System:

@@ -25,6 +25,9 @@ _NOT_APPLICABLE: Final = -200197
 _COLDEST, _HOTTEST = -200.0, 850.0
 """What an NI 9217 tells of a platinum thermometer [degC]."""
 
+LARGEST_RESISTANCE: Final = 400.0
+"""The range of an NI 9217 [ohm]; contacts that do not touch read as its end."""
+
 
 def module_of(physical: str) -> str:
     """The module of a physical channel.
@@ -146,6 +149,21 @@ class Driver:
             current_excit_source=constants.ExcitationSource.INTERNAL,
             current_excit_val=thermometer.current,
             r_0=thermometer.resistance,
+        )
+
+    def add_four_probe(self, task: Any) -> None:
+        """Add the four-probe contacts of the rig to a task: the outer two carry the current of the module."""
+        constants, probe = self.client.constants, self.rig.four_probe
+        assert probe is not None
+        self._check_present("four_probe", probe.physical)
+        task.ai_channels.add_ai_resistance_chan(
+            probe.physical,
+            name_to_assign_to_channel="four_probe",
+            min_val=0.0,
+            max_val=LARGEST_RESISTANCE,
+            resistance_config=constants.ResistanceConfiguration.FOUR_WIRE,
+            current_excit_source=constants.ExcitationSource.INTERNAL,
+            current_excit_val=probe.current,
         )
 
     def clear(self, task: Any) -> None:
@@ -275,6 +293,8 @@ def _names(rig: Rig) -> Mapping[str, str]:
     names[rig.output.physical] = "output"
     if rig.thermometer is not None:
         names[rig.thermometer.physical] = "thermometer"
+    if rig.four_probe is not None:
+        names[rig.four_probe.physical] = "four_probe"
     return names
 
 

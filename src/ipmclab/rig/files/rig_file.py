@@ -202,6 +202,8 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
             probe.physical,
             _positive(probe.spacing, LENGTH, place / "four_probe.spacing"),
             _positive(probe.current, CURRENT, place / "four_probe.current"),
+            probe.contacts,
+            _not_negative(probe.offset, RESISTANCE, place / "four_probe.offset"),
         ),
         bench=table.bench,
         address=_address(table, place / "address"),
@@ -320,6 +322,7 @@ def _virtual(table: VirtualTable, place: _Place, folder: Path | None) -> Virtual
         ),
         load=table.load,
         preload_drift=_within(table.preload_drift, FORCE, (-0.1, 0.1), place / "preload_drift"),
+        meter_offset=_within(table.meter_offset, RESISTANCE, (-1.0, 1.0), place / "meter_offset"),
     )
 
 

@@ -55,6 +55,8 @@ class FourProbeTable(Strict):
     physical: str = ""
     spacing: str = "10 mm"
     current: str = "1 mA"
+    contacts: Literal["line", "points"] = "line"
+    offset: str = "0.05 ohm"
 
 
 class VirtualTable(Strict):
@@ -66,6 +68,7 @@ class VirtualTable(Strict):
     relative_humidity: str = "45 percent"
     load: Literal["strip", "dummy"] = "strip"
     preload_drift: str = "0 mN"
+    meter_offset: str = "0 ohm"
 
 
 class RigTable(Strict):

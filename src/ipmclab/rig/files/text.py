@@ -131,6 +131,8 @@ def _four_probe(probe: FourProbe) -> dict[str, Any]:
         **({"physical": probe.physical} if probe.physical else {}),
         "spacing": _text(probe.spacing, LENGTH),
         "current": _text(probe.current, CURRENT),
+        "contacts": probe.contacts,
+        "offset": _text(probe.offset, RESISTANCE),
     }
 
 
@@ -142,6 +144,7 @@ def _virtual(strip: VirtualStrip) -> dict[str, Any]:
         "relative_humidity": _text(strip.relative_humidity, RELATIVE_HUMIDITY),
         "load": strip.load,
         "preload_drift": _text(strip.preload_drift, FORCE),
+        "meter_offset": _text(strip.meter_offset, RESISTANCE),
     }
 
 
