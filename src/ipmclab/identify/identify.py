@@ -16,7 +16,7 @@ from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
 from ipmclab.identify.priors import prior_findings, with_priors
-from ipmclab.identify.progress import Tell, stage, telling
+from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator, need_run
 from ipmclab.quality.check import check_record
@@ -133,10 +133,11 @@ def _identify(
     result = estimate(actuator, names, records)
     stage("errors and intervals", 0.8, 1.0)
     fit = build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
-    beyond = (
-        *beyond_findings(fit, records),
-        *prior_findings(actuator, fit.parameters, [run.content_sha256 for run in given]),
-    )
+    beyond = beyond_findings(fit, records)
+    if names.priors:
+        with part("without what is known beforehand", 0.8, 1.0):
+            alone = build_fit(actuator, given, estimate(actuator, replace(names, priors={}), records), ())
+        beyond += prior_findings(actuator, fit, alone)
     if not beyond:
         return fit
     fit = replace(fit, findings=(*fit.findings, *beyond))

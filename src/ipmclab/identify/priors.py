@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.identify.fit import FittedParameter
+from ipmclab.identify.fit import Fit
 from ipmclab.identify.free import FreeParameters, names_of
 from ipmclab.identify.unknowns import actuator_unknown
 from ipmclab.model import Actuator
@@ -18,7 +18,6 @@ from ipmclab.run import Finding
 _95: Final = 1.959964
 _NOTHING_NEW: Final = 0.9  # of the error beforehand: an error above that is the prior again
 _SURPRISING: Final = 3.0  # standard deviations
-_NO_ROOM: Final = 1e-3  # of the variance beforehand: less is rounding
 
 
 def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable[str]) -> FreeParameters:
@@ -85,7 +84,7 @@ def _known(actuator: Actuator, parameter: Parameter) -> tuple[float, float]:
             f"nothing is known beforehand of {parameter.name}: its value has no standard uncertainty",
             code="no-prior",
             where="prior",
-            repair='write { value = "...", standard_uncertainty = "..." } in the actuator\'s file, or leave its name out',
+            repair='write { value = "...", standard_uncertainty = "..." } in the actuator\'s file, or do not name it',
         )
     low, high = likely
     if log:
@@ -94,72 +93,74 @@ def _known(actuator: Actuator, parameter: Parameter) -> tuple[float, float]:
     return 0.5 * (low + high), (high - low) / (2.0 * _95)
 
 
-def prior_findings(
-    actuator: Actuator, parameters: Mapping[str, FittedParameter], runs: Sequence[str]
-) -> tuple[Finding, ...]:
+def prior_findings(actuator: Actuator, fit: Fit, alone: Fit) -> tuple[Finding, ...]:
     """What the readings added to what was known beforehand, and whether they agree with it.
+
+    They are asked alone: beside a wrong prior, zeros and slopes of sensors or a start that was not at rest may take up
+    what the two disagree by.
 
     Parameters
     ----------
     actuator : Actuator
         As it was given.
-    parameters : mapping of name to FittedParameter
-    runs : sequence of str
-        Hashes of the runs of this fit.
+    fit : Fit
+    alone : Fit
+        To the same runs, with nothing known beforehand.
     """
     declared = actuator.parameters()
     found = []
-    for name, one in parameters.items():
+    for name, one in fit.parameters.items():
         if one.prior is None:
             continue
-        base = declared[name.partition("[")[0]]
+        base, free = declared[name.partition("[")[0]], alone.parameters[name]
         log = actuator_unknown(base, None).log
-        centre, before = one.prior
-        away, after = (
-            (math.log(one.value / centre), one.standard_error / one.value)
-            if log
-            else (one.value - centre, one.standard_error)
-        )
-        before = before / centre if log else before
-        shown = f"{base.quantity.to_display(centre):.4g} {base.quantity.display_unit}".rstrip()
-        width = f"{100.0 * before:.2g} %" if log else f"{base.quantity.to_display(before):.2g}"
-        # What readings move a value by has this variance where they agree with what was known.
-        room = max(before**2 - after**2, _NO_ROOM * before**2)
-        sigmas = abs(away) / math.sqrt(room)
-        values = {"centre": centre, "deviations": sigmas, "error_left": after / before}
+
+        def shown(value: float, error: float, base: Parameter = base, log: bool = log) -> str:
+            unit = base.quantity.display_unit
+            text = f"{base.quantity.to_display(value):.4g} {unit}".rstrip()
+            width = (
+                f"{100.0 * error / value:.2g} %" if log else f"{base.quantity.to_display(error):.2g} {unit}".rstrip()
+            )
+            return f"{text} within {width}"
+
+        before = shown(*one.prior)
+        own = shown(free.value, free.standard_error)
+        sigmas = _apart(one.prior, (free.value, free.standard_error), log=log) if free.determined else 0.0
+        left = one.standard_error / one.prior[1] * (one.prior[0] / one.value if log else 1.0)
+        values = {"deviations": sigmas, "error_left": left}
         if sigmas > _SURPRISING:
-            now = f"{base.quantity.to_display(one.value):.4g} {base.quantity.display_unit}".rstrip()
             found.append(
                 Finding(
                     "prior-contradicted",
                     "warning",
-                    f"{name} was {shown} within {width} (one standard deviation) beforehand, but the readings draw it "
-                    f"to {now}, {sigmas:.1f} standard deviations of what the two may differ by",
-                    "measure it again, or fit without its prior and see what else moves",
+                    f"{name} was {before} beforehand (one standard deviation), but the readings alone say {own}: "
+                    f"{sigmas:.1f} standard deviations apart",
+                    "measure it again, or leave its prior out; as long as they disagree the fit is neither",
                     values=values,
                 )
             )
             continue
-        added = (
-            "the readings add nothing to that"
-            if after > _NOTHING_NEW * before
-            else f"the readings leave {100.0 * after / before:.2g} % of that error"
-        )
-        found.append(
-            Finding("prior", "info", f"{name} was {shown} within {width} beforehand: {added}", "", values=values)
-        )
-    return (*found, *_seen_before(actuator, parameters, runs))
+        added = f"the readings alone say {own}, " if free.determined else "the readings alone leave it open, "
+        added += "and add nothing" if left > _NOTHING_NEW else f"both leave {100.0 * left:.2g} % of that error"
+        found.append(Finding("prior", "info", f"{name} was {before} beforehand; {added}", "", values=values))
+    return (*found, *_seen_before(actuator, fit))
 
 
-def _seen_before(
-    actuator: Actuator, parameters: Mapping[str, FittedParameter], runs: Sequence[str]
-) -> tuple[Finding, ...]:
+def _apart(one: tuple[float, float], other: tuple[float, float], *, log: bool) -> float:
+    """Distance of two values in their common standard deviation."""
+    (a, a_error), (b, b_error) = one, other
+    if log:
+        return abs(math.log(b / a)) / math.hypot(a_error / a, b_error / b)
+    return abs(b - a) / math.hypot(a_error, b_error)
+
+
+def _seen_before(actuator: Actuator, fit: Fit) -> tuple[Finding, ...]:
     """A prior that came from the same readings counts them twice."""
     table = actuator.fit_table or {}
     earlier = {str(run.get("content_sha256")) for run in table.get("runs", ())}
     fitted = {str(entry.get("name")) for entry in table.get("parameters", ())}
-    twice = [name for name, one in parameters.items() if one.prior is not None and name.partition("[")[0] in fitted]
-    if not twice or not earlier & set(runs):
+    twice = [n for n, one in fit.parameters.items() if one.prior is not None and n.partition("[")[0] in fitted]
+    if not twice or not earlier & {content for _, content in fit.runs}:
         return ()
     return (
         Finding(

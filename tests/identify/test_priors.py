@@ -1,0 +1,122 @@
+"""What is known beforehand counts like a reading, and a fit says what the readings made of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import Actuator, InputError, Run, identify, load_actuator, read_fit, simulate, write_fit
+
+FRIEND = load_actuator("friend-2")
+SERIES, DC = "circuit.sheet_resistance", "circuit.dc_resistivity"
+
+
+def known(actuator: Actuator = FRIEND, **uncertainties: float) -> Actuator:
+    named = {name.replace("__", "."): value for name, value in uncertainties.items()}
+    return replace(actuator, standard_uncertainties=named)
+
+
+def measured(seed: int = 0, actuator: Actuator = FRIEND, noise: float = 1e-4) -> Run:
+    generator = np.random.default_rng([20261121, seed])
+    clean = simulate(actuator, "square 1 V 0.1 Hz", duration=40.0, rate=50.0)
+    assert clean.current is not None
+    noisy = clean.current + noise * generator.standard_normal(len(clean.current))
+    return Run.from_arrays(time=clean.time, voltage=clean.voltage, current=noisy)
+
+
+def test_a_prior_counts_like_a_reading() -> None:
+    """The sum of both precisions, and the mean of both values weighted by them."""
+    run = measured()
+    alone = identify(FRIEND, [run], free="electrical").parameters[DC]
+    before = 43.0, 1.0 * alone.standard_error
+    strip = known(FRIEND.replace(**{DC: before[0]}), circuit__dc_resistivity=before[1])
+    both = identify(strip, [run], free="electrical", prior=DC).parameters[DC]
+    weights = np.array([alone.standard_error, before[1]]) ** -2.0
+    assert both.standard_error == pytest.approx(weights.sum() ** -0.5, rel=0.02)
+    mean = float(weights @ [alone.value, before[0]] / weights.sum())
+    assert both.value == pytest.approx(mean, abs=0.02 * alone.standard_error)
+    assert both.prior == pytest.approx(before)
+    ignored = identify(strip, [run], free="electrical").parameters[DC]
+    assert (ignored.value, ignored.prior) == (pytest.approx(alone.value, rel=1e-6), None)
+
+
+def test_a_prior_closes_what_the_current_leaves_open() -> None:
+    run = measured(1, noise=1e-5)
+    free = ["electrical", SERIES]
+    strip = known(circuit__sheet_resistance=0.02)
+    assert identify(strip, [run], free=free).rank == 5
+    fit = identify(strip, [run], free=free, prior=SERIES)
+    assert fit.rank == 6
+    series = fit.parameters[SERIES]
+    assert series.determined
+    assert series.standard_error == pytest.approx(0.02, rel=0.1)
+    (said,) = [finding for finding in fit.findings if finding.code == "prior"]
+    assert said.message == (
+        f"{SERIES} was 1.333 ohm/sq within 1.5 % beforehand; the readings alone leave it open, and add nothing"
+    )
+
+
+def test_where_both_disagree_the_fit_says_so() -> None:
+    strip = known(FRIEND.replace(**{DC: 60.0}), circuit__dc_resistivity=1.0)
+    fit = identify(strip, [measured(2)], free="electrical", prior="circuit.dc_resistivity")
+    (said,) = [finding for finding in fit.findings if finding.code == "prior-contradicted"]
+    assert said.message.startswith(
+        f"{DC} was 60 ohm m within 1.7 % beforehand (one standard deviation), but the readings alone say 43."
+    )
+    assert said.values["deviations"] is not None
+    assert said.values["deviations"] > 10.0
+
+
+def test_each_run_has_the_prior_of_a_parameter_of_its_own() -> None:
+    contact = "circuit.contact_resistance"
+    strip = known(FRIEND.replace(**{contact: 1.0}), circuit__contact_resistance=0.5)
+    runs = [measured(3, FRIEND.replace(**{contact: ohm})) for ohm in (0.7, 1.4)]
+    fit = identify(strip, runs, free="electrical", per_run=contact, prior=contact)
+    assert [fit.parameters[f"{contact}[{place}]"].prior for place in (0, 1)] == [(1.0, 0.5)] * 2
+    # The difference between two clampings is seen; their common part is as open as before.
+    first, second = (fit.parameters[f"{contact}[{place}]"].value for place in (0, 1))
+    assert second - first == pytest.approx(0.7, abs=0.05)
+
+
+def test_a_range_that_strips_have_is_a_prior_too() -> None:
+    clean = simulate(FRIEND, "square 1 V 0.1 Hz", duration=20.0, rate=50.0)
+    assert clean.force is not None
+    assert clean.displacement is not None
+    force = clean.force + 1e-5 * np.random.default_rng(20261121).standard_normal(len(clean.time))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, force=force)
+    free = ["coupling.gain", "beam.modulus"]
+    assert identify(FRIEND, [run], free=free).rank == 1
+    fit = identify(FRIEND, [run], free=free, prior="beam.modulus")
+    modulus = fit.parameters["beam.modulus"]
+    assert fit.rank == 2
+    assert modulus.prior is not None
+    assert modulus.interval == pytest.approx((41e6, 1.45e9), rel=0.02)
+    assert not modulus.determined
+
+
+def test_a_prior_from_the_same_runs_is_told(tmp_path: Path) -> None:
+    run = measured(4)
+    first = identify(FRIEND, [run], free="electrical")
+    again = identify(first.actuator, [run], free="electrical", prior=DC)
+    assert "prior-from-these-runs" in {finding.code for finding in again.findings}
+    write_fit(again, tmp_path / "again.toml")
+    assert read_fit(tmp_path / "again.toml").parameters == again.parameters
+    other = identify(first.actuator, [measured(5)], free="electrical", prior=DC)
+    assert "prior-from-these-runs" not in {finding.code for finding in other.findings}
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        ("circuit.sheet_resistance", "prior: 'circuit.sheet_resistance' is not free; free it too"),
+        ("circuit.dc_resistivity", "prior: nothing is known beforehand of circuit.dc_resistivity: its value has no"),
+        ("circuit.dc_resistance", "prior: no parameter or group is called 'circuit.dc_resistance'; did you mean"),
+        ("observation.offset.current", "prior: 'observation.offset.current' is found from the readings alone"),
+    ],
+)
+def test_a_prior_that_is_none_is_refused(prior: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        identify(FRIEND, [measured()], free="electrical", prior=prior)
