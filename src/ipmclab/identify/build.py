@@ -60,7 +60,8 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         [unknown.value(float(solution.theta[place])) for unknown, place in zip(asked, places, strict=True)]
     )
     relative = relative_errors(asked, values, found)
-    open_directions = directions(asked, values, found, problem.records)
+    model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
+    open_directions = directions(asked, values, found, problem.records, model)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
 
     order = Order(problem.values(solution.theta, problem.records[0].place))

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.covariance import Uncertainty
+from ipmclab.identify.cures import cures_of, said_of
+from ipmclab.identify.exchange import series_against_branches
 from ipmclab.identify.fit import Direction
+from ipmclab.identify.identifiable import others, sparse
 from ipmclab.identify.observation import Record
 from ipmclab.identify.unknowns import Unknown
+from ipmclab.model import Actuator
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -46,18 +51,30 @@ def _sizes(unknowns: Sequence[Unknown], values: FloatArray) -> FloatArray:
 
 
 def directions(
-    unknowns: Sequence[Unknown], values: FloatArray, found: Uncertainty, records: Sequence[Record]
+    unknowns: Sequence[Unknown],
+    values: FloatArray,
+    found: Uncertainty,
+    records: Sequence[Record],
+    actuator: Actuator,
 ) -> tuple[Direction, ...]:
     """Combinations that the readings do not determine: first those about which they say nothing at all.
 
-    A combination is also named when its standard error makes one of its parameters undetermined.
+    A combination is also named when its standard error makes one of its parameters undetermined. What would cure one
+    about which nothing is said is asked of the model, ``actuator``: which further output would show it.
     """
     names = [unknown.name for unknown in unknowns]
     size = _sizes(unknowns, values)
     known = dict(zip(names, values, strict=True))
-    named = [_direction(names, row / size, np.inf, records) for row in found.null]
-    spread, vectors = np.linalg.eigh(found.covariance / (size[:, None] * size))
-    errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
+    named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
+    covariance = found.covariance / (size[:, None] * size)
+    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    against_branches = series_against_branches(names, covariance, DETERMINED, _outputs(records))
+    if against_branches is not None:
+        # What else is open is told as if that were known.
+        named.append(against_branches[0])
+        covariance = against_branches[1]
+        errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    spread, vectors = np.linalg.eigh(covariance)
     open_ones = errors > DETERMINED
     chosen: set[int] = set()
     for place in np.argsort(-spread):
@@ -77,7 +94,7 @@ def directions(
     # What moves only a little along a direction that has a name may still move too much.
     left = [k for k in np.flatnonzero(open_ones) if not any(names_it(direction, names[k]) for direction in named)]
     while left:
-        spread, vectors = np.linalg.eigh((found.covariance / np.outer(size, size))[np.ix_(left, left)])
+        spread, vectors = np.linalg.eigh(covariance[np.ix_(left, left)])
         row = np.zeros(len(names))
         row[left] = vectors[:, -1]
         named.append(_direction(names, row, float(np.sqrt(spread[-1])), records))
@@ -107,6 +124,45 @@ def _direction(names: Sequence[str], row: FloatArray, error: float, records: Seq
     row = row * np.sign(row[np.argmax(np.abs(row))])
     coefficients = {name: float(value) for name, value in zip(names, row, strict=True)}
     return Direction(coefficients, _sentence(coefficients, error, records), error)
+
+
+def _null_direction(
+    unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[Record], actuator: Actuator
+) -> Direction:
+    names = [unknown.name for unknown in unknowns]
+    plain = _direction(names, row, np.inf, records)
+    moved = [name for name in names if abs(plain.coefficients[name]) > _MOVED]
+    if any(name.startswith("observation.") for name in moved):
+        return plain
+    cures = cures_of(names, row, _shown_by(unknowns, row, records, actuator))
+    if not cures:
+        return plain
+    what = plain.sentence.split("; ")[0]
+    return replace(plain, sentence=f"{what}; {said_of(cures, moved)}", cures=tuple(cure.name for cure in cures))
+
+
+def _shown_by(
+    unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[Record], actuator: Actuator
+) -> tuple[str, ...]:
+    """Outputs beside those that were read that would show a combination, in one run or another."""
+    largest = max(float(np.abs(record.run.voltage).max()) for record in records)
+    found: list[str] = []
+    for record in records:
+        own = [(u.base, part) for u, part in zip(unknowns, row, strict=True) if u.place in (None, record.place)]
+        own = [(base, part) for base, part in own if base in actuator.parameter_values]
+        bases, parts = [base for base, _ in own], np.array([part for _, part in own])
+        if not np.any(np.abs(parts) > _MOVED):
+            continue
+        found += [
+            name for name in others(actuator, bases, _outputs(records), parts, voltage=largest) if name not in found
+        ]
+        if not any(unknown.place is not None for unknown in unknowns):
+            break
+    return tuple(found)
+
+
+def _outputs(records: Sequence[Record]) -> list[str]:
+    return list(dict.fromkeys(output for record in records for output in record.readings))
 
 
 def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence[Record]) -> str:
