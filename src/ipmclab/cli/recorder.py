@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from ipmclab.rig.experiments.session import Desk, Session
     from ipmclab.rig.process.server import ClientDesk
     from ipmclab.rig.recording.recorder import Heartbeat
-    from ipmclab.run import Finding, Run
     from ipmclab.store.journal.laboratory import Laboratory
 
 FIRST_CLIENT: Final = 10.0
@@ -170,19 +169,11 @@ def recover_first(laboratory: Laboratory) -> Iterator[str]:
         yield f"{path} could not be recovered: {error}"
 
 
-def inspect(run: Run) -> list[Finding]:
-    """What is wrong with a run, and what its fingerprint tells."""
-    from ipmclab.quality import check
-    from ipmclab.rig.experiments.fingerprint import fingerprint_finding
-
-    told = fingerprint_finding(run)
-    return [*check(run), *([told] if told is not None else [])]
-
-
 def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbeat | None) -> Session:
     """The session of a plan, with its bench."""
     from ipmclab.cli.benches import make_bench
     from ipmclab.rig.experiments.earlier import earlier_runs
+    from ipmclab.rig.experiments.fingerprint import inspect
     from ipmclab.rig.experiments.session import Session
 
     return Session(

@@ -132,7 +132,7 @@ def _bring_up_to_date(catalogue: Catalogue, *, rebuild: bool) -> Sweep | None:
 
 def _answer(catalogue: Catalogue, query: RunQuery) -> tuple[list[CatalogueRow], tuple[Problem, ...]]:
     """The runs that answer a question; what nobody has looked into yet is inspected first."""
-    from ipmclab.cli.recorder import inspect
+    from ipmclab.rig.experiments.fingerprint import inspect
 
     rows = catalogue.query(replace(query, findings=()))
     with counting("checking runs") as tell:

@@ -130,6 +130,14 @@ def fingerprint_finding(run: Run) -> Finding | None:
     return Finding("fingerprint", "info", str(found), values=found.as_dict())
 
 
+def inspect(run: Run) -> list[Finding]:
+    """What is wrong with a run, and what its fingerprint tells: what the catalogue keeps."""
+    from ipmclab.quality import check
+
+    told = fingerprint_finding(run)
+    return [*check(run), *([told] if told is not None else [])]
+
+
 def differences(found: Fingerprint, earlier: Sequence[Fingerprint]) -> list[str]:
     """Where a fingerprint is outside the scatter of the earlier ones of its sample, in words.
 

@@ -1,0 +1,312 @@
+"""Jobs: what the page asks its workers to do, and what became of it."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from concurrent.futures import Future
+from typing import IO, Any, Final, Literal
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.page.jobs.frames import Frame, pack, read_frame
+from ipmclab.page.jobs.tasks import LOOK, SIMULATE, TASKS, WORK
+from ipmclab.platform import detached
+
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
+
+_GRACE: Final = 1.0
+"""How long [s] a cancelled job may take to come to its next word of progress before its worker is ended."""
+
+_KEPT: Final = 50
+"""Finished jobs that are remembered."""
+
+
+class JobCancelled(Exception):
+    """What waiting for a job raises that was cancelled, or that a newer one took the place of."""
+
+
+class Job:
+    """One piece of work. Read it at any time; ``future`` tells when it is over.
+
+    Attributes
+    ----------
+    task, title : str
+    state : "waiting", "running", "done", "failed" or "cancelled"
+    sentence : str
+        What it is doing.
+    fraction : float or None
+        The part that is done, where it is known.
+    future : Future of Frame
+        Raises the ``IpmclabError`` of a job that failed, and ``JobCancelled``.
+    """
+
+    def __init__(self, number: int, task: str, arguments: Mapping[str, Any], title: str, replaces: str | None) -> None:
+        self.number = number
+        self.task = task
+        self.arguments = dict(arguments)
+        self.title = title
+        self.replaces = replaces
+        self.state: State = "waiting"
+        self.sentence = ""
+        self.fraction: float | None = None
+        self.future: Future[Frame] = Future()
+        self.started: float | None = None
+        self.ended: float | None = None
+        self.is_cancelled = threading.Event()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will come of it."""
+        return self.state in ("done", "failed", "cancelled")
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been worked on."""
+        if self.started is None:
+            return 0.0
+        return (self.ended or time.monotonic()) - self.started
+
+    @property
+    def error(self) -> IpmclabError | None:
+        """Why it failed."""
+        failed = self.future.exception() if self.state == "failed" else None
+        return failed if isinstance(failed, IpmclabError) else None
+
+    def _end(self, state: State, result: Frame | None = None, error: Exception | None = None) -> None:
+        self.state, self.ended = state, time.monotonic()
+        if error is not None:
+            self.future.set_exception(error)
+        elif result is not None:
+            self.future.set_result(result)
+
+
+class Jobs:
+    """Three lanes with a worker each, started when it is first needed.
+
+    A lane does its jobs in their order. Workers are processes of their own: the server imports no compiler, and a fault
+    or an endless computation ends one worker, never the server.
+
+    Examples
+    --------
+    >>> with Jobs() as jobs:
+    ...     job = jobs.submit("simulate", {"actuator": "friend-2", "signal": "step 1 V"})
+    ...     job.future.result(timeout=60).document["rows"]
+    2000
+    """
+
+    def __init__(self) -> None:
+        self._numbers = itertools.count(1)
+        self._lanes = {name: _Lane(name) for name in (SIMULATE, LOOK, WORK)}
+        self.recent: deque[Job] = deque(maxlen=_KEPT)
+
+    def __enter__(self) -> Jobs:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def submit(self, task: str, arguments: Mapping[str, Any], *, title: str = "", replaces: str | None = None) -> Job:
+        """Let a worker do a task.
+
+        Parameters
+        ----------
+        task : str
+            One of ``TASKS``.
+        arguments : mapping
+            JSON values.
+        title : str
+            What people call it.
+        replaces : str, optional
+            A job under the same name that still waits is dropped: only the newest position of a slider counts.
+        """
+        job = Job(next(self._numbers), task, arguments, title, replaces)
+        if TASKS[task].lane == WORK:
+            self.recent.append(job)
+        self._lanes[TASKS[task].lane].put(job)
+        return job
+
+    def cancel(self, job: Job) -> None:
+        """Let a job go: at its next word of progress, or with its worker a second later."""
+        self._lanes[TASKS[job.task].lane].cancel(job)
+
+    def close(self) -> None:
+        """End all workers."""
+        for lane in self._lanes.values():
+            lane.close()
+
+
+class _Lane:
+    """A queue of jobs and the worker that does them; a thread of the server waits for its answers."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._waiting: deque[Job] = deque()
+        self._changed = threading.Condition()
+        self._child: subprocess.Popen[bytes] | None = None
+        self._stderr: IO[bytes] | None = None
+        self._thread: threading.Thread | None = None
+        self._is_closed = False
+
+    def put(self, job: Job) -> None:
+        with self._changed:
+            if self._is_closed:
+                raise RuntimeError("the workers were ended")
+            if job.replaces is not None:
+                for other in [one for one in self._waiting if one.replaces == job.replaces]:
+                    self._waiting.remove(other)
+                    other._end("cancelled", error=JobCancelled())
+            self._waiting.append(job)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._work, name=f"jobs-{self.name}", daemon=True)
+                self._thread.start()
+            self._changed.notify()
+
+    def cancel(self, job: Job) -> None:
+        with self._changed:
+            if job.is_over or job.is_cancelled.is_set():
+                return
+            job.is_cancelled.set()
+            if job in self._waiting:
+                self._waiting.remove(job)
+                job._end("cancelled", error=JobCancelled())
+                return
+            child = self._child
+        if child is None:
+            return
+        with contextlib.suppress(OSError, ValueError):
+            assert child.stdin is not None
+            child.stdin.write(pack({"cancel": job.number}))
+            child.stdin.flush()
+
+        def end() -> None:
+            if not job.is_over:
+                child.kill()
+
+        timer = threading.Timer(_GRACE, end)
+        timer.daemon = True
+        timer.start()
+
+    def close(self) -> None:
+        with self._changed:
+            self._is_closed = True
+            for job in self._waiting:
+                job._end("cancelled", error=JobCancelled())
+            self._waiting.clear()
+            child, thread = self._child, self._thread
+            self._changed.notify()
+        if child is not None:
+            child.kill()
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(timeout=5.0)
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                while not self._waiting and not self._is_closed:
+                    self._changed.wait()
+                if self._is_closed:
+                    break
+                job = self._waiting.popleft()
+                job.state, job.started = "running", time.monotonic()
+                job.sentence = "starting a worker" if self._child is None else ""
+            try:
+                self._do(job)
+            except Exception as error:  # a job that fails in a way nobody foresaw must not stop the lane
+                from ipmclab.page.jobs.worker import fault
+
+                self._end_child()
+                job._end("failed", error=_as_error(fault(error)))
+        self._end_child()
+
+    def _do(self, job: Job) -> None:
+        child = self._ready()
+        assert child.stdin is not None
+        assert child.stdout is not None
+        with contextlib.suppress(OSError):  # a worker that died tells so below
+            child.stdin.write(pack({"id": job.number, "task": job.task, "arguments": job.arguments}))
+            child.stdin.flush()
+        while (frame := read_frame(child.stdout)) is not None:
+            told = frame.document
+            if told["id"] != job.number:
+                continue
+            if "progress" in told:
+                job.sentence, job.fraction = told["progress"], told["fraction"]
+            elif "done" in told:
+                job._end("done", Frame(told["done"], frame.arrays))
+                return
+            elif "cancelled" in told:
+                job._end("cancelled", error=JobCancelled())
+                return
+            else:
+                job._end("failed", error=_as_error(told["error"]))
+                return
+        last_words = self._end_child()
+        if job.is_cancelled.is_set() or self._is_closed:
+            job._end("cancelled", error=JobCancelled())
+            return
+        job._end(
+            "failed",
+            error=IpmclabError(
+                f"its worker ended with status {child.returncode}{f': {last_words}' if last_words else ''}",
+                code="worker-died",
+                where=job.title or job.task,
+                repair="try again with fewer or shorter runs; recordings are not touched by this",
+            ),
+        )
+
+    def _ready(self) -> subprocess.Popen[bytes]:
+        """The worker, started where there is none."""
+        if self._child is not None and self._child.poll() is None:
+            return self._child
+        self._end_child()
+        command = [sys.executable, "-m", "ipmclab.page.jobs.worker"]
+        if self.name != SIMULATE:
+            command.append("--aside")
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it lives as long as the worker
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"}
+        started = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._stderr,
+            env=environment,
+            **detached(),
+        )
+        with self._changed:
+            self._child = started
+            if self._is_closed:
+                started.kill()
+        return started
+
+    def _end_child(self) -> str:
+        """Take the worker away, if there is one; the last line that it wrote to stderr."""
+        with self._changed:
+            child, self._child = self._child, None
+        last = ""
+        if child is not None:
+            child.kill()
+            child.wait()
+            for stream in (child.stdin, child.stdout):
+                assert stream is not None
+                with contextlib.suppress(OSError):
+                    stream.close()
+        if self._stderr is not None:
+            self._stderr.seek(0)
+            lines = self._stderr.read().decode(errors="replace").strip().splitlines()
+            last = lines[-1] if lines else ""
+            self._stderr.close()
+            self._stderr = None
+        return last
+
+
+def _as_error(told: Mapping[str, Any]) -> IpmclabError:
+    kind = InputError if told["exit_status"] == 2 else IpmclabError
+    return kind(told["message"], code=told["code"], where=told["where"], repair=told["repair"])

@@ -1,0 +1,49 @@
+"""What workers can do, each in a file of its own; only a worker imports them."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from ipmclab.page.jobs.frames import Frame
+
+Progress = Callable[..., None]
+"""Called with a sentence and, where it is known, the part that is done (0 to 1)."""
+
+Task = Callable[[dict[str, Any], Progress], Frame]
+
+
+class Entry(NamedTuple):
+    """Where a task is, and the lane it waits in."""
+
+    module: str
+    lane: str
+
+
+SIMULATE: Final = "simulate"
+"""A change of a slider: answered at once by a worker that is warm."""
+LOOK: Final = "look"
+"""What takes a moment: findings, figures, files."""
+WORK: Final = "work"
+"""What takes long: fits, validations, reports."""
+
+TASKS: Final[dict[str, Entry]] = {
+    "simulate": Entry("simulate", SIMULATE),
+    "look": Entry("look", LOOK),
+    "figure": Entry("figure", LOOK),
+    "export": Entry("export", LOOK),
+    "preview": Entry("preview", LOOK),
+    "import": Entry("importing", LOOK),
+    "inspect": Entry("inspect", LOOK),
+    "identify": Entry("identify", WORK),
+    "validate": Entry("validate", WORK),
+    "report": Entry("report", WORK),
+}
+
+
+def find_task(name: str) -> Task:
+    """The function of a task, which every module of this folder calls ``run``."""
+    module = importlib.import_module(f"{__name__}.{TASKS[name].module}")
+    task: Task = module.run
+    return task

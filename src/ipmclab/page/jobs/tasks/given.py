@@ -1,0 +1,84 @@
+"""What tasks are given by name: actuators and runs of the lab folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ipmclab.store.run_file import read_run
+
+if TYPE_CHECKING:
+    from ipmclab.identify.scores import Comparison
+    from ipmclab.page.jobs.frames import FloatArray
+    from ipmclab.run import Finding, Run
+
+_SHOWN_APART: Final = 400
+"""Parts of a record that can be told apart on a plot."""
+
+
+def read_runs(paths: Sequence[str]) -> list[Run]:
+    """Read runs; one that says neither its source nor its signal is known by its file.
+
+    Raises
+    ------
+    InputError
+        A file that is no run.
+    """
+    runs = []
+    for path in paths:
+        run = read_run(path)
+        if run.metadata.source_file is None and run.metadata.signal is None:
+            run = replace(run, metadata=replace(run.metadata, source_file=Path(path).name))
+        runs.append(run)
+    return runs
+
+
+def finding_row(finding: Finding, run: Run | None = None) -> dict[str, Any]:
+    """A finding as the page shows it; with its run, also from when to when [s]."""
+    row: dict[str, Any] = {
+        "code": finding.code,
+        "severity": finding.severity,
+        "message": finding.message,
+        "repair": finding.repair,
+        "channel": finding.channel,
+        "effect": finding.effect,
+    }
+    if run is not None:
+        row["times"] = _times(finding, run)
+    return row
+
+
+def _times(finding: Finding, run: Run) -> list[list[float]]:
+    """From when to when a finding is [s], with what no screen could show apart put together."""
+    last = len(run.time) - 1
+    near = (run.time[-1] - run.time[0]) / _SHOWN_APART
+    times: list[list[float]] = []
+    for first, stop in sorted(finding.samples):
+        begin, end = float(run.time[min(first, last)]), float(run.time[min(stop, last)])
+        if times and begin - times[-1][1] <= near:
+            times[-1][1] = max(end, times[-1][1])
+        else:
+            times.append([begin, end])
+    return times
+
+
+def comparison_arrays(key: str, output: str, one: Comparison) -> dict[str, FloatArray]:
+    """Measured, model and residual of an output in display units, NaN where a reading does not count."""
+    import numpy as np
+
+    from ipmclab.units import CHANNELS
+
+    shown = CHANNELS[output].to_display
+    return {
+        f"{key}.time": one.time,
+        f"{key}.measured": shown(np.asarray(one.measured)),
+        f"{key}.model": shown(np.asarray(one.predicted)),
+        f"{key}.residual": shown(one.error),
+    }
+
+
+def rows_of(rows: Sequence[Any]) -> list[dict[str, Any]]:
+    """Dataclasses of a report's tables as JSON values."""
+    return [asdict(row) for row in rows]

@@ -1,0 +1,70 @@
+"""A fit, with everything that is shown of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ipmclab.page.jobs.frames import FloatArray, Frame
+
+if TYPE_CHECKING:
+    from ipmclab.identify import Fit
+    from ipmclab.page.jobs.tasks import Progress
+    from ipmclab.run import Run
+
+
+def run(arguments: dict[str, Any], progress: Progress) -> Frame:
+    """Identify ``actuator`` from the files ``runs`` (``labels``); the fit is written to ``out``.
+
+    ``free`` and ``per_run`` are lists of names.
+
+    Raises
+    ------
+    InputError
+        What ``identify`` refuses.
+    """
+    from ipmclab import load_actuator
+    from ipmclab.identify.fit_file import write_fit
+    from ipmclab.identify.identify import identify
+    from ipmclab.page.jobs.tasks.given import read_runs
+
+    progress("reading the runs", 0.0)
+    actuator = load_actuator(arguments["actuator"])
+    runs = read_runs(arguments["runs"])
+    fit = identify(
+        actuator,
+        runs,
+        free=arguments["free"],
+        per_run=arguments.get("per_run") or (),
+        labels=arguments["labels"],
+        progress=progress,
+    )
+    write_fit(fit, arguments["out"], overwrite=True)
+    document, arrays = fit_frame(fit, runs)
+    return Frame({**document, "out": arguments["out"]}, arrays)
+
+
+def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
+    """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
+    from ipmclab.identify.fitted import fitted_outputs
+    from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
+    from ipmclab.report.tables import fit_rows, fixed_rows, parameter_rows
+
+    fitted = [fitted_outputs(fit, one, place) for place, one in enumerate(runs)]
+    arrays: dict[str, FloatArray] = {}
+    for place, comparisons in enumerate(fitted):
+        for output, comparison in comparisons.items():
+            arrays |= comparison_arrays(f"{place}.{output}", output, comparison)
+    document = {
+        "actuator": fit.actuator.name,
+        "converged": fit.converged,
+        "message": fit.message,
+        "rank": fit.rank,
+        "free": len(fit.parameters),
+        "parameters": rows_of(parameter_rows(fit)),
+        "fixed": rows_of(fixed_rows(fit.actuator, list(fit.parameters))),
+        "undetermined": [one.sentence for one in fit.undetermined],
+        "outputs": rows_of(fit_rows(fit, fitted)),
+        "runs": [{"label": one.label, "content_sha256": one.content_sha256} for one in fit.observations],
+        "findings": [finding_row(one) for one in fit.findings if one.code != "undetermined"],
+    }
+    return Frame(document, arrays)

@@ -1,0 +1,42 @@
+"""A foreign record becomes a run of the lab folder."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ipmclab.page.jobs.frames import Frame
+
+if TYPE_CHECKING:
+    from ipmclab.page.jobs.tasks import Progress
+
+
+def run(arguments: dict[str, Any], progress: Progress) -> Frame:
+    """Import the file ``path`` with the table ``map``; written to ``out`` where that is given, else only tried.
+
+    Raises
+    ------
+    InputError
+        What ``import_run`` refuses, with the key of the map.
+    """
+    from ipmclab.page.jobs.tasks.given import finding_row
+    from ipmclab.quality import check
+    from ipmclab.store import import_run, write_run
+    from ipmclab.store.import_map import ImportMap
+    from ipmclab.units import CHANNELS
+
+    progress("importing")
+    table = arguments["map"]
+    imported = import_run(arguments["path"], ImportMap.from_table(table, where="map") if table else None)
+    if arguments.get("out"):
+        write_run(imported, arguments["out"], overwrite=bool(arguments.get("overwrite")))
+    progress("checking the run")
+    document = {
+        "rows": len(imported),
+        "duration": imported.time[-1] - imported.time[0],
+        "rate": imported.rate,
+        "findings": [finding_row(one, imported) for one in check(imported)],
+        "out": arguments.get("out"),
+    }
+    shown = {name: CHANNELS[name].to_display(values) for name, values in imported.channels.items()}
+    at_rows = {name: values for name, values in shown.items() if len(values) == len(imported)}
+    return Frame(document, {"time": imported.time, **at_rows})

@@ -1,0 +1,139 @@
+"""What an actuator answers, in all its views, for one position of the sliders."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from ipmclab.page.jobs.frames import FloatArray, Frame
+from ipmclab.units import CHANNELS, LENGTH
+
+if TYPE_CHECKING:
+    from ipmclab.model import Actuator
+    from ipmclab.page.jobs.tasks import Progress
+    from ipmclab.run import Run
+
+MOST_ROWS: Final = 20_000
+"""Of an interactive simulation: more is what ``ipmclab simulate`` is for."""
+
+_FREQUENCIES: Final = 161
+_PLACES: Final = 24
+_PICTURES: Final = 120
+_OUTPUTS: Final = ("current", "applied_voltage", "displacement", "force")
+
+
+def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001  # it is over before anyone could cancel
+    """Simulate a signal, or the voltage of a run; frequency response and shape beside it.
+
+    ``actuator`` (name or file), ``changes`` (name to SI value), then ``signal`` with ``duration`` [s],
+    ``rate`` [Hz] and ``hold``, or ``run`` (file). Arrays are in display units.
+
+    Raises
+    ------
+    InputError
+        What ``simulate`` refuses, or more rows than an interactive answer can have.
+    """
+    from ipmclab.errors import InputError
+    from ipmclab.model.simulate import simulate
+
+    actuator = _actuator(arguments["actuator"], _stamp(arguments["actuator"]))
+    changes = arguments.get("changes") or {}
+    changed = actuator.replace(**changes) if changes else actuator
+    document: dict[str, Any] = {"actuator": actuator.name}
+    if arguments.get("run"):
+        measured = _measured(arguments["run"], _stamp(arguments["run"]))
+        if measured.hold == "unknown":
+            from dataclasses import replace
+
+            measured = replace(measured, hold="zero-before")
+            document["assumed_hold"] = "zero-before"
+        run_ = simulate(changed, measured)
+        document["overlay"] = {name: None for name in measured.channels if name in _OUTPUTS}
+    else:
+        duration, rate = float(arguments.get("duration", 40.0)), float(arguments.get("rate", 50.0))
+        if duration * rate > MOST_ROWS:
+            raise InputError(
+                f"{duration * rate:.0f} rows, at most {MOST_ROWS} follow a slider",
+                code="too-many-rows",
+                where="rate",
+                repair="give a shorter duration or a lower rate, or use ipmclab simulate",
+            )
+        run_ = simulate(changed, arguments["signal"], duration=duration, rate=rate, hold=arguments.get("hold", "zero"))
+        measured = None
+    document |= {
+        "rows": len(run_),
+        "findings": [one.message for one in run_.metadata.findings],
+        "values": changed.parameter_values,
+    }
+    arrays = {"time": run_.time, "voltage": run_.voltage}
+    arrays |= {name: CHANNELS[name].to_display(run_.channels[name]) for name in _OUTPUTS if name in run_.channels}
+    if measured is not None:
+        arrays |= {
+            f"measured.{name}": CHANNELS[name].to_display(measured.channels[name])
+            for name in _OUTPUTS
+            if name in measured.channels
+        }
+    arrays |= _frequency_arrays(changed)
+    shape_arrays, document["shape"] = _shape_arrays(changed, run_)
+    return Frame(document, {**arrays, **shape_arrays})
+
+
+def _frequency_arrays(actuator: Actuator) -> dict[str, FloatArray]:
+    """Gain [display unit per V] and phase [deg] of each output."""
+    frequencies = np.geomspace(1e-3, 100.0, _FREQUENCIES)
+    response = actuator.frequency_response(frequencies)
+    arrays: dict[str, FloatArray] = {"frequency": frequencies}
+    for name, values in zip(_OUTPUTS, response, strict=True):
+        arrays[f"gain.{name}"] = CHANNELS[name].to_display(np.abs(values))
+        arrays[f"phase.{name}"] = np.degrees(np.unwrap(np.angle(values)))
+    return arrays
+
+
+def _shape_arrays(actuator: Actuator, run_: Run) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    """Where each place of the strip is at some times, for an animation."""
+    from ipmclab.model.curvature import curvature
+    from ipmclab.model.shape import shape
+    from ipmclab.model.stages.circuit import Circuit
+
+    length = actuator["geometry.free_length"]
+    rows = np.unique(np.linspace(0, len(run_) - 1, min(_PICTURES, len(run_))).astype(int))
+    lumped = isinstance(actuator.structure.electrical, Circuit)
+    places = np.array([0.5]) if lumped else (np.arange(_PLACES) + 0.5) / _PLACES
+    bent = np.broadcast_to(curvature(actuator, run_, places * length)[:, rows], (_PLACES, len(rows)))
+    shapes = [shape(bent[:, place], length) for place in range(len(rows))]
+    about = {
+        "places": _PLACES + 1,
+        "pictures": len(rows),
+        "length": LENGTH.to_display(length),
+        "laser": LENGTH.to_display(actuator["geometry.sensing_length"]),
+    }
+    return {
+        "shape.time": run_.time[rows],
+        "shape.x": LENGTH.to_display(np.concatenate([one.x for one in shapes])),
+        "shape.y": LENGTH.to_display(np.concatenate([one.y for one in shapes])),
+    }, about
+
+
+def _stamp(path: str) -> int:
+    """What changes when a file does; 0 for a name of the library."""
+    try:
+        return Path(path).stat().st_mtime_ns
+    except (OSError, ValueError):
+        return 0
+
+
+@lru_cache(maxsize=16)
+def _actuator(name: str, stamp: int) -> Actuator:  # noqa: ARG001
+    from ipmclab import load_actuator
+
+    return load_actuator(name)
+
+
+@lru_cache(maxsize=4)
+def _measured(path: str, stamp: int) -> Run:  # noqa: ARG001
+    from ipmclab.page.jobs.tasks.given import read_runs
+
+    return read_runs([path])[0]

@@ -1,0 +1,203 @@
+"""Workers: frames, answers, errors, cancelling, a worker that dies."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ipmclab import load_actuator, simulate, write_run
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.page.jobs.frames import pack, read_frame, unpack
+from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
+
+PATIENCE = 60.0
+
+
+@pytest.fixture(scope="module")
+def jobs() -> Iterator[Jobs]:
+    with Jobs() as these:
+        yield these
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with runs of a strip that reads with noise."""
+    folder = tmp_path_factory.mktemp("runs")
+    rng = np.random.default_rng(20261121)
+    strip = load_actuator("friend-2")
+    from dataclasses import replace
+
+    for name, signal in (("step", "step 1 V"), ("sine", "sine 1 V 0.1 Hz"), ("square", "square 1 V 0.1 Hz")):
+        clean = simulate(strip, signal, duration=40.0, rate=50.0)
+        assert clean.current is not None
+        write_run(replace(clean, current=clean.current + rng.normal(0.0, 2e-4, len(clean))), folder / f"{name}.nc")
+    return folder
+
+
+@given(
+    st.dictionaries(st.text(), st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.text() | st.floats()),
+    st.dictionaries(st.text(), st.lists(st.floats(width=64), max_size=20), max_size=4),
+)
+def test_a_frame_comes_back(document: dict[str, object], arrays: dict[str, list[float]]) -> None:
+    document.pop("arrays", None)
+    data = pack(document, arrays)
+    frame = unpack(data)
+    assert read_frame(io.BytesIO(data)) is not None
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(frame.arrays[name], values)
+    expected = {
+        key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in document.items()
+    }
+    assert frame.document == expected
+    assert read_frame(io.BytesIO(data[:-1])) is None or not data[8:]
+
+
+def test_arrays_of_a_frame_lie_where_a_browser_can_use_them() -> None:
+    for text in ("", "x", "xyzxyz", "µ"):
+        data = pack({"text": text}, {"a": [1.0]})
+        assert int.from_bytes(data[:4], "little") % 8 == 0
+
+
+def test_it_simulates_what_the_model_says(jobs: Jobs) -> None:
+    changes = {"circuit.sheet_resistance": 2.0}
+    frame = jobs.submit(
+        "simulate", {"actuator": "friend-2", "changes": changes, "signal": "sine 1 V 0.1 Hz"}
+    ).future.result(PATIENCE)
+    strip = load_actuator("friend-2").replace(**changes)
+    run = simulate(strip, "sine 1 V 0.1 Hz", duration=40.0, rate=50.0)
+    assert run.current is not None
+    np.testing.assert_allclose(frame.arrays["current"], 1e3 * run.current, rtol=1e-12)
+    at = frame.arrays["frequency"][50]
+    response = strip.frequency_response([at], ["displacement"])[0, 0]
+    assert frame.arrays["gain.displacement"][50] == pytest.approx(1e3 * abs(response))
+    # The strip as drawn: for the small bending of this signal its height at the laser is the displacement.
+    about = frame.document["shape"]
+    x = frame.arrays["shape.x"].reshape(about["pictures"], about["places"])
+    y = frame.arrays["shape.y"].reshape(about["pictures"], about["places"])
+    drawn = [np.interp(about["laser"], x[k], y[k]) for k in range(about["pictures"])]
+    linear = np.interp(frame.arrays["shape.time"], frame.arrays["time"], frame.arrays["displacement"])
+    assert np.max(np.abs(np.array(drawn) - linear)) < 0.02 * np.max(np.abs(linear))
+
+
+def test_bad_input_comes_back_as_what_it_is(jobs: Jobs) -> None:
+    job = jobs.submit("simulate", {"actuator": "friend-2", "signal": "sine 1 V"})
+    with pytest.raises(InputError) as caught:
+        job.future.result(PATIENCE)
+    assert job.state == "failed"
+    assert job.error is caught.value
+    with pytest.raises(InputError, match="at most 20000 follow a slider"):
+        jobs.submit("simulate", {"actuator": "friend-2", "signal": "step 1 V", "duration": 1e4}).future.result(PATIENCE)
+
+
+def test_only_the_newest_position_of_a_slider_counts(jobs: Jobs) -> None:
+    some = [
+        jobs.submit("simulate", {"actuator": "friend-2", "signal": f"step {k} V"}, replaces="slider")
+        for k in range(1, 30)
+    ]
+    assert some[-1].future.result(PATIENCE).arrays["voltage"][0] == 29.0
+    assert sum(job.state == "cancelled" for job in some) > 5
+
+
+def test_a_fit_tells_how_far_it_is_and_what_came_of_it(jobs: Jobs, runs: Path, tmp_path: Path) -> None:
+    job = jobs.submit("identify", _fit(runs, tmp_path / "fit.toml"))
+    told = set()
+    while not job.is_over:
+        told.add((job.sentence, job.fraction))
+        time.sleep(0.005)
+    frame = job.future.result(PATIENCE)
+    assert any(fraction for _, fraction in told)
+    assert frame.document["rank"] == frame.document["free"] == 5
+    assert {row["name"] for row in frame.document["parameters"]} >= {"circuit.dc_resistivity"}
+    residual = frame.arrays["0.current.residual"]
+    assert np.nanstd(residual) == pytest.approx(0.2, rel=0.1)  # mA, the noise of the record
+    models = {"models": [str(tmp_path / "fit.toml"), "friend-2"], "names": ["mine", "friend-2"]}
+    held = jobs.submit("validate", {**models, "runs": [str(runs / "square.nc")]}).future.result(PATIENCE)
+    assert [row["model"] for row in held.document["scores"]][:2] == ["mine", "friend-2"]
+    assert held.document["used"] == [[False], [False]]
+
+
+def test_a_fit_can_be_cancelled_and_its_worker_goes_on(jobs: Jobs, runs: Path, tmp_path: Path) -> None:
+    job = jobs.submit("identify", _fit(runs, tmp_path / "fit.toml"))
+    _until(job, "running")
+    jobs.cancel(job)
+    with pytest.raises(JobCancelled):
+        job.future.result(PATIENCE)
+    assert job.state == "cancelled"
+    assert not list(tmp_path.iterdir())
+    waiting = jobs.submit("identify", _fit(runs, tmp_path / "fit.toml"))
+    jobs.cancel(waiting)
+    with pytest.raises(JobCancelled):
+        waiting.future.result(PATIENCE)
+    assert jobs.submit("identify", _fit(runs, tmp_path / "fit.toml")).future.result(PATIENCE).document["converged"]
+
+
+def test_a_worker_that_is_deaf_or_dies_is_replaced(runs: Path) -> None:
+    with Jobs() as jobs:
+        starting = jobs.submit("inspect", {"folder": str(runs)})
+        _until(starting, "running")  # its worker is loading libraries, and hears nothing
+        lane = jobs._lanes["look"]
+        while lane._child is None:
+            time.sleep(0.005)
+        lane._child.kill()
+        with pytest.raises(IpmclabError) as caught:
+            starting.future.result(PATIENCE)
+        assert caught.value.code == "worker-died"
+        again = jobs.submit("inspect", {"folder": str(runs)}).future.result(PATIENCE)
+        assert again.document["files"] == 3
+        child = lane._child
+        assert child is not None
+    child.wait(10.0)
+
+
+def test_workers_end_with_the_server(runs: Path) -> None:
+    server = subprocess.Popen(
+        [sys.executable, "-m", "ipmclab.page.jobs.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert server.stdin is not None
+    server.stdin.close()
+    assert server.wait(30.0) == 0
+    assert server.stdout is not None
+    server.stdout.close()
+
+
+def test_a_foreign_record_is_seen_and_imported(jobs: Jobs, tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    rows = "".join(f"{k / 50:.2f};{k % 7};{k % 5},5\n".replace(".", ",") for k in range(100))
+    path.write_text("made by a rig\nZeit [s];Spannung [V];Strom [mA]\n" + rows, encoding="latin-1")
+    seen = jobs.submit("preview", {"path": str(path)}).future.result(PATIENCE).document
+    assert seen["file"] == {"format": "csv", "separator": ";", "decimal": ",", "skip_lines": 1}
+    assert seen["guesses"] == ["time", "voltage", "current"]
+    assert seen["rows"][1] == ["0,02", "1", "1,5"]
+    table = {"file": seen["file"], "channels": {name: {"column": place} for place, name in enumerate(seen["guesses"])}}
+    frame = jobs.submit("import", {"path": str(path), "map": table}).future.result(PATIENCE)
+    assert frame.arrays["current"][1] == pytest.approx(1.5)
+    assert frame.arrays["time"][1] == pytest.approx(0.02)
+    table["channels"]["voltage"]["column"] = "U"
+    with pytest.raises(InputError, match="no column 'U'"):
+        jobs.submit("import", {"path": str(path), "map": table}).future.result(PATIENCE)
+
+
+def _fit(runs: Path, out: Path) -> dict[str, object]:
+    return {
+        "actuator": "friend-2",
+        "runs": [str(runs / "step.nc"), str(runs / "sine.nc")],
+        "labels": ["step", "sine"],
+        "free": ["electrical"],
+        "out": str(out),
+    }
+
+
+def _until(job: Job, state: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while job.state != state:
+        assert time.monotonic() < end
+        time.sleep(0.002)
