@@ -11,7 +11,7 @@ import pytest
 import scipy.signal
 
 from ipmclab import Fit, InputError, Run, RunMetadata, identify, load_actuator, read_fit, simulate, write_fit
-from ipmclab.identify.noise.bands import prediction_bands
+from ipmclab.identify.bands import prediction_bands
 from tests.independent.bounds import ELECTRICAL
 from tests.independent.thesis import FRIEND_2, respond
 

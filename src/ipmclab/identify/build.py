@@ -16,6 +16,7 @@ from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_table import fit_to_table
+from ipmclab.identify.known import covariance_table
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.findings import noise_findings
 from ipmclab.identify.observation import Observation, Record
@@ -149,6 +150,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         evaluations=solution.evaluations,
         residuals=_residuals(problem, result.correlated),
         software_version=__version__,
+        covariance=_covariance(asked, values, found, stated, problem.base, order),
         estimate=result,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
@@ -318,6 +320,21 @@ def _correlations(
     return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}
 
 
+def _covariance(
+    asked: Sequence[Unknown],
+    values: FloatArray,
+    found: Uncertainty,
+    stated: Mapping[str, float],
+    base: Mapping[str, float],
+    order: Order,
+) -> dict[str, dict[str, float]]:
+    names = [order(unknown.name) for unknown in asked]
+    chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
+    # A leverage is the change for 1 %.
+    moved = {n: found.leverage[n] * deviation / (0.01 * abs(base[n])) for n, deviation in stated.items() if base[n]}
+    return covariance_table(names, found.covariance, chains, moved, {n: stated[n] for n in moved})
+
+
 def _fitted_actuator(
     actuator: Actuator,
     problem: Problem,
@@ -379,6 +396,7 @@ def _observation(
         samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
         series_resistance=record.series_resistance,
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
+        mounting=record.run.metadata.mounting_id or "",
     )
 
 

@@ -266,6 +266,7 @@ def _circuit_first(
     fewer = FreeParameters(
         tuple(name for name in names.shared if name in electrical),
         tuple(name for name in names.per_run if name in electrical),
+        tuple(name for name in names.per_mounting if name in electrical),
         tuple(name for name in names.observation if name in own),
     )
     noise = {(record.place, "current"): max(record.readings["current"].noise, 1e-300) for record in with_current}

@@ -15,6 +15,8 @@ from ipmclab.run import Finding
 
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
+    from ipmclab.identify.left_out import LeftOut
+    from ipmclab.identify.mountings import Mountings
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,7 +40,7 @@ class FittedParameter:
         Whether the readings fix it to better than 42 % (one standard error).
     at_bound : bool
     interval_next_mounting : pair of float [SI] or None
-        What to expect at another clamping; None, because runs of one mounting cannot tell.
+        95 % for its value at another clamping; None where runs of fewer than three mountings cannot tell.
     prior : pair of float [SI] or None
         Value and standard uncertainty of what was known beforehand, where the fit used it.
     """
@@ -106,6 +108,13 @@ class Fit:
     residuals : tuple of mapping of output to float array, shape (n_time,) [SI]
         Reading minus model, NaN where a reading was not used; empty in a fit that was read from a file.
     software_version : str
+    covariance : mapping of name to mapping of name to float [SI]
+        Of the free parameters, and of the fixed ones with a stated uncertainty; without the directions of which the
+        readings say nothing, and not widened by other fits that are as good.
+    mountings : Mountings or None
+        What each mounting says by itself; None where all runs are of one.
+    left_out : tuple of LeftOut
+        Each run predicted by the others, where that was asked for.
     estimate : Estimate, optional
         The solved problem itself, from which profiles and samples are drawn; None in a fit that was read from a file.
     """
@@ -123,6 +132,9 @@ class Fit:
     evaluations: int = 0
     residuals: tuple[Mapping[str, FloatArray], ...] = field(default=())
     software_version: str = ""
+    covariance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    mountings: Mountings | None = None
+    left_out: tuple[LeftOut, ...] = ()
     estimate: Estimate | None = field(default=None, repr=False)
 
     def __str__(self) -> str:

@@ -9,9 +9,11 @@ from typing import Any
 
 from ipmclab.errors import InputError
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
+from ipmclab.identify.left_out import LeftOut
+from ipmclab.identify.mountings import Mountings
 from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.observation import Observation
-from ipmclab.model import load_actuator, write_actuator
+from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
 
 
@@ -55,13 +57,23 @@ def read_fit(path: str | Path) -> Fit:
     Traceback (most recent call last):
     ipmclab.errors.InputError: friend-2: this actuator was not fitted: it has no [fit] table; ...
     """
-    actuator = load_actuator(path)
+    return fit_of(load_actuator(path), where=str(path))
+
+
+def fit_of(actuator: Actuator, *, where: str) -> Fit:
+    """The fit that an actuator carries; ``where`` is what messages name.
+
+    Raises
+    ------
+    InputError
+        An actuator without a fit, or with a table that no fit wrote.
+    """
     table = actuator.fit_table
     if table is None:
         raise InputError(
             "this actuator was not fitted: it has no [fit] table",
             code="not-a-fit",
-            where=str(path),
+            where=where,
             repair="give a file that identify wrote",
         )
     try:
@@ -78,12 +90,15 @@ def read_fit(path: str | Path) -> Fit:
             message=table["message"],
             evaluations=table["evaluations"],
             software_version=table["software_version"],
+            covariance=_covariance(table["covariance"]),
+            mountings=Mountings.from_table(table["mountings"]) if "mountings" in table else None,
+            left_out=tuple(LeftOut.from_table(entry) for entry in table.get("left_out", ())),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
             f"the [fit] table is not one that identify writes ({type(error).__name__}: {error})",
             code="bad-fit",
-            where=str(path),
+            where=where,
             repair="identify again, or delete the table to use the file as a plain actuator",
         ) from error
 
@@ -93,7 +108,7 @@ def _direction(entry: Mapping[str, Any]) -> Direction:
 
 
 def _parameter(entry: Mapping[str, Any]) -> FittedParameter:
-    given = {key: entry[key] for key in ("interval", "prior") if key in entry}
+    given = {key: entry[key] for key in ("interval", "interval_next_mounting", "prior") if key in entry}
     pairs = {key: (float(first), float(second)) for key, (first, second) in given.items()}
     return FittedParameter(**{**entry, **pairs})
 
@@ -111,6 +126,11 @@ def _correlations(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     if not all(math.isnan(value) or -1.0 <= value <= 1.0 for row in rows for value in row):
         raise ValueError("a correlation lies outside -1 to 1")
     return {a: dict(zip(names, map(float, row), strict=True)) for a, row in zip(names, rows, strict=True)}
+
+
+def _covariance(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    names, rows = table["names"], table["rows"]
+    return {one: dict(zip(names, map(float, row), strict=True)) for one, row in zip(names, rows, strict=True)}
 
 
 def _finding(entry: Mapping[str, Any]) -> Finding:

@@ -27,7 +27,8 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
                 "interval": list(parameter.interval),
                 "determined": parameter.determined,
                 "at_bound": parameter.at_bound,
-                **({} if parameter.prior is None else {"prior": list(parameter.prior)}),
+                **_pair("interval_next_mounting", parameter.interval_next_mounting),
+                **_pair("prior", parameter.prior),
             }
             for parameter in fit.parameters.values()
         ],
@@ -41,6 +42,12 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
             }
             for direction in fit.undetermined
         ],
+        "covariance": {
+            "names": list(fit.covariance),
+            "rows": [[row[other] for other in fit.covariance] for row in fit.covariance.values()],
+        },
+        **({"mountings": fit.mountings.to_table()} if fit.mountings else {}),
+        "left_out": [one.to_table() for one in fit.left_out],
         "runs": [
             {
                 "label": run.label,
@@ -54,6 +61,7 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
                 "noise": dict(run.noise),
                 "samples": dict(run.samples),
                 "series_resistance": run.series_resistance,
+                "mounting": run.mounting,
                 "noise_model": {output: noise.to_table() for output, noise in run.noise_model.items()},
             }
             for run in fit.observations
@@ -72,3 +80,8 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
             for finding in fit.findings
         ],
     }
+
+
+def _pair(name: str, values: tuple[float, float] | None) -> dict[str, list[float]]:
+    """TOML has nothing for what is not known: the key is left out."""
+    return {} if values is None else {name: list(values)}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ipmclab.identify.free_run import seen_from_sensor
-from ipmclab.identify.observation import READ_OUTPUTS, model_hold, prepare
+from ipmclab.identify.observation import READ_OUTPUTS, model_hold, own_endings, own_values, prepare
 from ipmclab.identify.scores import Comparison
 from ipmclab.model.sensitivity import simulate_outputs
 from ipmclab.model.stages.laser import blank_lost
@@ -38,12 +38,8 @@ def fitted_outputs(fit: Fit, run: Run, place: int) -> dict[str, Comparison]:
     observation = fit.observations[place]
     outputs = [name for name in READ_OUTPUTS if name in observation.noise and name in run.channels]
     record = prepare(run, place, outputs, check(run))
-    ending = f"[{place}]"
-    own = {
-        name.removesuffix(ending): parameter.value
-        for name, parameter in fit.parameters.items()
-        if name.endswith(ending) and not name.startswith("observation.")
-    }
+    values = {name: parameter.value for name, parameter in fit.parameters.items()}
+    own = own_values(values, own_endings(place, observation.mounting))
     model = seen_from_sensor(fit.actuator.replace(**own), observation.series_resistance)
     fitted = simulate_outputs(
         model,

@@ -39,6 +39,8 @@ class FreeParameters:
         One value for all runs.
     per_run : tuple of str
         One value for each run, without the place.
+    per_mounting : tuple of str
+        One value for each mounting, without its name.
     observation : tuple of str
         Offsets and drifts of the readings, one for each run.
     priors : mapping of name to pair of float [SI]
@@ -47,16 +49,22 @@ class FreeParameters:
 
     shared: tuple[str, ...]
     per_run: tuple[str, ...] = ()
+    per_mounting: tuple[str, ...] = ()
     observation: tuple[str, ...] = ()
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def actuator(self) -> tuple[str, ...]:
         """Every free parameter of the actuator, shared or not."""
-        return (*self.shared, *self.per_run)
+        return (*self.shared, *self.per_run, *self.per_mounting)
 
 
-def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | Iterable[str] = ()) -> FreeParameters:
+def parse_free(
+    known: Iterable[str],
+    free: str | Iterable[str],
+    per_run: str | Iterable[str] = (),
+    per_mounting: str | Iterable[str] = (),
+) -> FreeParameters:
     """Read the names of free parameters.
 
     Parameters
@@ -68,6 +76,8 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
         ``viscoelastic``, ``clamp``), dotted names, or comma lists of them.
     per_run : str or iterable of str
         The same, for parameters of which each run has its own. Naming one here frees it.
+    per_mounting : str or iterable of str
+        The same, for parameters of which each mounting has its own.
 
     Returns
     -------
@@ -77,7 +87,7 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     ------
     InputError
         An unknown name (with the nearest right one), a group of a stage that the actuator lacks, nothing free, a
-        per-run name with a place.
+        per-run name with a place, a name that is both per run and per mounting.
 
     Examples
     --------
@@ -88,7 +98,15 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
     names = list(known)
     shared = names_of(names, free, "free")
     own = names_of(names, per_run, "per_run")
-    if not shared and not own:
+    of_mountings = names_of(names, per_mounting, "per_mounting")
+    for name in sorted(of_mountings & (own | set(OBSERVATION_NAMES))):
+        raise InputError(
+            f"{name!r} belongs to each run already",
+            code="per-run-and-mounting",
+            where="per_mounting",
+            repair="name it in one of per_run and per_mounting; what a sensor adds belongs to each run",
+        )
+    if not shared and not own and not of_mountings:
         raise InputError(
             "nothing is free",
             code="nothing-free",
@@ -96,8 +114,9 @@ def parse_free(known: Iterable[str], free: str | Iterable[str], per_run: str | I
             repair="give 'electrical', 'coupling' or dotted names such as 'circuit.sheet_resistance'",
         )
     return FreeParameters(
-        shared=tuple(n for n in names if n in shared and n not in own),
+        shared=tuple(n for n in names if n in shared and n not in own | of_mountings),
         per_run=tuple(n for n in names if n in own),
+        per_mounting=tuple(n for n in names if n in of_mountings),
         observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
     )
 

@@ -14,7 +14,15 @@ from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import fit_to_table
 from ipmclab.identify.free import FreeParameters, parse_free
-from ipmclab.identify.observation import READ_OUTPUTS, Record, as_read_before, fitted_runs, noise_only, prepare
+from ipmclab.identify.observation import (
+    READ_OUTPUTS,
+    Record,
+    as_read_before,
+    fitted_runs,
+    label_of,
+    noise_only,
+    prepare,
+)
 from ipmclab.identify.priors import prior_findings, with_priors
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.model import Actuator
@@ -36,6 +44,7 @@ def identify(
     *,
     free: str | Iterable[str] = "electrical",
     per_run: str | Iterable[str] = (),
+    per_mounting: str | Iterable[str] = (),
     prior: str | Iterable[str] = (),
     labels: Sequence[str] | None = None,
     progress: Tell | None = None,
@@ -60,6 +69,8 @@ def identify(
         ``observation.drift.<output>`` free the zero and the slope of a sensor, for each run.
     per_run : str or iterable of str
         Parameters of which each run has its own, such as ``circuit.contact_resistance``.
+    per_mounting : str or iterable of str
+        Parameters of which each mounting has its own: runs with the same ``mounting_id`` share them.
     prior : str or iterable of str
         Free parameters of which something is known beforehand: the value and the standard uncertainty in ``actuator``,
         or, where it states no uncertainty, the range that strips have. It counts like one more reading of the
@@ -91,7 +102,7 @@ def identify(
     """
     need_actuator(actuator)
     with telling(progress):
-        return _identify(actuator, runs, free, per_run, prior, labels)
+        return _identify(actuator, runs, free, per_run, per_mounting, prior, labels)
 
 
 def _identify(
@@ -99,12 +110,14 @@ def _identify(
     runs: Sequence[Run] | Run,
     free: str | Iterable[str],
     per_run: str | Iterable[str],
+    per_mounting: str | Iterable[str],
     prior: str | Iterable[str],
     labels: Sequence[str] | None,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
     given = _runs(runs)
-    names = parse_free(actuator.parameter_values, free, per_run)
+    names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
+    _need_mountings(given, names)
     _refuse_counts(actuator, names)
     names = with_priors(actuator, names, prior)
     outputs = _outputs(names)
@@ -152,6 +165,18 @@ def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
                 code="count-not-fitted",
                 where="free",
                 repair="compare actuators with different counts: ipmclab choose",
+            )
+
+
+def _need_mountings(runs: Sequence[Run], names: FreeParameters) -> None:
+    """Refuse a parameter of each mounting where a run does not say of which it is."""
+    for place, run in enumerate(runs):
+        if names.per_mounting and not run.metadata.mounting_id:
+            raise InputError(
+                f"each mounting is to have its own {names.per_mounting[0]}, and this run does not say of which it is",
+                code="no-mounting",
+                where=label_of(run, place),
+                repair="give the run a mounting_id, or name the parameter in per_run",
             )
 
 
@@ -226,6 +251,10 @@ def _need_readings(names: FreeParameters, records: Sequence[Record], silent: Seq
         shared = [name for name in names.shared if name.startswith(prefix)]
         own = [name for name in names.per_run if name.startswith(prefix)]
         wanting = [record for record in records if not _shows(record, channels)]
+        if not own and any(name.startswith(prefix) for name in names.per_mounting):
+            shown = {record.run.metadata.mounting_id for record in records if record not in wanting}
+            wanting = [record for record in wanting if record.run.metadata.mounting_id not in shown]
+            own = [name for name in names.per_mounting if name.startswith(prefix)]
         if (own and wanting) or (shared and len(wanting) == len(records)):
             noisy = sorted({output for record in wanting for output in silent[record.place] & set(channels)})
             because = f": the {' and '.join(noisy)} held nothing but noise" if noisy else ""

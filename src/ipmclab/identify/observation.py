@@ -74,6 +74,8 @@ class Observation:
         A shunt that lay between the voltage sense and the strip.
     noise_model : mapping of output to NoiseModel
         Of outputs whose residuals hang together in time, or whose zero moves.
+    mounting : str
+        The clamping of the strip; empty where the run does not say.
     """
 
     label: str
@@ -88,6 +90,7 @@ class Observation:
     samples: Mapping[str, int] = field(default_factory=dict)
     series_resistance: float = 0.0
     noise_model: Mapping[str, NoiseModel] = field(default_factory=dict)
+    mounting: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,6 +312,30 @@ def model_hold(record: Record) -> Hold:
     return "zero" if record.run.hold == "unknown" else record.run.hold
 
 
+def mountings_of(records: Sequence[Record]) -> dict[str, tuple[int, ...]]:
+    """The places of the runs of each mounting, those that do not say of which they are left out."""
+    found: dict[str, list[int]] = {}
+    for record in records:
+        if record.run.metadata.mounting_id:
+            found.setdefault(record.run.metadata.mounting_id, []).append(record.place)
+    return {mounting: tuple(places) for mounting, places in found.items()}
+
+
+def own_endings(place: int, mounting: str) -> tuple[str, ...]:
+    """How the names of parameters end that belong to a run, or to its mounting, and not to all runs of a fit."""
+    return (f"[{place}]", f"[mounting {mounting}]") if mounting else (f"[{place}]",)
+
+
+def own_values(values: Mapping[str, float], endings: Sequence[str]) -> dict[str, float]:
+    """The parameters of the actuator that belong to one run, without their endings."""
+    return {
+        name.removesuffix(ending): value
+        for name, value in values.items()
+        for ending in endings
+        if name.endswith(ending) and not name.startswith("observation.")
+    }
+
+
 def fitted_runs(table: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
     """What a fit table says of each run of its fit, by content hash, with the run's own ``parameters``."""
     found: dict[str, Mapping[str, Any]] = {}
@@ -316,12 +343,8 @@ def fitted_runs(table: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]
     for place, entry in enumerate((table or {}).get("runs", ())):
         if not isinstance(entry, Mapping) or "content_sha256" not in entry:
             continue
-        ending = f"[{place}]"
-        own = {
-            str(parameter["name"]).removesuffix(ending): float(parameter["value"])
-            for parameter in (table or {}).get("parameters", ())
-            if str(parameter["name"]).endswith(ending) and not str(parameter["name"]).startswith("observation.")
-        }
+        values = {str(one["name"]): float(one["value"]) for one in (table or {}).get("parameters", ())}
+        own = own_values(values, own_endings(place, str(entry.get("mounting", ""))))
         found[str(entry["content_sha256"])] = {**entry, "parameters": own}
     return found
 

@@ -118,7 +118,7 @@ class _Place:
 
     @classmethod
     def of(cls, record: Record, unknowns: Sequence[Unknown], base: Mapping[str, float]) -> _Place:
-        own = [(column, u) for column, u in enumerate(unknowns) if u.place in (None, record.place)]
+        own = [(column, u) for column, u in enumerate(unknowns) if u.belongs_to(record.place)]
         columns = [(column, unknown) for column, unknown in own if unknown.base in base]
         sensors: dict[str, list[tuple[int, FloatArray | float]]] = {output: [] for output in record.readings}
         for column, unknown in own:

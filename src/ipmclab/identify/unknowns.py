@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.free import FreeParameters
-from ipmclab.identify.observation import LONGEST_DELAY, EdgeDelay, Record
+from ipmclab.identify.observation import LONGEST_DELAY, EdgeDelay, Record, mountings_of
 from ipmclab.model.parameters import Parameter
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,7 +28,9 @@ class Unknown:
     base : str
         Without it.
     place : int or None
-        The run, or None when all share it.
+        The run, or None when several share it.
+    places : tuple of int or None
+        The runs that share it; None for all.
     log : bool
         Whether the entry is the logarithm of the value; else the value over ``scale``.
     scale : float [SI]
@@ -50,6 +52,11 @@ class Unknown:
     upper: float
     nuisance: bool = False
     prior: tuple[float, float] | None = None
+    places: tuple[int, ...] | None = None
+
+    def belongs_to(self, place: int) -> bool:
+        """Whether it says something of a run."""
+        return place in self.places if self.places is not None else self.place in (None, place)
 
     def entry(self, value: float) -> float:
         """The entry of the vector for a value."""
@@ -145,6 +152,10 @@ def unknowns_of(
         ]
     for name in free.per_run:
         found += [actuator_unknown(parameters[name], record.place) for record in records]
+    for name in free.per_mounting:
+        for mounting, places in mountings_of(records).items():
+            shared = actuator_unknown(parameters[name], None)
+            found.append(replace(shared, name=f"{name}[mounting {mounting}]", places=places))
     found = [u if u.base not in free.priors else u.known(*free.priors[u.base]) for u in found]
     for record in records:
         if record.delay_is_free:

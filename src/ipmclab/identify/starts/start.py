@@ -121,6 +121,7 @@ def known_first(
         names,
         shared=tuple(name for name in names.shared if name not in known),
         per_run=tuple(name for name in names.per_run if name not in known),
+        per_mounting=tuple(name for name in names.per_mounting if name not in known),
     )
     about = starting_points(actuator.replace(**_allowed(actuator, known)), rest, records, circuit)
     return [*(replace(point, values={**point.values, **known}) for point in about), *points]

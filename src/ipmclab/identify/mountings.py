@@ -1,0 +1,233 @@
+"""The mountings of a strip: what each says by itself, and what the next one is to be expected to say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from ipmclab.errors import IpmclabError
+from ipmclab.identify.progress import part
+from ipmclab.identify.random_effect import FEWEST, random_effect
+from ipmclab.identify.unknowns import Unknown, actuator_unknown
+from ipmclab.run import Finding, Run
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit, FittedParameter
+
+_SURELY: Final = 1e-3
+_ENDING: Final = "[mounting "
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """One clamping of the strip, fitted by itself.
+
+    Parameters
+    ----------
+    name : str
+    runs : tuple of str
+        Labels of its runs.
+    values : mapping of name to float [SI]
+        Every parameter that all runs share; empty where it could not be fitted by itself.
+    errors : mapping of name to float [SI]
+        Their standard errors; infinite where its runs alone do not determine one.
+    """
+
+    name: str
+    runs: tuple[str, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Mountings:
+    """How a strip differs from mounting to mounting.
+
+    Parameters
+    ----------
+    each : tuple of Mounting
+    between : mapping of name to float
+        Standard deviation from one mounting to the next, the errors taken off: of the logarithm of what a fit moves as
+        a logarithm, else of the value [SI].
+    logarithms : tuple of str
+        Which of them are logarithms.
+    unlikely : mapping of name to float
+        Probability of estimates as far apart if all mountings were equal.
+    unknown : mapping of name to str
+        Why the value at the next mounting cannot be known.
+    """
+
+    each: tuple[Mounting, ...]
+    between: Mapping[str, float] = field(default_factory=dict)
+    logarithms: tuple[str, ...] = ()
+    unlikely: Mapping[str, float] = field(default_factory=dict)
+    unknown: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Mountings:
+        """From what ``to_table`` gave."""
+        each = tuple(
+            Mounting(str(one["name"]), tuple(one["runs"]), dict(one["values"]), dict(one["errors"]))
+            for one in table["each"]
+        )
+        return cls(
+            each,
+            dict(table["between"]),
+            tuple(table["logarithms"]),
+            dict(table["unlikely"]),
+            dict(table["unknown"]),
+        )
+
+    def to_table(self) -> dict[str, Any]:
+        """In the types that TOML has."""
+        return {
+            "each": [
+                {"name": one.name, "runs": list(one.runs), "values": dict(one.values), "errors": dict(one.errors)}
+                for one in self.each
+            ],
+            "between": dict(self.between),
+            "logarithms": list(self.logarithms),
+            "unlikely": dict(self.unlikely),
+            "unknown": dict(self.unknown),
+        }
+
+
+def places_of_mountings(runs: Sequence[Run]) -> dict[str, tuple[int, ...]]:
+    """Where the runs of each mounting stand; a strip is another's where both say which they are."""
+    found: dict[str, list[int]] = {}
+    for place, run in enumerate(runs):
+        if run.metadata.mounting_id:
+            found.setdefault(run.metadata.mounting_id, []).append(place)
+    return {name: tuple(places) for name, places in found.items()}
+
+
+def with_mountings(fit: Fit, runs: Sequence[Run], refit: Callable[[tuple[int, ...]], Fit]) -> Fit:
+    """A fit with the interval of the next mounting, from a fit of each mounting by itself.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of all runs together.
+    runs : sequence of Run
+        Its runs.
+    refit : function of a tuple of int
+        Fits the runs at these places alone.
+    """
+    places = places_of_mountings(runs)
+    several = len({run.metadata.sample.id for run in runs if run.metadata.sample is not None}) > 1
+    if len(places) < 2 or several:
+        return fit
+    each = []
+    for number, (name, of_these) in enumerate(places.items()):
+        with part(f"mounting {name}", number / len(places), (number + 1) / len(places)):
+            each.append(_alone(fit, name, of_these, refit))
+    unknowns = _unknowns(fit)
+    between: dict[str, float] = {}
+    unlikely: dict[str, float] = {}
+    unknown: dict[str, str] = {}
+    parameters: dict[str, FittedParameter] = dict(fit.parameters)
+    for base, entry in unknowns.items():
+        own = [name for name in fit.parameters if name == base or name.startswith(f"{base}{_ENDING}")]
+        values, errors = _estimates(fit, entry, own, each)
+        if len(values) < FEWEST:
+            unknown[base] = _too_few(len(places), len(values))
+        if len(values) < 2:
+            continue
+        found = random_effect(values, errors)
+        between[base], unlikely[base] = found.between, found.unlikely
+        if found.next_one is not None:
+            low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
+            for name in own:
+                parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
+    told = Mountings(tuple(each), between, tuple(base for base in between if unknowns[base].log), unlikely, unknown)
+    return replace(fit, parameters=parameters, mountings=told, findings=(*fit.findings, *_findings(fit, told)))
+
+
+def why_unknown(fit: Fit) -> str:
+    """Why nothing is said of the next mounting; empty where it is said of some parameter at least.
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> why_unknown(identify(strip, simulate(strip, "step 1 V", duration=20, rate=50)))
+    'what another mounting would give cannot be known: these runs do not say of which mounting they are'
+    """
+    if any(one.interval_next_mounting is not None for one in fit.parameters.values()):
+        return ""
+    names = {observation.mounting for observation in fit.observations if observation.mounting}
+    start = "what another mounting would give cannot be known"
+    if not names:
+        return f"{start}: these runs do not say of which mounting they are"
+    if len(names) < FEWEST:
+        count = "one mounting" if len(names) == 1 else "two mountings"
+        return f"{start} from {count}: it takes three or more of the same strip"
+    if fit.mountings is None:
+        return f"{start}: these runs are of more than one strip"
+    return f"{start}: no parameter is determined by three mountings or more, each by itself"
+
+
+def _too_few(mountings: int, determined: int) -> str:
+    if mountings < FEWEST:
+        return f"cannot be known from {mountings} mountings: it takes {FEWEST} or more"
+    return f"cannot be known: {determined} of {mountings} mountings determine it by themselves, and it takes {FEWEST}"
+
+
+def _alone(fit: Fit, name: str, places: tuple[int, ...], refit: Callable[[tuple[int, ...]], Fit]) -> Mounting:
+    labels = tuple(fit.observations[place].label for place in places)
+    try:
+        own = refit(places)
+    except IpmclabError:  # too few readings, or not of every output: it says nothing by itself
+        return Mounting(name, labels)
+    shared = {base: one for base, one in own.parameters.items() if "[" not in base}
+    values = {base: one.value for base, one in shared.items()}
+    errors = {base: one.standard_error if one.determined else math.inf for base, one in shared.items()}
+    return Mounting(name, labels, values, errors)
+
+
+def _unknowns(fit: Fit) -> dict[str, Unknown]:
+    """What differs between mountings: what all runs share, and what each mounting has for itself."""
+    known = fit.actuator.parameters()
+    found: dict[str, Unknown] = {}
+    for name in fit.parameters:
+        base, bracket, rest = name.partition("[")
+        if base in known and (not bracket or f"[{rest}".startswith(_ENDING)):
+            found.setdefault(base, actuator_unknown(known[base], None))
+    return found
+
+
+def _estimates(
+    fit: Fit, entry: Unknown, own: Sequence[str], each: Sequence[Mounting]
+) -> tuple[list[float], list[float]]:
+    """Entries with their standard errors, of the mountings that determine them."""
+    if own and own[0] == entry.base:
+        told = [(one.values[entry.base], one.errors[entry.base]) for one in each if entry.base in one.values]
+    else:
+        of_these = [fit.parameters[name] for name in own]
+        told = [(one.value, one.standard_error if one.determined else math.inf) for one in of_these]
+    seen = [(value, error) for value, error in told if math.isfinite(error)]
+    return [entry.entry(value) for value, _ in seen], [error / entry.chain(value) for value, error in seen]
+
+
+def _findings(fit: Fit, told: Mountings) -> list[Finding]:
+    """That one value for all mountings is an average of what differs."""
+    shared = [base for base in told.unlikely if base in fit.parameters]
+    apart = {base: told.unlikely[base] for base in shared if told.unlikely[base] < _SURELY / len(shared)}
+    if not apart:
+        return []
+    widest = max(apart, key=lambda base: (base in told.logarithms, told.between[base]))
+    size = told.between[widest]
+    far = f"by a factor of {math.exp(size):.3g}" if widest in told.logarithms else f"by {size:.3g}"
+    return [
+        Finding(
+            "mountings-differ",
+            "warning",
+            f"{len(told.each)} mountings differ by more than their errors in {', '.join(apart)} (p < 0.1 %): from one to "
+            f"the next {widest} changes {far} (one standard deviation). One value for all is an average, and its "
+            "interval says nothing of any one mounting",
+            "fit each mounting by itself, name what the clamp changes in per_mounting, or use interval_next_mounting",
+            values={f"between.{base}": told.between[base] for base in apart},
+        )
+    ]
