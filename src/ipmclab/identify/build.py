@@ -15,7 +15,7 @@ from ipmclab.identify.diagnosis import DETERMINED, direction_of_one, directions,
 from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
-from ipmclab.identify.fit_table import fit_to_table
+from ipmclab.identify.fit_table import changed
 from ipmclab.identify.known import covariance_table
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.findings import noise_findings
@@ -156,7 +156,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
     held = set_point_findings(fit)
     fit = replace(fit, findings=(*fit.findings, *held)) if held else fit
-    return replace(fit, actuator=replace(fit.actuator, fit_table=fit_to_table(fit)))
+    return changed(fit)
 
 
 def _beside_unseen(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from ipmclab.identify.fit import Fit
@@ -80,6 +81,12 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
             for finding in fit.findings
         ],
     }
+
+
+def changed(fit: Fit, **changes: Any) -> Fit:
+    """A fit with some changes, which the table in its actuator follows."""
+    other = replace(fit, **changes)
+    return replace(other, actuator=replace(other.actuator, fit_table=fit_to_table(other)))
 
 
 def _pair(name: str, values: tuple[float, float] | None) -> dict[str, list[float]]:

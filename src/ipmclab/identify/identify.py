@@ -12,8 +12,9 @@ from ipmclab.identify.beyond import beyond_findings
 from ipmclab.identify.build import build_fit
 from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
-from ipmclab.identify.fit_table import fit_to_table
+from ipmclab.identify.fit_table import changed
 from ipmclab.identify.free import FreeParameters, parse_free
+from ipmclab.identify.mountings import places_of_mountings, with_mountings
 from ipmclab.identify.observation import (
     READ_OUTPUTS,
     Record,
@@ -101,13 +102,25 @@ def identify(
     43.420408
     """
     need_actuator(actuator)
+    given = _runs(runs)
+    asked = [words if isinstance(words, str) else list(words) for words in (free, per_run, per_mounting, prior)]
+
+    def of_these(places: Sequence[int]) -> Fit:
+        own = None if labels is None else [labels[place] for place in places]
+        return _identify(actuator, [given[place] for place in places], *asked, own)
+
     with telling(progress):
-        return _identify(actuator, runs, free, per_run, per_mounting, prior, labels)
+        if len(places_of_mountings(given)) < 2:
+            return of_these(range(len(given)))
+        with part("all mountings", 0.0, 0.5):
+            fit = of_these(range(len(given)))
+        with part("each mounting", 0.5, 1.0):
+            return with_mountings(fit, given, of_these)
 
 
 def _identify(
     actuator: Actuator,
-    runs: Sequence[Run] | Run,
+    given: Sequence[Run],
     free: str | Iterable[str],
     per_run: str | Iterable[str],
     per_mounting: str | Iterable[str],
@@ -115,7 +128,6 @@ def _identify(
     labels: Sequence[str] | None,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
-    given = _runs(runs)
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
     _need_mountings(given, names)
     _refuse_counts(actuator, names)
@@ -153,8 +165,7 @@ def _identify(
         beyond += prior_findings(actuator, fit, alone)
     if not beyond:
         return fit
-    fit = replace(fit, findings=(*fit.findings, *beyond))
-    return replace(fit, actuator=replace(fit.actuator, fit_table=fit_to_table(fit)))
+    return changed(fit, findings=(*fit.findings, *beyond))
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import IpmclabError
+from ipmclab.identify.fit_table import changed
 from ipmclab.identify.progress import part
 from ipmclab.identify.random_effect import FEWEST, random_effect
 from ipmclab.identify.unknowns import Unknown, actuator_unknown
@@ -95,7 +96,7 @@ class Mountings:
 
 
 def places_of_mountings(runs: Sequence[Run]) -> dict[str, tuple[int, ...]]:
-    """Where the runs of each mounting stand; a strip is another's where both say which they are."""
+    """Where the runs of each mounting stand; those that do not say of which they are stand nowhere."""
     found: dict[str, list[int]] = {}
     for place, run in enumerate(runs):
         if run.metadata.mounting_id:
@@ -142,7 +143,7 @@ def with_mountings(fit: Fit, runs: Sequence[Run], refit: Callable[[tuple[int, ..
             for name in own:
                 parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
     told = Mountings(tuple(each), between, tuple(base for base in between if unknowns[base].log), unlikely, unknown)
-    return replace(fit, parameters=parameters, mountings=told, findings=(*fit.findings, *_findings(fit, told)))
+    return changed(fit, parameters=parameters, mountings=told, findings=(*fit.findings, *_findings(fit, told)))
 
 
 def why_unknown(fit: Fit) -> str:
@@ -224,8 +225,8 @@ def _findings(fit: Fit, told: Mountings) -> list[Finding]:
         Finding(
             "mountings-differ",
             "warning",
-            f"{len(told.each)} mountings differ by more than their errors in {', '.join(apart)} (p < 0.1 %): from one to "
-            f"the next {widest} changes {far} (one standard deviation). One value for all is an average, and its "
+            f"{len(told.each)} mountings differ by more than their errors in {', '.join(apart)} (p < 0.1 %): from one "
+            f"to the next {widest} changes {far} (one standard deviation). One value for all is an average, and its "
             "interval says nothing of any one mounting",
             "fit each mounting by itself, name what the clamp changes in per_mounting, or use interval_next_mounting",
             values={f"between.{base}": told.between[base] for base in apart},
