@@ -208,8 +208,8 @@ def _fit(
     shortly = _SHORTLY if explore and len(points) > 1 else _LONGEST
     for number, point in enumerate(points):
         stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
-        problem = _problem(actuator, parameters, names, records, point, noise)
-        theta = _first(problem, point)
+        problem = problem_at(actuator, parameters, names, records, point, noise)
+        theta = entries_at(problem, point)
         solution = (polish(problem, theta) if point.exact else None) or _minimise(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
         if not explore and solution.converged and _at_floor(problem, solution):
@@ -273,8 +273,8 @@ def _circuit_first(
     points = starting_points(actuator, fewer, with_current)
     tried = []
     for point in points:
-        problem = _problem(actuator, parameters, fewer, with_current, point, noise)
-        tried.append((problem, _minimise(problem, _first(problem, point), evaluations=_SHORTLY)))
+        problem = problem_at(actuator, parameters, fewer, with_current, point, noise)
+        tried.append((problem, _minimise(problem, entries_at(problem, point), evaluations=_SHORTLY)))
     problem, solution = _to_the_end(tried)[0]
     found = problem.values(solution.theta, with_current[0].place)
     return StartingPoint({name: found[name] for name in electrical}, points[0].delays)
@@ -338,7 +338,7 @@ def _held(problem: Problem, solution: Solution, name: str, points: Sequence[Mapp
     return found
 
 
-def _problem(
+def problem_at(
     actuator: Actuator,
     parameters: Mapping[str, Parameter],
     names: FreeParameters,
@@ -346,6 +346,7 @@ def _problem(
     point: StartingPoint,
     noise: Mapping[tuple[int, str], float],
 ) -> Problem:
+    """The least-squares problem of a fit, with what a starting point knows of its delays."""
     responder: CircuitResponder | ActuatorResponder
     if is_lumped(actuator.structure) and all(set(record.readings) == {"current"} for record in records):
         responder = CircuitResponder(actuator.circuit.branches)
@@ -372,7 +373,7 @@ def _need_as_many_readings(unknowns: int, records: Sequence[Record]) -> None:
         )
 
 
-def _first(problem: Problem, point: StartingPoint) -> FloatArray:
+def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
     """The vector of a starting point, its linear unknowns solved for."""
     theta = np.zeros(len(problem.unknowns))
     linear = np.zeros(len(theta), dtype=bool)
