@@ -61,12 +61,12 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         [unknown.value(float(solution.theta[place])) for unknown, place in zip(asked, places, strict=True)]
     )
     relative = relative_errors(asked, values, found)
-    model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
-    open_directions = directions(asked, values, found, problem.records, model)
-    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
-
     order = Order(problem.values(solution.theta, problem.records[0].place))
     rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
+    model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
+    open_directions = directions(asked, values, found, problem.records, model, rivals)
+    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
+
     edges_are_open = _edges_are_open(asked, found)
     beside = _beside_unseen(result, stated, exact)
     fitted: dict[str, FittedParameter] = {}

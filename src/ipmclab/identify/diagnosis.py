@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from ipmclab.identify.covariance import Uncertainty
 from ipmclab.identify.cures import cures_of, said_of
-from ipmclab.identify.exchange import series_against_branches
+from ipmclab.identify.exchange import HARDLY, series_against_branches
 from ipmclab.identify.fit import Direction
 from ipmclab.identify.identifiable import others, sparse
 from ipmclab.identify.observation import Record
 from ipmclab.identify.unknowns import Unknown
+from ipmclab.identify.valleys import Rival
 from ipmclab.model import Actuator
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,7 +32,6 @@ _OF_STAGE: Final[Mapping[str, str]] = {
     "viscoelastic": "record force with steps and with slow and fast signals, or with less noise",
     "clamp": "record the first rows after a step faster",
 }
-_HARDLY: Final = 7.0  # a factor of a thousand
 
 
 def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Uncertainty) -> FloatArray:
@@ -56,11 +56,13 @@ def directions(
     found: Uncertainty,
     records: Sequence[Record],
     actuator: Actuator,
+    rivals: Sequence[Rival] = (),
 ) -> tuple[Direction, ...]:
     """Combinations that the readings do not determine: first those about which they say nothing at all.
 
     A combination is also named when its standard error makes one of its parameters undetermined. What would cure one
-    about which nothing is said is asked of the model, ``actuator``: which further output would show it.
+    about which nothing is said is asked of the model, ``actuator``: which further output would show it. ``rivals`` are
+    other fits as good.
     """
     names = [unknown.name for unknown in unknowns]
     size = _sizes(unknowns, values)
@@ -68,11 +70,16 @@ def directions(
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = found.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    against_branches = series_against_branches(names, covariance, DETERMINED, _outputs(records))
-    if against_branches is not None:
-        # What else is open is told as if that were known.
-        named.append(against_branches[0])
-        covariance = against_branches[1]
+    entries = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
+    others_as_good = np.array(
+        [[r.entries.get(u.name, own) for u, own in zip(unknowns, entries, strict=True)] for r in rivals]
+    )
+    apart = (np.abs(others_as_good - entries) / size).max(axis=0) if rivals else np.zeros(len(names))
+    exchanged = series_against_branches(names, covariance, apart, DETERMINED, _outputs(records))
+    if exchanged is not None:
+        # What else is open is told as if the series resistance were known.
+        named += exchanged[0]
+        covariance = exchanged[1]
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     spread, vectors = np.linalg.eigh(covariance)
     open_ones = errors > DETERMINED
@@ -175,7 +182,7 @@ def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence
         what = f"{listed} is not determined"
     else:
         what = f"{listed}{also} can move together without changing what was read"
-    if error < _HARDLY:
+    if error < HARDLY:
         what += f": the combination is known to a factor of {np.exp(error):.3g} only"
     elif np.isfinite(error):
         what += ": the combination is hardly known at all"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +20,12 @@ from ipmclab.identify.fit import Direction
 
 FloatArray = npt.NDArray[np.float64]
 
+HARDLY: Final = 7.0  # of a logarithm, a factor of a thousand
+
 
 def series_against_branches(
-    names: Sequence[str], covariance: FloatArray, limit: float, outputs: Sequence[str]
-) -> tuple[Direction, FloatArray] | None:
+    names: Sequence[str], covariance: FloatArray, apart: FloatArray, limit: float, outputs: Sequence[str]
+) -> tuple[tuple[Direction, ...], FloatArray] | None:
     """Name the series resistance where knowing it would determine a branch that is not determined.
 
     Parameters
@@ -30,6 +33,8 @@ def series_against_branches(
     names : sequence of str
     covariance : float array, shape (n, n)
         Of the relative changes.
+    apart : float array, shape (n,)
+        Relative distance of each parameter to the farthest fit that is as good.
     limit : float
         The standard error up to which a parameter counts as determined.
     outputs : sequence of str
@@ -37,46 +42,58 @@ def series_against_branches(
 
     Returns
     -------
-    direction, covariance : Direction, float array
-        How the others move with the series resistance, and their covariance once that is known; None where it is not
-        the reason.
+    directions, covariance : tuple of Direction, float array
+        How the others move with the series resistance (and that alone, where it is itself not determined), and the
+        covariance once it is known; None where it is not the reason.
     """
     held = next((place for place, name in enumerate(names) if name in SERIES), None)
     if held is None or not covariance[held, held] > 0.0:
         return None
-    variance = covariance.diagonal()
-    column = covariance[:, held]
-    own = float(column[held])
-    known = covariance - np.outer(column, column) / own
-    branches = np.array([name.startswith("circuit.") for name in names])
-    open_ones = np.flatnonzero((np.sqrt(np.maximum(variance, 0.0)) > limit) & branches)
-    cured = [int(k) for k in open_ones if k == held or known[k, k] <= limit**2]
+    known = given(covariance, held)
+    # Another fit as good lies at the end of an interval.
+    errors = np.maximum(np.sqrt(np.maximum(covariance.diagonal(), 0.0)), apart / 1.96)
+    open_ones = [k for k, name in enumerate(names) if name.startswith("circuit.") and errors[k] > limit]
+    cured = [k for k in open_ones if k != held and known[k, k] <= limit**2]
     if not cured:
         return None
-    # Measured to s, a parameter keeps C_kk - C_ks^2/(C_ss + s^2).
-    left = [k for k in cured if k != held]
-    squares = [column[k] ** 2 / (variance[k] - limit**2) - own for k in left]
-    need = math.sqrt(max(min(squares), 0.0)) if squares else limit
-    row = column / np.linalg.norm(column)
-    row *= np.sign(row[np.abs(row).argmax()])
-    of_branches = ", ".join(f"{names[k]} to a factor of {math.exp(math.sqrt(variance[k])):.3g}" for k in left)
-    beside = f" and with it {of_branches} only" if left else " only"
+    column = covariance[:, held]
+    # Known to s, the series resistance leaves its slope times s of what moves with it.
+    need = min(limit * float(column[held]) / abs(float(column[k])) for k in cured)
+    followed = ", ".join(f"{names[k]} to a factor of {_factor(errors[k])}" for k in cured)
     free = any(name.startswith("coupling.") for name in names)
     read = " and ".join(outputs)
     why = f"{read}, with the coupling free too, hardly tell" if free else f"{read} hardly tells"
     no_cure = "; more force or displacement does not help while the coupling is free" if free else ""
+    base = names[held].split("[")[0]
+    cure = f"{measured(base)} to {_percent(need)} or better{no_cure}"
+    rest = f"because {why} the series resistance from the branches; {cure}"
+    size = _percent(errors[held]) if errors[held] < 1.0 else f"a factor of {_factor(errors[held])}"
     sentence = (
-        f"{names[held]} is practically not determined: it is known to {_percent(math.sqrt(own))}{beside}, because "
-        f"{why} the series resistance from the branches; {measured(names[held])} to {_percent(need)} or better{no_cure}"
+        f"{names[held]} is practically not determined: it is known to {size}, and with it {followed} only, {rest}"
     )
-    found = Direction(
-        dict(zip(names, map(float, row), strict=True)),
-        sentence,
-        float(np.linalg.norm(column)) / math.sqrt(own),
-        (f"measure {names[held].split('[')[0]}",),
-    )
-    return found, known
+    # Where gain and zero only show as their product, how they share it is another question.
+    zero = names.index("coupling.zero") if "coupling.zero" in names else None
+    row = (covariance if zero is None else given(covariance, zero))[:, held]
+    error = float(np.linalg.norm(row) / math.sqrt(max(float(row[held]), 1e-300)))
+    row = row / max(float(np.linalg.norm(row)), 1e-300)
+    row = row * np.sign(row[np.abs(row).argmax()])
+    cures = (f"measure {base}",)
+    found = [Direction(dict(zip(names, map(float, row), strict=True)), sentence, error, cures)]
+    if held in open_ones:
+        alone = dict.fromkeys(names, 0.0) | {names[held]: 1.0}
+        found.append(Direction(alone, f"{names[held]} is not determined, {rest}", float(errors[held]), cures))
+    return tuple(found), known
+
+
+def given(covariance: FloatArray, held: int) -> FloatArray:
+    """The covariance of all once one is known."""
+    column = covariance[:, held]
+    return np.asarray(covariance - np.outer(column, column) / max(float(column[held]), 1e-300))
 
 
 def _percent(part: float) -> str:
     return f"{100.0 * part:.2g} %"
+
+
+def _factor(error: float) -> str:
+    return f"{math.exp(error):.3g}" if error < HARDLY else "over a thousand"
