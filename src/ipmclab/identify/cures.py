@@ -65,9 +65,8 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
 
 
 def measured(name: str) -> str:
-    """How a parameter is measured on its own, in words."""
-    base = name.split("[")[0]
-    return _MEASURED.get(base, f"measure {base}")
+    """How a parameter is measured on its own, in words; empty where nobody does."""
+    return _MEASURED.get(name.split("[")[0], "")
 
 
 def said_of(cures: Sequence[Cure], moved: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.covariance import Uncertainty
-from ipmclab.identify.cures import cures_of, said_of
+from ipmclab.identify.cures import cures_of, measured, said_of
 from ipmclab.identify.exchange import HARDLY, series_against_branches
 from ipmclab.identify.fit import Direction
 from ipmclab.identify.identifiable import others, sparse
@@ -78,7 +78,7 @@ def directions(
     exchanged = series_against_branches(names, covariance, apart, DETERMINED, _outputs(records))
     if exchanged is not None:
         # What else is open is told as if the series resistance were known.
-        named += exchanged[0]
+        named.append(exchanged[0])
         covariance = exchanged[1]
         errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     spread, vectors = np.linalg.eigh(covariance)
@@ -117,8 +117,10 @@ def names_it(direction: Direction, name: str) -> bool:
 
 def direction_of_one(names: Sequence[str], name: str, why: str) -> Direction:
     """A parameter that is not determined for a reason of its own."""
-    sentence = f"{name} is not determined: {why}; record longer, with other signals or less noise, or fix it"
-    return Direction(dict.fromkeys(names, 0.0) | {name: 1.0}, sentence, np.inf)
+    way = measured(name)
+    sentence = f"{name} is not determined: {why}; {way or 'record longer, with other signals or less noise, or fix it'}"
+    cures = (f"measure {name.split('[')[0]}",) if way else ()
+    return Direction(dict.fromkeys(names, 0.0) | {name: 1.0}, sentence, np.inf, cures)
 
 
 def _is_gain_against_zero(direction: Direction) -> bool:

@@ -25,7 +25,7 @@ HARDLY: Final = 7.0  # of a logarithm, a factor of a thousand
 
 def series_against_branches(
     names: Sequence[str], covariance: FloatArray, apart: FloatArray, limit: float, outputs: Sequence[str]
-) -> tuple[tuple[Direction, ...], FloatArray] | None:
+) -> tuple[Direction, FloatArray] | None:
     """Name the series resistance where knowing it would determine a branch that is not determined.
 
     Parameters
@@ -42,9 +42,9 @@ def series_against_branches(
 
     Returns
     -------
-    directions, covariance : tuple of Direction, float array
-        How the others move with the series resistance (and that alone, where it is itself not determined), and the
-        covariance once it is known; None where it is not the reason.
+    direction, covariance : Direction, float array
+        How the others move with the series resistance, and the covariance once that is known; None where it is not the
+        reason.
     """
     held = next((place for place, name in enumerate(names) if name in SERIES), None)
     if held is None or not covariance[held, held] > 0.0:
@@ -66,10 +66,10 @@ def series_against_branches(
     no_cure = "; more force or displacement does not help while the coupling is free" if free else ""
     base = names[held].split("[")[0]
     cure = f"{measured(base)} to {_percent(need)} or better{no_cure}"
-    rest = f"because {why} the series resistance from the branches; {cure}"
     size = _percent(errors[held]) if errors[held] < 1.0 else f"a factor of {_factor(errors[held])}"
     sentence = (
-        f"{names[held]} is practically not determined: it is known to {size}, and with it {followed} only, {rest}"
+        f"{names[held]} is practically not determined: it is known to {size}, and with it {followed} only, because {why} "
+        f"the series resistance from the branches; {cure}"
     )
     # Where gain and zero only show as their product, how they share it is another question.
     zero = names.index("coupling.zero") if "coupling.zero" in names else None
@@ -78,11 +78,7 @@ def series_against_branches(
     row = row / max(float(np.linalg.norm(row)), 1e-300)
     row = row * np.sign(row[np.abs(row).argmax()])
     cures = (f"measure {base}",)
-    found = [Direction(dict(zip(names, map(float, row), strict=True)), sentence, error, cures)]
-    if held in open_ones:
-        alone = dict.fromkeys(names, 0.0) | {names[held]: 1.0}
-        found.append(Direction(alone, f"{names[held]} is not determined, {rest}", float(errors[held]), cures))
-    return tuple(found), known
+    return Direction(dict(zip(names, map(float, row), strict=True)), sentence, error, cures), known
 
 
 def given(covariance: FloatArray, held: int) -> FloatArray:
