@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ipmclab.identify import choose as choose
     from ipmclab.identify import forecast as forecast
     from ipmclab.identify import identify as identify
+    from ipmclab.identify import prediction_bands as prediction_bands
     from ipmclab.identify import read_fit as read_fit
     from ipmclab.identify import validate as validate
     from ipmclab.identify import write_fit as write_fit
@@ -52,6 +53,7 @@ _HOMES: Final = {
     "choose": "ipmclab.identify",
     "forecast": "ipmclab.identify",
     "identify": "ipmclab.identify",
+    "prediction_bands": "ipmclab.identify",
     "read_fit": "ipmclab.identify",
     "validate": "ipmclab.identify",
     "write_fit": "ipmclab.identify",

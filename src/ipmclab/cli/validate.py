@@ -60,6 +60,9 @@ def print_validations(names: Sequence[str], validations: Sequence[Validation], r
     ]
     if len(runs) > 1:
         places.append(("all runs", [validation.scores for validation in validations]))
+    headers = ["run", "output", "fit", "RMSE", "of range", "largest error", "at", "lags outside"]
+    if any(score.inside_band is not None for _, of_each in places for scores in of_each for score in scores.values()):
+        headers.append("in 95 % band")
     rows, missing = [], []
     for place, of_each in places:
         for output in of_each[0]:
@@ -68,8 +71,8 @@ def print_validations(names: Sequence[str], validations: Sequence[Validation], r
                 if score.fit_percent is None:
                     missing.append(f"No score of {CHANNELS[output].name} in {place}: {score.reason}.")
                 else:
-                    rows.append([place, CHANNELS[output].name, *_cells(score), *([name] if len(names) > 1 else [])])
-    headers = ["run", "output", "fit", "RMSE", "of range", "largest error", "at", "lags outside"]
+                    cells = _cells(score)[: len(headers) - 2]
+                    rows.append([place, CHANNELS[output].name, *cells, *([name] if len(names) > 1 else [])])
     if rows:
         print_table(headers + (["actuator"] if len(names) > 1 else []), rows)
     for line in dict.fromkeys(missing):
@@ -97,6 +100,7 @@ def _cells(score: Score) -> list[str]:
         read(score.max_error, quantity, digits=3),
         read(score.max_error_time, TIME),
         f"{100.0 * score.lags_outside:.0f} %" if score.lags_outside is not None else "-",
+        f"{100.0 * score.inside_band:.0f} %" if score.inside_band is not None else "-",
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ipmclab.identify.bands import Bands, prediction_bands
 from ipmclab.identify.choosing.choice import Candidate, Choice
 from ipmclab.identify.choosing.choose import choose
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
@@ -13,6 +14,7 @@ from ipmclab.identify.observation import Observation
 from ipmclab.identify.validate import RunValidation, Validation, validate
 
 __all__ = [
+    "Bands",
     "Candidate",
     "Choice",
     "Direction",
@@ -26,6 +28,7 @@ __all__ = [
     "choose",
     "forecast",
     "identify",
+    "prediction_bands",
     "read_fit",
     "validate",
     "with_slow_modes",

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.identify.fit import Fit
-from ipmclab.identify.observation import Observation
-from ipmclab.model.sensitivity import sensitivities
-from ipmclab.run import Run
+from ipmclab.identify.known import Known, known_of
+from ipmclab.identify.observation import Observation, own_endings
+from ipmclab.identify.random_effect import FEWEST
+from ipmclab.model.sensitivity import sensitivities, simulate_outputs
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit
+    from ipmclab.model import Actuator
+    from ipmclab.run import Hold, Run
 
 FloatArray = npt.NDArray[np.float64]
+
+NORMAL_95: Final = 1.959963984540054
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +41,8 @@ class Bands:
         known beforehand, so those of the fit count as spread.
     left_out : tuple of str
         Free parameters of which nothing is known: the band does not contain what they may change.
+    mounting : "the fit's" or "the next"
+        Whether the band holds for the mountings of the fit, or for one that the fit never saw.
     """
 
     time: FloatArray
@@ -39,6 +50,7 @@ class Bands:
     of_parameters: Mapping[str, FloatArray]
     of_noise: Mapping[str, FloatArray]
     left_out: tuple[str, ...]
+    mounting: str = "the fit's"
 
     def interval(self, output: str, level: float = 0.95, *, of_readings: bool = True) -> tuple[FloatArray, FloatArray]:
         """Ends between which a reading lies (or the strip's answer itself) with a probability, shape (n_time,) each.
@@ -46,8 +58,13 @@ class Bands:
         Raises
         ------
         InputError
-            A probability that is not between 0 and 1.
+            A probability that is not between 0 and 1, an output that the fit has no noise of.
         """
+        reach = self.reach(output, level, of_readings=of_readings)
+        return self.predicted[output] - reach, self.predicted[output] + reach
+
+    def reach(self, output: str, level: float = 0.95, *, of_readings: bool = True) -> FloatArray:
+        """Half the width of the interval [SI], shape (n_time,)."""
         from scipy.special import ndtri
 
         if not 0.0 < level < 1.0:
@@ -57,26 +74,46 @@ class Bands:
                 where="level",
                 repair="give one between 0 and 1, such as 0.95",
             )
+        if output not in self.predicted:
+            raise InputError(
+                f"there is no band of {output!r}: the fit read {', '.join(self.predicted)} alone",
+                code="no-band",
+                where="output",
+                repair=f"ask for {' or '.join(map(repr, self.predicted))}, or fit runs that have it",
+            )
         noise = self.of_noise[output] if of_readings else 0.0
-        reach = float(ndtri(0.5 + 0.5 * level)) * np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
-        return self.predicted[output] - reach, self.predicted[output] + reach
+        spread = np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
+        return np.asarray(float(ndtri(0.5 + 0.5 * level)) * spread)
 
 
 def prediction_bands(fit: Fit, run: Run) -> Bands:
     """Simulate a fitted actuator at the voltage of a run that starts at rest, with bands.
 
-    The parameters count to first order, with the errors and correlations of the fit.
+    The parameters count to first order, with the errors and correlations of the fit; so do fixed parameters with a
+    stated uncertainty. For a run of a mounting that the fit never saw, the band holds what three mountings or more of
+    the fit, each by itself, say of the next one; with fewer it is that of the fit's own mounting.
 
     Parameters
     ----------
     fit : Fit
+        As ``identify`` returned it, or ``read_fit`` read it.
     run : Run
-        Its time, voltage and hold are used; what was read is not.
+        Its time, voltage, hold and mounting are used; what was read is not.
+
+    Returns
+    -------
+    bands : Bands
+        Of the outputs that the fit read.
+
+    Raises
+    ------
+    InputError
+        No fit, or no run.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from ipmclab import Run, identify, load_actuator, simulate
+    >>> from ipmclab import Run, identify, load_actuator, prediction_bands, simulate
     >>> strip = load_actuator("friend-2")
     >>> clean = simulate(strip, "step 1 V", duration=40, rate=50)
     >>> noise = 1e-4 * np.random.default_rng(20261121).standard_normal(2000)
@@ -87,32 +124,142 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     >>> bool(1.9e-4 < np.median(high - bands.predicted["current"]) < 2.1e-4)
     True
     """
-    outputs = list(dict.fromkeys(name for observation in fit.observations for name in observation.noise))
-    free = [name for name in fit.parameters if name in fit.actuator.parameter_values]
-    errors = np.array([fit.parameters[name].standard_error for name in free])
-    known = [name for name, error in zip(free, errors, strict=True) if np.isfinite(error)]
-    found = sensitivities(fit.actuator, known, run.time, run.voltage, run.hold, outputs=outputs)
-    deviation = errors[np.isfinite(errors)]
-    correlation = np.array([[fit.correlations[one][other] for other in known] for one in known])
-    covariance = correlation.reshape(len(known), len(known)) * np.outer(deviation, deviation)
+    _need(fit, run)
+    outputs = noise_outputs(fit)
+    drive = Drive(run.time, run.voltage, "zero" if run.hold == "unknown" else run.hold)
+    found = known_in(fit, None)
+    unlimited = [name for name, one in fit.parameters.items() if not math.isfinite(one.standard_error)]
     since = run.time - run.time[0]
-    predicted: dict[str, FloatArray] = {}
-    of_parameters: dict[str, FloatArray] = {}
-    of_noise: dict[str, FloatArray] = {}
-    for row, output in enumerate(outputs):
-        slopes = found.parameters[row]
-        predicted[output] = np.asarray(found.values[row])
-        of_parameters[output] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-        seen = [observation for observation in fit.observations if output in observation.noise]
-        of_noise[output] = _of_noise(seen, output, since)
-    return Bands(run.time, predicted, of_parameters, of_noise, tuple(name for name in free if name not in set(known)))
+    predicted = dict(zip(outputs, drive.outputs(fit.actuator, outputs), strict=True))
+    others = next_mountings(fit, fit.actuator, run.metadata.mounting_id)
+    spread = spread_between(others, drive, predicted) if others else spread_of(found, fit.actuator, drive, outputs)
+    noise = {output: noise_of(fit.observations, output, since) for output in outputs}
+    left_out = tuple(dict.fromkeys((*unlimited, *found.left_out)))
+    return Bands(run.time, predicted, spread, noise, left_out, "the next" if others else "the fit's")
 
 
-def _of_noise(seen: Sequence[Observation], output: str, since: FloatArray) -> FloatArray:
-    """Root of the mean square over the runs of a fit."""
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What a strip is driven with: the voltage over time, and how the run begins."""
+
+    time: FloatArray
+    voltage: FloatArray
+    hold: Hold
+    delay: float = 0.0
+    initial_state: Mapping[str, float] | None = None
+
+    def outputs(self, actuator: Actuator, outputs: Sequence[str]) -> FloatArray:
+        """What an actuator answers, shape (n_output, n_time)."""
+        return simulate_outputs(
+            actuator,
+            self.time,
+            self.voltage,
+            self.hold,
+            outputs=outputs,
+            initial_state=self.initial_state or None,
+            delay=self.delay,
+        )
+
+
+def noise_outputs(fit: Fit) -> list[str]:
+    """The outputs that a fit read, of whose noise it knows."""
+    return list(dict.fromkeys(name for observation in fit.observations for name in observation.noise))
+
+
+def values_of(fit: Fit) -> dict[str, float]:
+    """What a fit found, by name."""
+    return {name: one.value for name, one in fit.parameters.items()}
+
+
+def known_in(fit: Fit, place: int | None) -> Known:
+    """What a fit knows of the parameters in one of its runs, or (None) in a new one."""
+    own = () if place is None else own_endings(place, fit.observations[place].mounting)
+    return known_of(fit.covariance, values_of(fit), list(fit.actuator.parameter_values), own)
+
+
+def spread_of(known: Known, actuator: Actuator, drive: Drive, outputs: Sequence[str]) -> dict[str, FloatArray]:
+    """Standard deviation of each output from what is not known of the parameters [SI]."""
+    found = sensitivities(
+        actuator,
+        known.names,
+        drive.time,
+        drive.voltage,
+        drive.hold,
+        outputs=outputs,
+        initial_state=drive.initial_state or None,
+        delay=drive.delay,
+        asked=(),
+    )
+    variances = np.einsum("kij,jl,kil->ki", found.parameters, known.covariance, found.parameters)
+    return dict(zip(outputs, np.sqrt(np.maximum(variances, 0.0)), strict=True))
+
+
+def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[Actuator]:
+    """The strip as each mounting of a fit found it, for a run of another mounting; else, or with too few, none."""
+    seen = {observation.mounting for observation in fit.observations}
+    if not mounting or mounting in seen or fit.mountings is None:
+        return []
+    found = [actuator.replace(**_inside(actuator, one.values)) for one in fit.mountings.each if one.values]
+    return found if len(found) >= FEWEST else []
+
+
+def _inside(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if name in actuator.parameter_values}
+
+
+def spread_between(
+    strips: Sequence[Actuator], drive: Drive, predicted: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Standard deviation that stands for Student's interval of one more mounting about a prediction [SI].
+
+    What each mounting answers is simulated: strips that differ threefold are beyond first order.
+    """
+    from scipy.special import stdtrit
+
+    outputs = list(predicted)
+    each = np.array([drive.outputs(strip, outputs) for strip in strips])
+    count = len(strips)
+    wider = float(stdtrit(count - 1, 0.975)) / NORMAL_95 * math.sqrt(1.0 + 1.0 / count)
+    deviation, middle = wider * each.std(axis=0, ddof=1), each.mean(axis=0)
+    return {
+        output: np.hypot(deviation[row], (middle[row] - predicted[output]) / NORMAL_95)
+        for row, output in enumerate(outputs)
+    }
+
+
+def noise_of(
+    seen: Sequence[Observation], output: str, since: FloatArray, *, level: bool = True, drift: bool = True
+) -> FloatArray:
+    """Standard deviation of a reading, as the root of the mean square over runs [SI], shape (n_time,).
+
+    Parameters
+    ----------
+    seen : sequence of Observation
+    output : str
+    since : float array, shape (n_time,) [s]
+        Time since the start of the run.
+    level, drift : bool
+        Whether a zero and a slope of the sensor are in the readings; not where they were taken off.
+    """
+    own = [observation for observation in seen if output in observation.noise]
     total = np.zeros(len(since))
-    for observation in seen:
+    for observation in own:
         model = observation.noise_model.get(output)
         total += observation.noise[output] ** 2 if model is None else model.deviation(since) ** 2
-        total += (observation.offset.get(output, 0.0) + observation.drift.get(output, 0.0) * since) ** 2
-    return np.asarray(np.sqrt(total / len(seen)))
+        zero = observation.offset.get(output, 0.0) if level else 0.0
+        total += (zero + (observation.drift.get(output, 0.0) * since if drift else 0.0)) ** 2
+    return np.asarray(np.sqrt(total / len(own)))
+
+
+def _need(fit: Fit, run: Run) -> None:
+    from ipmclab.identify.fit import Fit as FitType
+    from ipmclab.model.given import need_run
+
+    if not isinstance(fit, FitType):
+        raise InputError(
+            f"a {type(fit).__name__} is no fit",
+            code="not-a-fit",
+            where="fit",
+            repair="give what identify returned, or read_fit(path) of what write_fit wrote",
+        )
+    need_run(run, where="run")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ipmclab.identify.bands_of_run import band_of_run
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import READ_OUTPUTS, model_hold, own_endings, own_values, prepare
 from ipmclab.identify.scores import Comparison
@@ -52,10 +53,13 @@ def fitted_outputs(fit: Fit, run: Run, place: int) -> dict[str, Comparison]:
     )
     read = record.readings.get("displacement")
     blank_lost(fitted, outputs, model.parameter_values, kept=None if read is None else read.exact)
+    reach = band_of_run(fit, model, record, place, observation.delay, observation.initial_state, {})
     since = run.time - run.time[0]
     comparisons: dict[str, Comparison] = {}
     for output, values in zip(outputs, fitted, strict=True):
         shifted = values + observation.offset.get(output, 0.0) + observation.drift.get(output, 0.0) * since
         reading = record.readings[output]
-        comparisons[output] = Comparison(run.time, run.channels[output], np.asarray(shifted), reading.exact)
+        comparisons[output] = Comparison(
+            run.time, run.channels[output], np.asarray(shifted), reading.exact, reach.get(output)
+        )
     return comparisons

@@ -103,11 +103,14 @@ def identify(
     """
     need_actuator(actuator)
     given = _runs(runs)
-    asked = [words if isinstance(words, str) else list(words) for words in (free, per_run, per_mounting, prior)]
+    free, per_run, per_mounting, prior = (
+        words if isinstance(words, str) else tuple(words) for words in (free, per_run, per_mounting, prior)
+    )
 
     def of_these(places: Sequence[int]) -> Fit:
         own = None if labels is None else [labels[place] for place in places]
-        return _identify(actuator, [given[place] for place in places], *asked, own)
+        these = [given[place] for place in places]
+        return _identify(actuator, these, free, per_run, per_mounting, prior, own)
 
     with telling(progress):
         if len(places_of_mountings(given)) < 2:

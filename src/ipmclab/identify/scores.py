@@ -56,6 +56,8 @@ class Score:
         95 % of the lags of a white residual lie within plus or minus this.
     reason : str
         Why a score is None; empty otherwise.
+    inside_band : float or None
+        Share of the readings inside the 95 % band of the prediction; None where no fit tells a band.
     """
 
     output: str
@@ -71,6 +73,7 @@ class Score:
     autocorrelation: FloatArray = field(default_factory=lambda: np.empty(0))
     autocorrelation_band: FloatArray = field(default_factory=lambda: np.empty(0))
     reason: str = ""
+    inside_band: float | None = None
 
     @property
     def lags_outside(self) -> float | None:
@@ -93,6 +96,7 @@ class Score:
             "max_error_time": self.max_error_time,
             "max_error_run": self.max_error_run,
             "autocorrelation_outside_band": self.lags_outside,
+            "inside_band": self.inside_band,
             "reason": self.reason or None,
         }
 
@@ -107,12 +111,15 @@ class Comparison:
     measured, predicted : float array, shape (n_time,) [SI]
     used : bool array, shape (n_time,)
         The rows that count.
+    reach : float array, shape (n_time,) [SI], optional
+        Half the width of the 95 % band of a reading about the prediction.
     """
 
     time: FloatArray
     measured: FloatArray
     predicted: FloatArray
     used: BoolArray
+    reach: FloatArray | None = None
 
     @property
     def error(self) -> FloatArray:
@@ -157,6 +164,7 @@ def score(output: str, comparisons: Sequence[Comparison]) -> Score:
     squared = sum(float(np.sum(one.error[one.used] ** 2)) for one in used)
     spread = sum(float(np.sum((one.measured[one.used] - one.measured[one.used].mean()) ** 2)) for one in used)
     values = np.concatenate([one.measured[one.used] for one in used])
+    banded = [np.abs(one.error[one.used]) <= one.reach[one.used] for one in used if one.reach is not None]
     extent = float(np.ptp(values))
     rmse = math.sqrt(squared / samples)
     judged = len(comparisons) == 1 and rmse >= ROUNDING * extent
@@ -176,6 +184,7 @@ def score(output: str, comparisons: Sequence[Comparison]) -> Score:
         max_error_run=worst_run,
         autocorrelation=correlation,
         autocorrelation_band=band,
+        inside_band=float(np.mean(np.concatenate(banded))) if len(banded) == len(used) else None,
         reason="the measured output is constant: a fit relative to its variation does not exist" if constant else "",
     )
 

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.identify.bands_of_run import another_mounting, band_of_run, place_in
+from ipmclab.identify.fit_file import fit_of
 from ipmclab.identify.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identify.observation import (
     LONGEST_DELAY,
@@ -32,6 +34,7 @@ from ipmclab.run import Finding, Run, RunMetadata
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit
     from ipmclab.model import Actuator
 
 FloatArray = npt.NDArray[np.float64]
@@ -114,6 +117,8 @@ class Validation:
                 else:
                     rmse = f"{quantity.to_display(one.rmse):.3g} {quantity.display_unit}"
                     told = f"fit {one.fit_percent:.1f} %, RMSE {rmse}"
+                    if one.inside_band is not None:
+                        told += f", {100.0 * one.inside_band:.0f} % of the readings in the 95 % band"
                 lines.append(f"  {run.label}, {name}: {told}" + (" (used in the fit)" if run.used_in_fit else ""))
         return "\n".join(lines)
 
@@ -173,13 +178,15 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
         raise InputError("there is no run to predict", code="no-runs", where="runs", repair="give at least one run")
     for place, run in enumerate(given):
         need_run(run, where=f"runs[{place}]")
+    fit = _fit_of(actuator)
     known: dict[str, Mapping[str, Any]] = {sha256: {} for sha256 in used} | fitted_runs(actuator.fit_table)
     done: list[RunValidation] = []
     findings: list[Finding] = []
     for place, (run, label) in enumerate(zip(given, run_labels(given), strict=True)):
-        one = _validate_run(actuator, run, place, label, known.get(run.content_sha256))
+        one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         done.append(one)
         findings += _findings(one)
+        findings += another_mounting(fit, run, label) if fit is not None else []
     pooled = {
         output: _pooled(output, [(place, one) for place, one in enumerate(done) if output in one.comparisons])
         for output in READ_OUTPUTS
@@ -188,6 +195,14 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
     if {"displacement", "force"} & pooled.keys():
         findings += open_coupling(actuator)
     return Validation(actuator, tuple(done), pooled, tuple(findings))
+
+
+def _fit_of(actuator: Actuator) -> Fit | None:
+    """The fit that an actuator carries; None where its table was written by hand and is none."""
+    try:
+        return fit_of(actuator, where=actuator.name) if actuator.fit_table is not None else None
+    except InputError:
+        return None
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:
@@ -216,9 +231,12 @@ def run_labels(runs: Sequence[Run]) -> list[str]:
 
 
 def _validate_run(
-    actuator: Actuator, run: Run, place: int, label: str, fitted: Mapping[str, Any] | None
+    actuator: Actuator, run: Run, place: int, label: str, fitted: Mapping[str, Any] | None, fit: Fit | None
 ) -> RunValidation:
-    """Predict one run; ``fitted`` is what the fit that used it says of it, or None for a run that is new."""
+    """Predict one run; ``fitted`` is what the fit that used it says of it, or None for a run that is new.
+
+    ``fit`` is what the actuator carries, where it does.
+    """
     outputs: list[str] = [name for name in READ_OUTPUTS if name in run.channels]
     if not outputs:
         raise InputError(
@@ -242,8 +260,10 @@ def _validate_run(
     read = record.readings.get("displacement")
     blank_lost(every, READ_OUTPUTS, model.parameter_values, kept=None if read is None else read.exact)
     predicted = dict(zip(READ_OUTPUTS, every, strict=True))
+    reach = {} if fit is None else band_of_run(fit, model, record, place_in(fit, run), delay or 0.0, start, zeros)
     comparisons = {
-        name: Comparison(run.time, measured[name], predicted[name], record.readings[name].exact) for name in outputs
+        name: Comparison(run.time, measured[name], predicted[name], record.readings[name].exact, reach.get(name))
+        for name in outputs
     }
     scores = {name: score(name, [one]) for name, one in comparisons.items()}
     for name in silent & scores.keys():

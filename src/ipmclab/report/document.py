@@ -292,7 +292,8 @@ def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None
                     f"prediction-{place}",
                     f"Measured and predicted {_listed(one.comparisons)} of {one.label} over time, with the errors",
                 ),
-                f"{one.label}: measured (grey) and predicted from the voltage alone, with the error below.",
+                f"{one.label}: measured (grey) and predicted from the voltage alone, with the error below."
+                + _banded(one.comparisons),
             )
         )
     pictures += _shapes(
@@ -317,6 +318,7 @@ def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None
         "remarks": any(row.remark for row in rows),
         "figures": pictures,
         "lags": LAGS,
+        "banded": any(score.inside_band is not None for one in validations for score in one.scores.values()),
         "unseen": not any(one.used_in_fit for one in validations[0].runs),
         "findings": _findings_of_each(names, validations),
     }
@@ -338,8 +340,14 @@ def _fit_picture(place: int, run: Run, label: str, comparisons: Mapping[str, Com
             f"fit-{place}",
             f"Measured and modelled {_listed(comparisons)} of {label} over time, with the residuals",
         ),
-        f"{label}: measured (grey) and fitted model, with what is left over below.",
+        f"{label}: measured (grey) and fitted model, with what is left over below." + _banded(comparisons),
     )
+
+
+def _banded(comparisons: Mapping[str, Comparison]) -> str:
+    if all(one.reach is None for one in comparisons.values()):
+        return ""
+    return " Shaded: where 95 % of the readings should lie, for the errors of the parameters and the noise."
 
 
 def _shapes(

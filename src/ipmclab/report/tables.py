@@ -56,6 +56,7 @@ class ScoreRow:
     max_error: str
     where: str
     lags: str
+    inside: str
     samples: str
     remark: str
     pooled: bool = False
@@ -252,6 +253,7 @@ def score_row(one: Score, *, run: str, model: str, pooled: bool = False, where_r
         max_error=with_unit(one.max_error, quantity),
         where=where,
         lags="–" if lags is None else f"{100 * lags:.0f} %",
+        inside="–" if one.inside_band is None else f"{100 * one.inside_band:.0f} %",
         samples=str(one.samples),
         remark=one.reason or (f"{one.left_out} rows left out" if one.left_out else ""),
         pooled=pooled,

@@ -17,6 +17,9 @@ from ipmclab.report.style import COLOURS, LINES, SERIES
 from ipmclab.report.wording import spelled_unit
 from ipmclab.units import CHANNELS, Quantity
 
+_BAND_POINTS: Final = 400
+"""Stretches of rows that a band is drawn in: as fine as a pixel."""
+
 FloatArray = npt.NDArray[np.float64]
 
 MEASURED: Final[dict[str, Any]] = {"color": COLOURS["measured"], "linewidth": 2.0}
@@ -56,6 +59,22 @@ def name_panel(panel: Axes, text: str, quantity: Quantity, *, ticks: int = 4, bo
 def curve(panel: Axes, channel: str, time: FloatArray, values: FloatArray, **look: Any) -> None:
     """Draw one channel in its display unit, decimated, with gaps where it is NaN."""
     panel.plot(*decimate(time, CHANNELS[channel].to_display(values)), **look)
+
+
+def band(
+    panel: Axes, channel: str, time: FloatArray, middle: FloatArray, reach: FloatArray, *, label: str = ""
+) -> None:
+    """Shade a channel's band in its display unit: between the least and the most of each stretch of rows."""
+    stretch = max(1, len(time) // _BAND_POINTS)
+    starts = np.arange(0, len(time), stretch)
+    shown = CHANNELS[channel].to_display
+    low = np.fmin.reduceat(shown(middle - reach), starts)
+    high = np.fmax.reduceat(shown(middle + reach), starts)
+    # The last stretch reaches to the last row.
+    at = np.append(time[starts], time[-1])
+    low, high = np.append(low, low[-1]), np.append(high, high[-1])
+    step = "post" if stretch > 1 else None
+    panel.fill_between(at, low, high, step=step, color=COLOURS["sky"], alpha=0.35, linewidth=0, label=label)
 
 
 def held_curve(panel: Axes, time: FloatArray, voltage: FloatArray, hold: str, **look: Any) -> None:

@@ -12,6 +12,7 @@ from ipmclab.identify.scores import Comparison
 from ipmclab.quality.record import ranges_of
 from ipmclab.report.figures.panels import (
     MEASURED,
+    band,
     curve,
     held_curve,
     legend_above,
@@ -56,6 +57,9 @@ def prediction_figure(run: Run, models: Mapping[str, Mapping[str, Comparison]]) 
                     left_out = ranges_of(np.flatnonzero(~one.used))
                     shade(above, one.time, left_out, colour=COLOURS["mask"], label="left out")
                     shade(below, one.time, left_out, colour=COLOURS["mask"])
+                if index == 0 and one.reach is not None:
+                    band(above, output, one.time, one.predicted, one.reach, label="95 % band")
+                    band(below, output, one.time, np.zeros_like(one.reach), one.reach)
                 curve(above, output, one.time, one.predicted, label=label_text(name), **model_series(index))
                 curve(below, output, one.time, one.error, linewidth=0.8, color=model_series(index)["color"])
             name_panel(above, quantity.name, quantity, ticks=5)

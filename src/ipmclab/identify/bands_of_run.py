@@ -1,0 +1,101 @@
+"""The band of a record that is held against a prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.bands import (
+    NORMAL_95,
+    Drive,
+    known_in,
+    next_mountings,
+    noise_of,
+    noise_outputs,
+    spread_between,
+    spread_of,
+)
+from ipmclab.identify.free_run import seen_from_sensor
+from ipmclab.identify.observation import Record, model_hold
+from ipmclab.run import Finding, Run
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit
+    from ipmclab.model import Actuator
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def band_of_run(
+    fit: Fit,
+    model: Actuator,
+    record: Record,
+    place: int | None,
+    delay: float,
+    start: Mapping[str, float],
+    zeros: Mapping[str, float],
+) -> dict[str, FloatArray]:
+    """Half the width of the 95 % band of each reading [SI], for the outputs of which a fit knows the noise.
+
+    Parameters
+    ----------
+    fit : Fit
+    model : Actuator
+        As it was simulated for this record.
+    record : Record
+    place : int or None
+        Where the run stands in the fit; None where it is new.
+    delay : float [s]
+    start : mapping of name to float
+        The state that it was simulated from, empty for rest.
+    zeros : mapping of output to float
+        Zeros that were taken off the readings.
+    """
+    run = record.run
+    outputs = [name for name in noise_outputs(fit) if name in record.readings]
+    if not outputs:
+        return {}
+    drive = Drive(run.time, run.voltage, model_hold(record), delay, start)
+    others = [] if place is not None else next_mountings(fit, fit.actuator, run.metadata.mounting_id)
+    if others:
+        strips = [seen_from_sensor(strip, record.series_resistance) for strip in others]
+        spread = spread_between(strips, drive, dict(zip(outputs, drive.outputs(model, outputs), strict=True)))
+    else:
+        spread = spread_of(known_in(fit, place), model, drive, outputs)
+    since = run.time - run.time[0]
+    seen = fit.observations if place is None else [fit.observations[place]]
+    found = {}
+    for output in outputs:
+        of_these = [one for one in seen if output in one.noise] or fit.observations
+        level = place is None and output not in zeros
+        noise = noise_of(of_these, output, since, level=level, drift=place is None)
+        found[output] = NORMAL_95 * np.hypot(spread[output], noise)
+    return found
+
+
+def place_in(fit: Fit, run: Run) -> int | None:
+    """Where a run stands in a fit; None for one that it never saw."""
+    hashes = [observation.content_sha256 for observation in fit.observations]
+    return hashes.index(run.content_sha256) if run.content_sha256 in hashes else None
+
+
+def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
+    """That a run is of a mounting that the fit never saw, and what its band holds for."""
+    mounting = run.metadata.mounting_id
+    seen = list(dict.fromkeys(observation.mounting for observation in fit.observations if observation.mounting))
+    if not mounting or not seen or mounting in seen:
+        return []
+    said = f"{label} is of mounting {mounting}, and the fit is of {', '.join(seen)}"
+    if next_mountings(fit, fit.actuator, mounting):
+        return [Finding("another-mounting", "info", f"{said}: its band is that of the next mounting")]
+    return [
+        Finding(
+            "another-mounting",
+            "warning",
+            f"{said}: how far another mounting lies from these cannot be known, and the band does not contain it",
+            "identify from three mountings of the strip or more",
+        )
+    ]
