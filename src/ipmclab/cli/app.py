@@ -20,6 +20,7 @@ from ipmclab.cli import (
     export,
     identify,
     import_,
+    page,
     plot,
     record,
     recover,
@@ -62,6 +63,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "record": record.record,
     "recover": recover.recover,
     "runs": runs.runs,
+    "page": page.page,
 }
 
 for name, verb in VERBS.items():

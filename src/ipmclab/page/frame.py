@@ -1,0 +1,61 @@
+"""The frame of every page: navigation, the bench with STOP and ZERO, theme, and the banner of a lost link."""
+
+from __future__ import annotations
+
+import html
+from typing import Final
+
+from nicegui import ui
+
+SECTIONS: Final = {
+    "run": "Run",
+    "runs": "Runs",
+    "identify": "Identify",
+    "simulate": "Simulate",
+    "report": "Report",
+}
+"""The sections, and what they are called."""
+
+HEAD: Final = """
+<script>
+document.documentElement.lang = "en";
+document.documentElement.dataset.theme = localStorage.getItem("lab-theme")
+  ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+</script>
+<link rel="stylesheet" href="/vendor/uPlot.min.css">
+<link rel="stylesheet" href="/static/lab.css">
+<script defer src="/vendor/uPlot.iife.js"></script>
+<script defer src="/static/plot.js"></script>
+<script defer src="/static/link.js"></script>
+"""
+
+_HEADER: Final = """
+<a class="lab-skip" href="#app">To the content</a>
+<header class="lab-header">
+  <span class="lab-brand">ipmclab</span>
+  <nav aria-label="Sections"><ul>{links}</ul></nav>
+  <div class="lab-bench" id="lab-bench" data-bench="idle" role="group" aria-label="Bench">
+    <span class="lab-lamp" aria-hidden="true"></span>
+    <span class="lab-bench-state" role="status"><b id="lab-bench-word">…</b></span>
+    <span id="lab-bench-text"></span>
+    <span class="lab-guard" id="lab-guard"></span>
+  </div>
+  <span id="lab-said" role="alert"></span>
+  <button type="button" id="lab-theme" aria-label="Dark colours" aria-pressed="false" title="Light or dark">◐</button>
+  <button type="button" id="lab-stop" disabled>STOP</button>
+  <button type="button" id="lab-zero" title="Emergency: the output to 0 V now">ZERO</button>
+</header>
+<div id="lab-lost" role="alert" hidden><span></span></div>
+"""
+
+
+def frame(section: str) -> None:
+    """Put the frame around the section that is being built."""
+    links = "".join(
+        f'<li><a href="/{name}"{" aria-current=page" if name == section else ""}>{html.escape(text)}</a></li>'
+        for name, text in SECTIONS.items()
+    )
+    ui.page_title(f"{SECTIONS[section]} · ipmclab")
+    ui.add_head_html(HEAD)
+    ui.add_body_html(_HEADER.format(links=links))
+    ui.query(".nicegui-content").classes("lab-content")

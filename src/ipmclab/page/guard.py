@@ -1,0 +1,215 @@
+"""Who may speak with the page: what is asked is looked at before anything of the page sees it.
+
+A page of somebody else in the same browser could send requests here, and by a trick with names (DNS rebinding) even
+read the answers. So every request and every WebSocket must name this host, and come from a page of this origin.
+Answers forbid that others frame this page and that it loads anything from elsewhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+from collections.abc import Awaitable, Callable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+from ipmclab.page.settings import MOST_BYTES, Settings
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+SEAT: Final = "ipmclab-seat"
+"""Cookie that tells one browser from another: who holds the bench."""
+
+PASS: Final = "ipmclab-pass"
+"""Cookie of a browser that knew the token."""
+
+_POLICY: Final = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; frame-ancestors 'self'; base-uri 'none'; "
+    "form-action 'self'"
+)
+
+_HEADERS: Final = (
+    (b"content-security-policy", _POLICY.encode()),
+    (b"x-frame-options", b"SAMEORIGIN"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+
+_LOGIN: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>ipmclab</title>
+<meta name="viewport" content="width=device-width, initial-scale=1"><style>
+body {{ font: 16px system-ui, sans-serif; max-width: 26rem; margin: 15vh auto; padding: 0 1rem }}
+input, button {{ font: inherit; padding: .5rem; width: 100%; box-sizing: border-box; margin-top: .5rem }}
+</style></head><body><main><h1>ipmclab</h1><form method="post" action="/login">
+<label for="token">The token of this page</label>
+<input id="token" name="token" type="password" autocomplete="current-password" required autofocus>
+<button>Enter</button><p role="alert">{message}</p></form></main></body></html>"""
+
+
+class Guard:
+    """An ASGI application in front of another.
+
+    Parameters
+    ----------
+    app : ASGI application
+    settings : Settings
+    port : int
+        Where it really listens.
+    also : tuple of str
+        Further host names, for tests.
+    """
+
+    def __init__(self, app: App, settings: Settings, port: int, also: tuple[str, ...] = ()) -> None:
+        self.app = app
+        self._token = settings.token
+        self._passes: set[str] = set()
+        scheme = "http" if settings.certificate is None else "https"
+        hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")} if settings.is_local else set()
+        self._origins = {f"{scheme}://{host}" for host in hosts} | {f"http://{name}" for name in also}
+        self._hosts = hosts | set(also)
+        if settings.origin is not None:
+            parts = urlsplit(settings.origin)
+            self._hosts.add(parts.netloc)
+            self._origins.add(f"{parts.scheme}://{parts.netloc}")
+        self._secure = "; Secure" if settings.origin is not None or settings.certificate is not None else ""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        refusal = self._refusal(scope, headers)
+        if refusal is not None:
+            await _refuse(scope, receive, send, refusal)
+            return
+        cookies = _cookies(headers.get("cookie", ""))
+        if self._token is not None and cookies.get(PASS) not in self._passes:
+            await self._let_in(scope, receive, send)
+            return
+        if scope["type"] == "websocket":
+            await self.app(scope, receive, send)
+            return
+        seat = None if SEAT in cookies else secrets.token_urlsafe(16)
+        try:
+            await self.app(scope, _bounded(receive), self._answering(send, seat))
+        except _TooLargeError:
+            await _answer(send, 413, f"a request has at most {MOST_BYTES // 2**20} MB\n")
+
+    def _refusal(self, scope: Scope, headers: dict[str, str]) -> str | None:
+        """Why a request is refused, None where it is not."""
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if host.lower() not in self._hosts:
+            return f"the host {host!r} is not this page's"
+        if origin is not None and origin.lower() not in self._origins:
+            return f"a page of {origin!r} may not ask anything here"
+        changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        if changes and origin is None:
+            return "this needs the header Origin"
+        site, mode = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-mode", "")
+        if site not in ("same-origin", "none") and mode != "navigate":
+            return "another page may not ask anything here"
+        length = headers.get("content-length", "0")
+        if not length.isdigit() or int(length) > MOST_BYTES:
+            return f"a request has at most {MOST_BYTES // 2**20} MB"
+        return None
+
+    def _answering(self, send: Send, seat: str | None) -> Send:
+        async def answer(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                kept = list(message.get("headers", []))
+                names = {name.lower() for name, _ in kept}
+                extra = [one for one in _HEADERS if one[0] not in names]  # an answer may have a stricter policy
+                if seat is not None and any(n.lower() == b"content-type" and b"html" in v for n, v in kept):
+                    extra.append((b"set-cookie", self._cookie(SEAT, seat)))
+                message["headers"] = [*kept, *extra]
+            await send(message)
+
+        return answer
+
+    def _cookie(self, name: str, value: str) -> bytes:
+        return f"{name}={value}; Path=/; HttpOnly; SameSite=Strict{self._secure}".encode()
+
+    async def _let_in(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """The form for the token, and what comes of it."""
+        if scope["type"] == "websocket":
+            await _refuse(scope, receive, send, "this needs the token")
+            return
+        if scope["path"] != "/login" or scope["method"] != "POST":
+            # A foreign link that leads here comes without our cookie, and meets this too.
+            await _answer(send, 401, _LOGIN.format(message=""), "text/html; charset=utf-8")
+            return
+        body = b""
+        while len(body) < 4096:
+            message = await receive()
+            body += message.get("body", b"")
+            if not message.get("more_body"):
+                break
+        given = parse_qs(body.decode("latin-1")).get("token", [""])[0]
+        assert self._token is not None
+        if not hmac.compare_digest(given.encode(), self._token.encode()):
+            await asyncio.sleep(1.0)  # guessing shall take long
+            await _answer(send, 401, _LOGIN.format(message="This is not the token."), "text/html; charset=utf-8")
+            return
+        known = secrets.token_urlsafe(32)
+        self._passes.add(known)
+        extra = [(b"location", b"/"), (b"set-cookie", self._cookie(PASS, known))]
+        await _answer(send, 303, "", extra=extra)
+
+
+class _TooLargeError(Exception):
+    """More came than a request may have."""
+
+
+def _bounded(receive: Receive) -> Receive:
+    """What is received, until it is too much: a length may not have been told."""
+    seen = 0
+
+    async def bounded() -> MutableMapping[str, Any]:
+        nonlocal seen
+        message = await receive()
+        seen += len(message.get("body", b""))
+        if seen > MOST_BYTES:
+            raise _TooLargeError
+        return message
+
+    return bounded
+
+
+def _cookies(text: str) -> dict[str, str]:
+    try:
+        return {name: one.value for name, one in SimpleCookie(text).items()}
+    except CookieError:
+        return {}
+
+
+def seat_of(cookies: str) -> str:
+    """Whose browser it is, from the header Cookie; empty where it has no seat yet."""
+    return _cookies(cookies).get(SEAT, "")
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, why: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()  # the request to connect; a close before it was accepted is answered with 403
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    await _answer(send, 403, f"403: {why}\n")
+
+
+async def _answer(
+    send: Send,
+    status: int,
+    text: str,
+    kind: str = "text/plain; charset=utf-8",
+    extra: list[tuple[bytes, bytes]] | None = None,
+) -> None:
+    headers = [(b"content-type", kind.encode()), (b"cache-control", b"no-store"), *_HEADERS, *(extra or [])]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": text.encode()})

@@ -1,0 +1,125 @@
+"""The folder that the page shows: experiments, actuators, rigs, the laboratory with its runs; no path outside it."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ipmclab.errors import InputError
+from ipmclab.store.journal.laboratory import Laboratory
+
+RUNS: Final = "runs"
+"""The laboratory folder in a folder that is none itself, as experiment files name it unless they say otherwise."""
+
+_NAME = re.compile(r"[\w][\w .+-]{0,79}")
+
+
+@dataclass(frozen=True)
+class Lab:
+    """A folder to work in.
+
+    Parameters
+    ----------
+    root : Path
+        Everything that the page reads or writes is in it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     Lab.open(folder).path("step.toml").name
+    'step.toml'
+    """
+
+    root: Path
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str]) -> Lab:
+        """The lab of a folder.
+
+        Raises
+        ------
+        InputError
+            There is no such folder.
+        """
+        root = Path(os.path.realpath(folder))
+        if not root.is_dir():
+            raise InputError(
+                "there is no such folder",
+                code="no-such-folder",
+                where=str(folder),
+                repair="name the folder with your experiment files, or a laboratory folder",
+            )
+        return cls(root)
+
+    @property
+    def laboratory_folder(self) -> Path:
+        """Where the runs are: the folder itself where it is a laboratory, else ``runs`` in it."""
+        return self.root if (self.root / "recording").is_dir() else self.root / RUNS
+
+    def laboratory(self) -> Laboratory:
+        """The laboratory; made where there is none.
+
+        Raises
+        ------
+        InputError
+            It cannot be made.
+        """
+        return Laboratory.open(self.laboratory_folder)
+
+    def path(self, name: str | os.PathLike[str]) -> Path:
+        """A file or folder in the lab, by its path below the root.
+
+        Raises
+        ------
+        InputError
+            It is outside, by whatever way: absolute, through .., through a link.
+        """
+        try:
+            whole = Path(os.path.realpath(self.root / name))
+        except ValueError:  # a null byte
+            whole = Path(os.path.sep)
+        if not whole.is_relative_to(self.root):
+            raise InputError(
+                f"{str(name)!r} is not in the folder of this page",
+                code="outside-folder",
+                where="path",
+                repair="copy the file into the folder, or start ipmclab page in the folder that has it",
+            )
+        return whole
+
+    def below(self, path: str | os.PathLike[str]) -> str:
+        """A path in the lab as it is shown: from the root, with forward slashes."""
+        return self.path(path).relative_to(self.root).as_posix()
+
+    def new_file(self, name: str, suffix: str) -> Path:
+        """The path of a file that a user named, in the root.
+
+        Parameters
+        ----------
+        name : str
+            With or without the suffix.
+        suffix : str
+            Such as ``".toml"``.
+
+        Raises
+        ------
+        InputError
+            A name that is no plain file name.
+        """
+        stem = name.strip().removesuffix(suffix)
+        if _NAME.fullmatch(stem) is None or stem.endswith((".", " ")):
+            raise InputError(
+                f"{name!r} is no plain file name",
+                code="bad-name",
+                where="name",
+                repair="use letters, digits, spaces, and . + - _; at most 80, beginning with a letter or digit",
+            )
+        return self.path(stem + suffix)
+
+    def tables(self) -> list[Path]:
+        """The TOML files of the root, which may be experiments, actuators, rigs..."""
+        return sorted(path for path in self.root.glob("*.toml") if path.is_file())

@@ -1,0 +1,88 @@
+"""The bench as the page has it: the recorder that is followed, who holds it, and what may be asked of it."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.lab import Lab
+from ipmclab.page.live.follower import Follower
+from ipmclab.page.live.seats import Seats
+
+OPERATOR_ONLY: Final = ("start", "stop", "abort", "mark", "answer")
+"""What only the operator may ask for. Anybody may bring the output to 0 V."""
+
+FREE: Final = ("idle", "ended", "lost")
+
+
+class Bench:
+    """The bench of a lab.
+
+    Parameters
+    ----------
+    lab : Lab
+    recorder : str
+        The program of the recorder's process.
+    """
+
+    def __init__(self, lab: Lab, recorder: str) -> None:
+        self.follower = Follower(lambda: lab.laboratory_folder)
+        self.seats = Seats()
+        self._recorder = recorder
+
+    @property
+    def is_free(self) -> bool:
+        """Whether an experiment could be begun."""
+        return self.follower.state.bench in FREE and not self.follower.is_joined
+
+    def prepare(self, seat: str, job: dict[str, Any]) -> None:
+        """Start a recorder for an experiment; it plans, and waits for the start.
+
+        Raises
+        ------
+        InputError, IpmclabError
+            Somebody else holds the bench, something runs at it, or what the recorder refuses.
+        """
+        self.seats.take(seat)
+        self.follower.launch(self._recorder, {"yes": False, "plan": False, "interactive": True, "answers": {}, **job})
+
+    def ask(self, seat: str, what: str, **values: Any) -> str:
+        """Ask the recorder for something; what came of it, in words.
+
+        Raises
+        ------
+        IpmclabError
+            It is not for this browser to ask, or no recorder is there.
+        """
+        if what in OPERATOR_ONLY and not self.seats.holds(seat):
+            self.seats.take(seat)  # it is free, or this says whose it is
+        if not self.follower.request(what, **values):
+            raise IpmclabError(
+                "no recorder is at the bench, so nothing drives the output from here",
+                code="no-recorder",
+                where="bench",
+                repair="if the strip is driven all the same, switch its amplifier off",
+            )
+        return _SAID.get(what, "")
+
+    def document(self, seat: str) -> dict[str, Any]:
+        """What a browser is told."""
+        told = self.follower.state.document()
+        plan = told["plan"] or {}
+        return {
+            "kind": "state",
+            **told,
+            "rig_is_virtual": bool(plan) and not plan.get("rig_proof"),
+            "mine": self.seats.holds(seat),
+            "held": self.seats.held,
+            "watching": self.seats.watching,
+        }
+
+
+_SAID: Final = {
+    "start": "started",
+    "stop": "stopping: what was recorded is kept",
+    "abort": "aborting: what was recorded is kept, marked as aborted",
+    "zero": "output to 0 V: asked of the recorder",
+    "mark": "marked",
+}

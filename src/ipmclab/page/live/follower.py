@@ -1,0 +1,201 @@
+"""A client of the recorder's process: joins whichever runs in the laboratory, and knows what it has told."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.live.columns import Columns
+from ipmclab.page.live.state import State
+from ipmclab.rig.process import aftermath
+from ipmclab.rig.process.client import Recorder, forget_dead_recorders, launch, recorders
+from ipmclab.rig.process.messages import Message
+
+_LOOK: Final = 0.3
+"""How often [s] a laboratory without a recorder is looked at."""
+
+_WAIT: Final = 0.25
+
+
+class Follower:
+    """Follows the recorder of a laboratory folder, in a thread of its own.
+
+    Parameters
+    ----------
+    folder : callable
+        The laboratory folder, asked for each time: it may come to be later.
+    """
+
+    def __init__(self, folder: Callable[[], Path]) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._sending = threading.Lock()
+        self._recorder: Recorder | None = None
+        self._next: Recorder | None = None
+        self._left: set[Path] = set()
+        self._answers = False
+        self._ended = threading.Event()
+        self.state = State()
+        self.columns: Columns | None = None
+        self._thread = threading.Thread(target=self._follow, name="recorder follower", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look for recorders."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave; a recorder goes on."""
+        self._ended.set()
+        self._thread.join(2.0)
+        with self._sending:
+            if self._recorder is not None:
+                self._recorder.close()
+
+    @property
+    def is_joined(self) -> bool:
+        """Whether a recorder is there now."""
+        return self._recorder is not None
+
+    def launch(self, program: str, job: dict[str, Any]) -> None:
+        """Start a recorder and follow it.
+
+        Raises
+        ------
+        InputError, IpmclabError
+            What it refuses, or that one is running here already.
+        """
+        if self.is_joined:
+            raise IpmclabError(
+                "a recorder is at the bench already",
+                code="bench-busy",
+                where="bench",
+                repair="stop or abort it first",
+            )
+        recorder = launch(program, job)
+        with self._lock:
+            self._next = recorder
+
+    def request(self, kind: str, **values: Any) -> bool:
+        """Ask the recorder for something; False where there is none."""
+        with self._sending:
+            recorder = self._recorder or self._next
+            if recorder is None:
+                return False
+            recorder.request(kind, **values)
+        if kind == "answer":
+            self.state.answered_here(values.get("number"))
+        return True
+
+    def let_answer(self, there: bool) -> None:
+        """Tell the recorder whether somebody is there who could answer."""
+        if there != self._answers:
+            self._answers = there
+            self.request("subscribe", blocks=True, answers=there)
+
+    def _follow(self) -> None:
+        while not self._ended.is_set():
+            recorder = self._found()
+            if recorder is None:
+                self._ended.wait(_LOOK)
+                continue
+            with self._sending:
+                self._recorder = recorder
+                recorder.request("subscribe", blocks=True, answers=self._answers)
+            self.state.joined(recorder.about)
+            try:
+                self._listen(recorder)
+            except IpmclabError as error:
+                self.state.lost(str(error))
+            finally:
+                with self._sending:
+                    self._recorder = None
+                    if not self._ended.is_set():
+                        recorder.close()
+
+    def _found(self) -> Recorder | None:
+        """The recorder that was started here, else the newest of the folder that answers."""
+        with self._lock:
+            if self._next is not None:
+                recorder, self._next = self._next, None
+                self._left.add(recorder.file)
+                return recorder
+        folder = self._folder()
+        if not (folder / "recording").is_dir():
+            return None
+        with contextlib.suppress(OSError):
+            found = [file for file in recorders(folder) if file not in self._left]
+            for file in reversed(found):
+                try:
+                    recorder = Recorder(file)
+                except IpmclabError as error:
+                    if error.code == "recorder-hangs":
+                        self._left.add(file)
+                        self.state.lost(str(error))
+                    else:
+                        forget_dead_recorders(folder)
+                    continue
+                self._left.add(file)
+                return recorder
+        return None
+
+    def _listen(self, recorder: Recorder) -> None:
+        looked = 0.0
+        status = recorder.file.with_suffix(aftermath.SUFFIX)
+        while not self._ended.is_set():
+            message = recorder.next(_WAIT)
+            if time.monotonic() - looked > 1.0:
+                looked = time.monotonic()
+                self.state.guarded(aftermath.read(status)[0])
+            if message is None:
+                continue
+            self._take(message)
+            if message.kind == "ended":
+                return
+
+    def _take(self, message: Message) -> None:
+        if message.kind == "block":
+            self._take_block(message)
+            return
+        if message.kind == "run":
+            self.columns = None
+        self.state.take(message)
+
+    def _take_block(self, message: Message) -> None:
+        first = int(message["first_row"])
+        run = self.state.run
+        if run is None:
+            return
+        if self.columns is None:
+            columns = Columns(list(message.arrays), float(run["rate"]))
+            if first:
+                self._fill(columns, first)
+            self.columns = columns
+        self.columns.append(first, message.arrays)
+        latest = {}
+        for name, readings in message.arrays.items():
+            known = readings[np.isfinite(readings)]
+            latest[name] = float(known[-1]) if len(known) else None
+        self.state.read(latest)
+
+    def _fill(self, columns: Columns, rows: int) -> None:
+        """What was recorded before we came, from the journal."""
+        from ipmclab.store.journal.record import read_journal
+
+        if self.state.journal is None:
+            return
+        with contextlib.suppress(IpmclabError, OSError):
+            record = read_journal(self.state.journal)
+            places = {name: place for place, name in enumerate(record.header.columns)}
+            for first, values in record.rows():
+                if first >= rows:
+                    break
+                stop = min(len(values), rows - first)
+                found = {name: values[:stop, places[name]] for name in columns.channels if name in places}
+                columns.append(first, found)

@@ -1,0 +1,146 @@
+"""The live link of a browser: one WebSocket for readings and state, plain POSTs for what steers the bench."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+import json
+import time
+from typing import Any, Final
+
+import numpy as np
+from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import JSONResponse, Response
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.guard import seat_of
+from ipmclab.page.live.bench import Bench
+from ipmclab.page.live.view import View
+
+TICK: Final = 0.05
+"""How often [s] a browser is sent new readings."""
+
+PULSE: Final = 0.25
+"""How often [s] it is told numbers and progress."""
+
+ALIVE: Final = 1.0
+"""At least so often [s] it hears something, so that it notices a link that is dead."""
+
+_MOST_TEXT: Final = 2000
+
+
+def routes(bench: Bench) -> APIRouter:
+    """The routes of a bench."""
+    router = APIRouter()
+
+    @router.websocket("/live")
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        seat = seat_of(socket.headers.get("cookie", ""))
+        view = View()
+        bench.seats.come(seat)
+        listening = asyncio.create_task(_listen(socket, view))
+        try:
+            await _tell(socket, bench, seat, view, listening)
+        except (WebSocketDisconnect, RuntimeError, OSError):
+            pass  # it is gone
+        finally:
+            listening.cancel()
+            bench.seats.leave(seat)
+
+    @router.post("/bench/{what}")
+    async def steer(what: str, request: Request) -> JSONResponse:
+        seat = seat_of(request.headers.get("cookie", ""))
+        try:
+            values = await _values(request)
+            message = _steer(bench, seat, what, values)
+        except IpmclabError as error:
+            return JSONResponse({"message": str(error), **error.as_dict()}, 409 if error.exit_status == 1 else 422)
+        except KeyError:
+            return JSONResponse({"message": f"the bench cannot be asked for {what!r}"}, 404)
+        return JSONResponse({"message": message})
+
+    @router.get("/live/readings")
+    async def readings(csv: str = "readings") -> Response:
+        text = await asyncio.to_thread(_csv, bench)
+        name = "".join(letter for letter in csv if letter.isalnum() or letter in "._+-") or "readings"
+        headers = {"content-disposition": f'attachment; filename="{name}.csv"'}
+        return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
+
+    return router
+
+
+async def _values(request: Request) -> dict[str, Any]:
+    try:
+        found = json.loads(await request.body() or b"{}")
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise IpmclabError("this is no JSON object", code="bad-request", where="bench", repair="reload the page")
+    return found
+
+
+def _steer(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> str:
+    match what:
+        case "hold":
+            bench.seats.take(seat)
+            return "you hold the bench"
+        case "release":
+            bench.seats.release(seat)
+            return "the bench is free"
+        case "zero" | "stop" | "abort" | "start":
+            return bench.ask(seat, what)
+        case "mark":
+            return bench.ask(seat, what, text=str(values.get("text", "")).strip()[:_MOST_TEXT] or "mark")
+        case "answer":
+            return bench.ask(seat, what, number=values.get("number"), value=str(values.get("value", ""))[:_MOST_TEXT])
+    raise KeyError(what)
+
+
+async def _listen(socket: WebSocket, view: View) -> None:
+    """What the browser wants to see; ends when it is gone."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            text = await socket.receive_text()
+            with contextlib.suppress(ValueError, TypeError, KeyError):
+                view.choose(json.loads(text[:_MOST_TEXT]))
+
+
+async def _tell(socket: WebSocket, bench: Bench, seat: str, view: View, listening: asyncio.Task[None]) -> None:
+    """Send what is new until the browser is gone. A slow one gets larger pieces, not a queue of small ones."""
+    state, told, pulsed, spoken = bench.follower.state, (-1, -1), (-1, 0.0), 0.0
+    while not listening.done():
+        now = time.monotonic()
+        versions = (state.version, bench.seats.version)
+        if versions != told:
+            told, spoken = versions, now
+            await socket.send_text(json.dumps(bench.document(seat), allow_nan=False))
+        if now - pulsed[1] >= PULSE and state.pulse != pulsed[0]:
+            pulsed, spoken = (state.pulse, now), now
+            await socket.send_text(json.dumps(state.readings(), allow_nan=False))
+        if (columns := bench.follower.columns) is not None:
+            for frame in await view.frames(columns, state.generation, now):
+                spoken = now
+                await socket.send_bytes(frame)
+        if now - spoken >= ALIVE:
+            spoken = now
+            await socket.send_text('{"kind": "pulse"}')
+        bench.follower.let_answer(bench.seats.operator_is_there)
+        await asyncio.wait([listening], timeout=TICK)
+
+
+def _csv(bench: Bench) -> str:
+    """The readings that are held, for a table program; the record itself is the run's file."""
+    columns = bench.follower.columns
+    if columns is None:
+        return "time [s]\n"
+    time_, values = columns.snapshot()
+    from ipmclab.units import CHANNELS
+
+    names = ["time [s]", *(f"{name} [{CHANNELS[name].unit}]" for name in columns.channels)]
+    stream = io.StringIO()
+    np.savetxt(
+        stream, np.column_stack([time_, *values]), delimiter=",", header=",".join(names), comments="", fmt="%.9g"
+    )
+    return stream.getvalue()

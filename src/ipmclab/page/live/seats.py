@@ -1,0 +1,100 @@
+"""One operator holds the bench, others watch: who that is."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Final
+
+from ipmclab.errors import IpmclabError
+
+PATIENCE: Final = 30.0
+"""How long [s] the bench stays with a browser that has gone away: a reload, or a computer that slept."""
+
+
+class Seats:
+    """Who watches, and who holds the bench. A seat is one browser.
+
+    Parameters
+    ----------
+    clock : callable
+        Seconds that only grow.
+
+    Examples
+    --------
+    >>> seats = Seats()
+    >>> seats.take("anna")
+    >>> seats.holds("anna"), seats.holds("ben")
+    (True, False)
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._there: Counter[str] = Counter()
+        self._holder: str | None = None
+        self._seen = 0.0
+        self.version = 0
+
+    @property
+    def watching(self) -> int:
+        """How many browsers are there."""
+        return len(+self._there)
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody holds the bench."""
+        return self._holder is not None and (self._there[self._holder] > 0 or self._clock() - self._seen < PATIENCE)
+
+    @property
+    def operator_is_there(self) -> bool:
+        """Whether whoever holds the bench has the page open."""
+        return self._holder is not None and self._there[self._holder] > 0
+
+    def holds(self, seat: str) -> bool:
+        """Whether a browser holds the bench."""
+        return bool(seat) and seat == self._holder and self.held
+
+    def take(self, seat: str) -> None:
+        """Let a browser hold the bench.
+
+        Raises
+        ------
+        IpmclabError
+            Another one does.
+        """
+        if not seat:
+            raise IpmclabError(
+                "this browser keeps no cookies, so it cannot be told from others",
+                code="no-seat",
+                where="bench",
+                repair="allow cookies for this page, and reload it",
+            )
+        if self.held and self._holder != seat:
+            raise IpmclabError(
+                "somebody else holds the bench",
+                code="bench-held",
+                where="bench",
+                repair=f"ask them to release it; it is free {PATIENCE:g} s after their page is closed",
+            )
+        if self._holder != seat:
+            self.version += 1
+        self._holder, self._seen = seat, self._clock()
+
+    def release(self, seat: str) -> None:
+        """Give the bench back."""
+        if self._holder == seat:
+            self._holder = None
+            self.version += 1
+
+    def come(self, seat: str) -> None:
+        """A page of a browser was opened."""
+        self._there[seat] += 1
+        self.version += 1
+
+    def leave(self, seat: str) -> None:
+        """A page of a browser was closed."""
+        self._there[seat] -= 1
+        if seat == self._holder:
+            self._seen = self._clock()
+        self.version += 1

@@ -1,0 +1,189 @@
+"""What is known of the bench, gathered from what its recorder told: the document that every browser shows."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from ipmclab.rig.process.messages import Message
+
+_MOST_NOTES: Final = 60
+
+WORDS: Final = {
+    "idle": "no experiment is running",
+    "starting": "the recorder starts",
+    "planned": "the plan waits for your start",
+    "preparing": "between two runs, output at 0 V",
+    "asking": "waits for the operator, output at 0 V",
+    "recording": "recording",
+    "ended": "the experiment has ended, output at 0 V",
+    "lost": "the recorder is gone",
+}
+"""What the bench may be doing, and how that is said."""
+
+
+class State:
+    """What a recorder has told so far. Every method may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self.version = 0
+        """Changes with what happens; readings and progress change only the pulse."""
+        self.pulse = 0
+        self.generation = 0
+        """Counts the runs, so that nobody joins readings of two."""
+        self._clear({})
+        self._told["bench"] = "idle"
+
+    def _clear(self, about: Mapping[str, Any]) -> None:
+        self._told: dict[str, Any] = {
+            "bench": "starting",
+            "text": "",
+            "sample": about.get("sample"),
+            "rig": about.get("rig"),
+            "experiment": about.get("experiment"),
+            "guardian": "",
+            "plan": None,
+            "steps": [],
+            "question": None,
+            "run": None,
+            "progress": None,
+            "latest": {},
+            "events": [],
+            "notes": [],
+            "recorded": [],
+            "ended": None,
+        }
+        self._step = -1
+        self.journal: Path | None = None
+
+    @property
+    def bench(self) -> str:
+        """One of ``WORDS``."""
+        return str(self._told["bench"])
+
+    @property
+    def run(self) -> dict[str, Any] | None:
+        """The run that is being recorded."""
+        run: dict[str, Any] | None = self._told["run"]
+        return run
+
+    def document(self) -> dict[str, Any]:
+        """All of it, as JSON holds it."""
+        with self._lock:
+            told = {**self._told, "generation": self.generation, "version": self.version}
+            for name in ("events", "notes", "recorded", "steps"):
+                told[name] = list(told[name])
+            told["text"] = told["text"] or WORDS[told["bench"]]
+        return told
+
+    def _changed(self, **values: Any) -> None:
+        self._told.update(values)
+        self.version += 1
+
+    def joined(self, about: Mapping[str, Any]) -> None:
+        """A recorder was found."""
+        with self._lock:
+            self._clear(about)
+            self._changed()
+
+    def lost(self, text: str) -> None:
+        """The recorder is gone without a last word."""
+        with self._lock:
+            self._changed(bench="lost", text=text, question=None)
+            self._note(text)
+
+    def guarded(self, guardian: str) -> None:
+        """What the guardian's own process says of itself."""
+        with self._lock:
+            if guardian != self._told["guardian"]:
+                self._changed(guardian=guardian)
+
+    def read(self, latest: Mapping[str, float | None]) -> None:
+        """The last reading of each channel."""
+        with self._lock:
+            self._told["latest"] = {**self._told["latest"], **latest}
+            self.pulse += 1
+
+    def readings(self) -> dict[str, Any]:
+        """The numbers that change all the while, as JSON holds them."""
+        with self._lock:
+            return {"kind": "pulse", "latest": self._told["latest"], "progress": self._told["progress"]}
+
+    def answered_here(self, number: Any) -> None:
+        """A question that was answered from here is shown no more."""
+        with self._lock:
+            question = self._told["question"]
+            if question is not None and question.get("number") == number:
+                self._changed(question=None)
+
+    def _note(self, text: str, passing: bool = False) -> None:
+        notes = self._told["notes"]
+        if passing and notes and notes[-1]["passing"]:
+            notes.pop()
+        notes.append({"at": time.time(), "text": text, "passing": passing})
+        del notes[:-_MOST_NOTES]
+
+    def take(self, message: Message) -> None:
+        """Something that the recorder told."""
+        values = dict(message.values)
+        with self._lock:
+            match message.kind:
+                case "plan":
+                    steps = [{**step, "state": "open"} for step in values["steps"]]
+                    self._changed(bench="planned", plan=values, steps=steps)
+                case "step":
+                    self._begin(values)
+                case "question":
+                    self._changed(bench="asking", question=values)
+                case "answered":
+                    self._note(f"{values['step']}: {values['value']}")
+                    self._changed(bench="preparing", question=None)
+                case "run":
+                    self.generation += 1
+                    self.journal = None
+                    self._changed(bench="recording", run=values, progress=None, latest={}, events=[], text="")
+                case "begun":
+                    self.journal = Path(values["journal"])
+                case "progress":
+                    self._told["progress"] = values
+                    self.pulse += 1
+                case "event":
+                    self._told["events"].append(values)
+                    self._note(f"{values['time']:.2f} s: {values['text']}")
+                    self._changed()
+                case "note":
+                    self._note(values["text"], bool(values.get("passing")))
+                    self._changed()
+                case "recorded":
+                    self._told["recorded"].append(values)
+                    self._changed(bench="preparing", run=None)
+                case "ended":
+                    self._end(values)
+
+    def _begin(self, step: Mapping[str, Any]) -> None:
+        steps = self._told["steps"]
+        names = [one["name"] for one in steps]
+        later = [place for place in range(self._step + 1, len(steps)) if names[place] == step["name"]]
+        if later:
+            self._step = later[0]
+            for place, one in enumerate(steps):
+                steps[place] = {**one, "state": "done" if place < self._step else one["state"]}
+            steps[self._step] = {**steps[self._step], "state": "now"}
+        else:
+            self._note(f"{step['name']} once more: {step['text']}")
+        self._changed(bench="preparing")
+
+    def _end(self, values: Mapping[str, Any]) -> None:
+        error = values.get("error")
+        text = error["message"] if error else {"stop": "stopped", "declined": "not begun"}.get(values["how"], "done")
+        steps = self._told["steps"]
+        if values["how"] == "done":
+            steps = [{**one, "state": "done"} for one in steps]
+        elif self._step >= 0:
+            steps = [*steps[: self._step], {**steps[self._step], "state": "ended"}, *steps[self._step + 1 :]]
+        self._note(text)
+        self._changed(bench="ended", ended=dict(values), text="", question=None, run=None, steps=steps)

@@ -1,0 +1,181 @@
+"""The server of the page: binds, guards, and serves the sections, the live link and the files they need."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import importlib.util
+import os
+import socket
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.page.guard import Guard
+from ipmclab.page.lab import Lab
+from ipmclab.page.settings import Settings
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+    from ipmclab.page.context import Context
+
+_STATIC: Final = Path(__file__).parent / "static"
+_PING: Final = 20.0
+"""How often [s] a WebSocket is asked whether its browser is still there, and how long it may take to answer."""
+
+
+def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None:
+    """Serve the page until it is told to end.
+
+    Parameters
+    ----------
+    lab : Lab
+    settings : Settings
+    on_ready : callable
+        Called with the address once it answers.
+
+    Raises
+    ------
+    InputError
+        The address cannot be bound.
+    """
+    import uvicorn
+
+    bound = bind(settings)
+    port = bound.getsockname()[1]
+    app = application(lab, settings)
+    config = uvicorn.Config(
+        Guard(app, settings, port),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        lifespan="on",
+        ws_ping_interval=_PING,
+        ws_ping_timeout=_PING,
+        ws_max_size=2**20,
+        timeout_graceful_shutdown=2,
+        ssl_certfile=settings.certificate,
+        ssl_keyfile=settings.key,
+    )
+    server = uvicorn.Server(config)
+    scheme = "http" if settings.certificate is None else "https"
+    name = "127.0.0.1" if settings.is_local else settings.host
+    address = settings.origin or f"{scheme}://{name}:{port}"
+
+    async def run() -> None:
+        serving = asyncio.create_task(server.serve(sockets=[bound]))
+        while not server.started and not serving.done():
+            await asyncio.sleep(0.02)
+        if server.started:
+            on_ready(address)
+        await serving
+
+    asyncio.run(run())
+
+
+def bind(settings: Settings) -> socket.socket:
+    """The socket that the page listens at.
+
+    Raises
+    ------
+    InputError
+        It is taken, or no address of this computer.
+    """
+    try:
+        family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
+        found = socket.socket(family)
+        if os.name == "posix":
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((settings.host, settings.port))
+    except (OSError, OverflowError) as error:
+        raise InputError(
+            f"port {settings.port} of {settings.host} cannot be used: {getattr(error, 'strerror', None) or error}",
+            code="bad-address",
+            where="--port",
+            repair="give another port, or 0 for any that is free",
+        ) from error
+    return found
+
+
+def application(lab: Lab, settings: Settings) -> FastAPI:
+    """The application behind the guard."""
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(lab.laboratory_folder / ".page"))
+    from fastapi import FastAPI
+    from fastapi.staticfiles import StaticFiles
+    from nicegui import ui
+
+    from ipmclab.page import curves, routes
+    from ipmclab.page import routes as sections
+    from ipmclab.page.context import Context
+    from ipmclab.page.live import routes as live
+    from ipmclab.page.live.bench import Bench
+    from ipmclab.page.workshop import Workshop
+
+    workshop = Workshop(lab)
+    bench = Bench(lab, settings.recorder)
+    app = FastAPI(title="ipmclab", docs_url=None, redoc_url=None, openapi_url=None)
+    app.include_router(live.routes(bench))
+    app.include_router(curves.routes(workshop.curves))
+    app.include_router(routes.routes(workshop))
+    app.include_router(sections.routes(workshop))
+    app.mount("/static", StaticFiles(directory=_STATIC))
+    app.mount("/vendor", StaticFiles(directory=vendored()))
+    add_sections(Context(workshop, bench))
+    ui.run_with(app, title="ipmclab", tailwind=False, show_welcome_message=False, dark=None, reconnect_timeout=10.0)
+    app.router.on_startup.append(bench.follower.start)
+    app.router.on_shutdown.append(bench.follower.close)
+    app.router.on_shutdown.append(workshop.close)
+    app.router.on_shutdown.append(workshop.close)
+    return app
+
+
+def vendored() -> Path:
+    """The folder of uPlot's script, as the installed distribution has it; its package is not imported.
+
+    Raises
+    ------
+    IpmclabError
+        It is not installed.
+    """
+    found = importlib.util.find_spec("uplot")
+    for folder in (found.submodule_search_locations or []) if found is not None else []:
+        static = Path(folder) / "static"
+        if (static / "uPlot.iife.js").is_file():
+            return static
+    raise IpmclabError(
+        "uPlot's script is not installed", code="no-uplot", where="uplot", repair="install ipmclab once more"
+    )
+
+
+def add_sections(context: Context) -> None:
+    """The page of each section."""
+    from nicegui import ui
+    from starlette.responses import RedirectResponse
+
+    from ipmclab.page.frame import SECTIONS
+
+    for name in SECTIONS:
+        module = importlib.import_module(f"ipmclab.page.sections.{name}")
+
+        ui.page(f"/{name}")(_page(name, module.build, context))
+
+    @ui.page("/")
+    def home() -> RedirectResponse:
+        return RedirectResponse("/run")
+
+
+def _page(
+    name: str, build: Callable[[Context], Awaitable[None] | None], context: Context
+) -> Callable[[], Awaitable[None]]:
+    """The function of a section's page, which NiceGUI calls without arguments."""
+    from ipmclab.page.frame import frame
+
+    async def page() -> None:
+        frame(name)
+        built = build(context)
+        if built is not None:
+            await built
+
+    return page

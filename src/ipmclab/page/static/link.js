@@ -1,0 +1,167 @@
+// The link to the bench: one WebSocket that brings readings and what the bench does, and plain POSTs that steer it.
+// It depends on nothing but the browser: STOP and ZERO work while the rest of the page is still loading or has failed.
+"use strict";
+
+const lab = (window.lab = {
+  state: null,
+  stacks: new Set(),
+  listeners: new Set(),
+  socket: null,
+  heard: 0,
+  wanted: { view: "none" },
+  retry: 300,
+
+  connect() {
+    const socket = new WebSocket(`${location.origin.replace(/^http/, "ws")}/live`);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    socket.onopen = () => {
+      this.retry = 300;
+      this.hear();
+      if (this.wanted.view !== "none") socket.send(JSON.stringify(this.wanted));
+    };
+    socket.onmessage = (event) => {
+      this.hear();
+      if (typeof event.data === "string") this.told(JSON.parse(event.data));
+      else {
+        const frame = LabPlot.unpack(event.data);
+        this.stacks.forEach((stack) => stack.taken(frame));
+      }
+    };
+    socket.onclose = () => {
+      if (this.socket !== socket) return;
+      this.lose();
+      setTimeout(() => this.connect(), this.retry);
+      this.retry = Math.min(2000, 1.5 * this.retry);
+    };
+  },
+
+  hear() {
+    this.heard = performance.now();
+    const banner = document.getElementById("lab-lost");
+    if (banner && !banner.hidden) banner.hidden = true;
+    document.documentElement.classList.remove("lab-is-lost");
+  },
+
+  lose() {
+    const banner = document.getElementById("lab-lost");
+    if (!banner || !banner.hidden) return;
+    const since = new Date().toLocaleTimeString();
+    banner.querySelector("span").textContent =
+      `Connection lost at ${since}: what you see is old. A recording goes on and stays guarded; this page comes back by itself.`;
+    banner.hidden = false;
+    document.documentElement.classList.add("lab-is-lost");
+  },
+
+  view(wanted) {
+    this.wanted = wanted;
+    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(wanted));
+  },
+
+  follow(stack) {
+    this.stacks.add(stack);
+    this.view(stack.view());
+  },
+
+  unfollow(stack) {
+    this.stacks.delete(stack);
+    if (!this.stacks.size) this.view({ view: "none" });
+  },
+
+  // Call with every document of the bench, now and from now on.
+  listen(listener) {
+    this.listeners.add(listener);
+    if (this.state) listener(this.state);
+    return () => this.listeners.delete(listener);
+  },
+
+  told(message) {
+    if (message.kind === "pulse") {
+      if (!this.state) return;
+      Object.assign(this.state, message);
+    } else this.state = message;
+    this.listeners.forEach((listener) => listener(this.state));
+  },
+
+  // Ask the bench for something: {ok, message}.
+  async post(what, values = {}) {
+    let answer;
+    try {
+      answer = await fetch(`/bench/${what}`, {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify(values),
+      });
+    } catch {
+      return { ok: false, message: "the page's server does not answer: use the switch of the amplifier if in doubt" };
+    }
+    const told = await answer.json().catch(() => ({}));
+    return { ok: answer.ok, message: told.message ?? (answer.ok ? "" : `refused (${answer.status})`) };
+  },
+});
+
+// ---- the header
+
+const WORDS = {
+  idle: "idle", starting: "starting", planned: "planned", preparing: "preparing", asking: "question",
+  recording: "recording", ended: "ended", lost: "recorder lost",
+};
+
+function tellHeader(state) {
+  const bench = document.getElementById("lab-bench");
+  if (!bench) return;
+  const busy = !["idle", "ended", "lost"].includes(state.bench);
+  bench.dataset.bench = state.bench;
+  const set = (id, text) => {
+    const element = document.getElementById(id);
+    if (element && element.textContent !== text) element.textContent = text;
+  };
+  set("lab-bench-word", WORDS[state.bench] ?? state.bench);
+  set("lab-bench-text", state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
+  const guard = !busy ? "guard: off" : state.rig_is_virtual ? "guard: simulated strip" :
+    `guard: ${state.guardian || (state.bench === "recording" ? "on" : "ready")}`;
+  set("lab-guard", guard);
+  document.getElementById("lab-stop").disabled = !busy || !state.mine;
+  document.getElementById("lab-stop").title = state.mine ? "End the run now and keep it" : "Only who holds the bench stops a run";
+}
+
+function left(state) {
+  if (!state.progress) return "starting";
+  const seconds = Math.max(0, (state.run.rows - state.progress.rows) / state.run.rate);
+  return seconds < 120 ? `${seconds.toFixed(0)} s left` : `${(seconds / 60).toFixed(0)} min left`;
+}
+
+async function press(what, button) {
+  button.classList.add("lab-pressed");
+  const { ok, message } = await lab.post(what);
+  button.classList.remove("lab-pressed");
+  const said = document.getElementById("lab-said");
+  said.textContent = message;
+  said.dataset.ok = ok;
+  clearTimeout(press.timer);
+  press.timer = setTimeout(() => (said.textContent = ""), 8000);
+}
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  localStorage.setItem("lab-theme", theme);
+  window.Quasar?.Dark.set(theme === "dark");
+  document.getElementById("lab-theme")?.setAttribute("aria-pressed", String(theme === "dark"));
+}
+
+document.addEventListener("DOMContentLoaded", () => {
+  document.getElementById("lab-stop").addEventListener("click", (event) => press("stop", event.currentTarget));
+  document.getElementById("lab-zero").addEventListener("click", (event) => press("zero", event.currentTarget));
+  document.getElementById("lab-theme").addEventListener("click", () =>
+    setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
+  );
+  setTheme(document.documentElement.dataset.theme);
+  lab.listen(tellHeader);
+  lab.connect();
+  setInterval(() => {
+    if (lab.heard && performance.now() - lab.heard > 3500) {
+      lab.lose();
+      if (lab.socket.readyState === WebSocket.OPEN) lab.socket.close();
+    }
+  }, 500);
+});

@@ -1,0 +1,592 @@
+// Plots against time: one panel a quantity, a shared cursor, zoom by drag and keys, SVG and CSV.
+// Data come either from the live link or, thinned by the server, from a source that is asked again at every zoom.
+"use strict";
+
+const LabPlot = (() => {
+  const PALETTES = {
+    light: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1c2126", "#7a8691"],
+    dark: ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#d55e00", "#e6eaee", "#8b97a2"],
+  };
+  const DASHES = { line: [], dashed: [8, 4], dotted: [2, 4] };
+  const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
+  const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--lab-${name}`).trim();
+  const colour = (series) => PALETTES[theme()][series.colour % 8];
+  const number = (value, digits = 4) => {
+    if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+    const text = value.toPrecision(digits);
+    return Math.abs(value) >= 1e6 || (value !== 0 && Math.abs(value) < 1e-4) ? text : String(Number(text));
+  };
+
+  // One binary message of wire.py: {head, arrays: Map name -> Float64Array}.
+  function unpack(buffer) {
+    const length = new DataView(buffer).getUint32(0, true);
+    const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+    let at = 4 + length;
+    const arrays = new Map();
+    for (const [name, count] of head.arrays) {
+      arrays.set(name, new Float64Array(buffer, at, count));
+      at += 8 * count;
+    }
+    return { head, arrays };
+  }
+
+  // A column that grows at its end and is cut at its beginning.
+  class Column {
+    constructor() {
+      this.held = new Float64Array(8192);
+      this.begin = this.end = 0;
+    }
+    get view() {
+      return this.held.subarray(this.begin, this.end);
+    }
+    push(values, factor = 1) {
+      if (this.end + values.length > this.held.length) {
+        const live = this.view;
+        const larger = live.length + values.length > this.held.length / 2 ? 2 * (live.length + values.length) : this.held.length;
+        const held = larger === this.held.length ? this.held : new Float64Array(larger);
+        held.set(live, 0); // set() copies as if from a clone, also within one array
+        this.held = held;
+        this.end = live.length;
+        this.begin = 0;
+      }
+      for (let k = 0; k < values.length; k++) this.held[this.end + k] = values[k] * factor;
+      this.end += values.length;
+    }
+    drop(count) {
+      this.begin = Math.min(this.end, this.begin + count);
+    }
+    clear() {
+      this.begin = this.end = 0;
+    }
+  }
+
+  // NaN is no reading: uPlot leaves a gap at null only.
+  const gaps = (values) => {
+    let any = false;
+    for (let k = 0; k < values.length && !any; k++) any = values[k] !== values[k];
+    return any ? Array.from(values, (value) => (value === value ? value : null)) : values;
+  };
+
+  class Stack {
+    // options: name, panels [{key, label, unit, factor, series: [{key, label, colour, style}]}], source, live, bands, height
+    constructor(host, options) {
+      this.host = host;
+      this.options = { height: 130, bands: [], ...options };
+      this.zoom = null;
+      this.plots = [];
+      this.asked = 0;
+      this.shown = 0;
+      this.frame = 0;
+      this.rest = 0;
+      this.lastDrawn = null;
+      this.build();
+      this.observer = new ResizeObserver(() => this.resize());
+      this.observer.observe(this.panels);
+      this.themed = new MutationObserver(() => this.plots.forEach((plot) => plot.redraw(false, true)));
+      this.themed.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
+      if (this.options.live) window.lab.follow(this);
+      else if (this.options.source) this.refresh();
+    }
+
+    destroy() {
+      if (this.options.live) window.lab?.unfollow(this);
+      this.observer.disconnect();
+      this.themed.disconnect();
+      cancelAnimationFrame(this.frame);
+      this.plots.forEach((plot) => plot.destroy());
+      this.plots = [];
+    }
+
+    build() {
+      const { name } = this.options;
+      this.host.classList.add("lab-stack");
+      this.bar = document.createElement("div");
+      this.bar.className = "lab-stack-bar";
+      this.panels = document.createElement("div");
+      this.panels.className = "lab-stack-panels";
+      this.panels.tabIndex = 0;
+      this.panels.setAttribute("role", "img");
+      this.panels.addEventListener("keydown", (event) => this.key(event));
+      this.readout = document.createElement("output");
+      this.readout.className = "lab-stack-readout";
+      const button = (text, title, act) => {
+        const made = document.createElement("button");
+        Object.assign(made, { type: "button", textContent: text, title });
+        made.setAttribute("aria-label", `${title}: ${name}`);
+        made.addEventListener("click", act);
+        return made;
+      };
+      this.all = button("Whole", "Show all of the time", () => this.setZoom(null));
+      this.all.hidden = true;
+      if (this.options.live) this.bar.append(this.windowChoice());
+      this.bar.append(
+        this.readout,
+        this.all,
+        button("SVG", "Save the figure as it is shown", () => this.saveSvg()),
+        button("CSV", "Save the data, all rows", () => this.saveCsv()),
+      );
+      this.host.replaceChildren(this.bar, this.panels);
+      this.makePlots();
+    }
+
+    windowChoice() {
+      const choice = document.createElement("select");
+      choice.setAttribute("aria-label", `Time shown: ${this.options.name}`);
+      for (const [value, text] of [["30", "last 30 s"], ["60", "last 60 s"], ["whole", "whole run"]])
+        choice.add(new Option(text, value));
+      choice.value = this.options.window ?? "60";
+      choice.addEventListener("change", () => {
+        this.zoom = null;
+        this.all.hidden = true;
+        window.lab.view(this.view());
+      });
+      this.choice = choice;
+      return choice;
+    }
+
+    // What a live stack wants to be sent.
+    view() {
+      if (this.zoom || this.choice.value === "whole")
+        return { view: "whole", begin: this.zoom?.[0] ?? null, end: this.zoom?.[1] ?? null, points: this.points() };
+      return { view: "window", seconds: Number(this.choice.value) };
+    }
+
+    points() {
+      return Math.max(400, Math.min(4000, 2 * Math.round(this.panels.clientWidth)));
+    }
+
+    describe() {
+      const quantities = this.options.panels.map((panel) => panel.label).join(", ");
+      this.panels.setAttribute(
+        "aria-label",
+        `${this.options.name}: ${quantities || "no quantity"} against time. ` +
+          "Left and right move the cursor, plus and minus zoom, 0 shows all.",
+      );
+    }
+
+    makePlots() {
+      this.plots.forEach((plot) => plot.destroy());
+      this.panels.replaceChildren();
+      this.data = new Map();
+      const sync = { key: `lab-${Math.random()}`, setSeries: false, scales: ["x", null] };
+      const count = this.options.panels.length;
+      this.plots = this.options.panels.map((panel, place) => {
+        const last = place === count - 1;
+        this.data.set(panel.key, panel.series.map(() => [new Float64Array(), new Float64Array()]));
+        const grid = { stroke: () => ink("rule"), width: 1 };
+        const axis = { stroke: () => ink("muted"), grid, ticks: grid, font: "11px system-ui", labelFont: "12px system-ui" };
+        const options = {
+          width: Math.max(this.panels.clientWidth, 200),
+          height: this.options.height + (last ? 24 : 0),
+          legend: { show: false },
+          padding: [8, 12, 0, 0],
+          cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, y: false },
+          scales: { x: { time: false }, y: { range: (_, low, high) => this.range(panel, low, high) } },
+          axes: [
+            { ...axis, size: last ? 42 : 8, values: last ? undefined : (_, splits) => splits.map(() => ""),
+              label: last ? "time [s]" : undefined, labelSize: 16, ticks: { ...grid, size: last ? 5 : 0 } },
+            { ...axis, size: 58, label: panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, labelSize: 18 },
+          ],
+          series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
+          hooks: {
+            setSelect: [(plot) => this.selected(plot)],
+            setCursor: [(plot) => this.moved(plot)],
+            drawAxes: [(plot) => this.drawBands(plot)],
+          },
+        };
+        const plot = new uPlot(options, [[], ...panel.series.map(() => [])], this.panels);
+        plot.over.addEventListener("dblclick", () => this.setZoom(null));
+        return plot;
+      });
+      this.describe();
+      this.legend();
+    }
+
+    seriesOptions(one) {
+      const points = one.style === "points";
+      return {
+        label: one.label,
+        stroke: () => colour(one),
+        width: points ? 0 : 1.5,
+        dash: DASHES[one.style] ?? [],
+        paths: points ? () => null : undefined,
+        points: { show: points, size: 3, fill: () => colour(one) },
+        spanGaps: false,
+      };
+    }
+
+    legend() {
+      const names = new Map();
+      for (const panel of this.options.panels)
+        for (const one of panel.series) if (panel.series.length > 1 || one.named) names.set(one.label, one);
+      this.host.querySelector(".lab-stack-legend")?.remove();
+      if (!names.size) return;
+      const list = document.createElement("ul");
+      list.className = "lab-stack-legend";
+      list.setAttribute("aria-label", "Curves");
+      for (const one of names.values()) {
+        const item = document.createElement("li");
+        item.dataset.colour = one.colour % 8;
+        item.dataset.style = one.style ?? "line";
+        item.textContent = one.label;
+        list.append(item);
+      }
+      this.bar.after(list);
+    }
+
+    range(panel, low, high) {
+      if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
+      const least = panel.least ?? 0;
+      const span = Math.max(high - low, least, Math.abs(high) * 1e-6, 1e-12);
+      const middle = (low + high) / 2;
+      return [middle - 0.56 * span, middle + 0.56 * span];
+    }
+
+    resize() {
+      const width = Math.max(this.panels.clientWidth, 200);
+      this.plots.forEach((plot, place) => {
+        const height = this.options.height + (place === this.plots.length - 1 ? 24 : 0);
+        if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
+      });
+    }
+
+    // ---- data
+
+    setPanels(panels) {
+      if (JSON.stringify(panels) === JSON.stringify(this.options.panels)) return;
+      this.options.panels = panels;
+      this.makePlots();
+    }
+
+    // Other curves; the zoom stays where the panels do.
+    change({ panels, source, bands }) {
+      if (JSON.stringify(panels) !== JSON.stringify(this.options.panels)) {
+        this.zoom = null;
+        this.all.hidden = true;
+        this.setPanels(panels);
+      }
+      Object.assign(this.options, { source, bands });
+      if (source) this.refresh();
+      else this.plots.forEach((plot) => plot.setData([[], ...plot.series.slice(1).map(() => [])]));
+    }
+
+    // curves: of each panel, of each series, [time, values] in display units
+    show(key, curves) {
+      this.data.set(key, curves);
+    }
+
+    draw(begin, end) {
+      const before = performance.now();
+      this.plots.forEach((plot, place) => {
+        const curves = this.data.get(this.options.panels[place].key);
+        const same = curves.every(([time]) => time === curves[0][0]);
+        const data = same
+          ? [curves[0][0], ...curves.map(([, values]) => gaps(values))]
+          : uPlot.join(curves.map(([time, values]) => [time, gaps(values)]), curves.map(() => [2]));
+        plot.batch(() => {
+          plot.setData(data, false);
+          plot.setScale("x", { min: begin, max: end });
+        });
+      });
+      this.rest = performance.now() + 3 * (performance.now() - before);
+    }
+
+    // The first and the last time of all curves.
+    extent() {
+      let begin = Infinity;
+      let end = -Infinity;
+      for (const curves of this.data.values())
+        for (const [time] of curves)
+          if (time.length) {
+            begin = Math.min(begin, time[0]);
+            end = Math.max(end, time[time.length - 1]);
+          }
+      return begin < end ? [begin, end] : Number.isFinite(begin) ? [begin, begin + 1] : [0, 1];
+    }
+
+    // Ask the source; what was asked last is shown, never an older answer.
+    async refresh() {
+      const asked = ++this.asked;
+      const query = new URLSearchParams({ points: this.points() });
+      if (this.zoom) {
+        query.set("begin", this.zoom[0]);
+        query.set("end", this.zoom[1]);
+      }
+      let answer;
+      try {
+        answer = await fetch(`${this.options.source}?${query}`);
+        if (!answer.ok) throw new Error((await answer.text()).slice(0, 300));
+      } catch (error) {
+        if (asked === this.asked) this.say(`the curves could not be read: ${error.message}`);
+        return;
+      }
+      const { head, arrays } = unpack(await answer.arrayBuffer());
+      if (asked < this.shown) return;
+      this.shown = asked;
+      this.source = head;
+      for (const panel of this.options.panels)
+        this.show(
+          panel.key,
+          panel.series.map((one) => [
+            arrays.get(`${one.key}.time`) ?? new Float64Array(),
+            (arrays.get(`${one.key}.value`) ?? new Float64Array()).map((value) => value * panel.factor),
+          ]),
+        );
+      const [begin, end] = this.zoom ?? this.extent();
+      this.draw(begin, end);
+      this.host.dataset.shown = String(asked);
+    }
+
+    // ---- live: the link hands frames on
+
+    taken(frame) {
+      const { head, arrays } = frame;
+      const panels = head.panels;
+      if (panels) this.setPanels(panels);
+      if (head.kind === "rows") {
+        if (head.fresh || head.generation !== this.generation || head.first !== this.next) {
+          this.columns = new Map(head.channels.map((name) => [name, new Column()]));
+          this.time = new Column();
+          this.generation = head.generation;
+        }
+        this.next = head.first + head.count;
+        this.time.push(arrays.get("time"));
+        for (const panel of this.options.panels) this.columns.get(panel.key)?.push(arrays.get(panel.key), panel.factor);
+        const seconds = Number(this.choice.value) || 60;
+        const now = this.time.held[this.time.end - 1];
+        let old = 0;
+        const times = this.time.view;
+        while (old < times.length && times[old] < now - seconds - 1) old++;
+        this.time.drop(old);
+        this.columns.forEach((column) => column.drop(old));
+        this.wholeRun = false;
+      } else {
+        this.next = -1;
+        this.wholeRun = true;
+        for (const panel of this.options.panels) {
+          const values = arrays.get(`${panel.key}.value`);
+          if (values) this.show(panel.key, [[arrays.get(`${panel.key}.time`), values.map((value) => value * panel.factor)]]);
+        }
+        this.end = head.end;
+      }
+      this.now = head.now;
+      this.dirty = true;
+      if (!this.frame) this.frame = requestAnimationFrame(() => this.animate());
+    }
+
+    // At most one redraw a frame, and three parts of rest for one of work, so that buttons stay quick.
+    animate() {
+      this.frame = 0;
+      if (!this.dirty) return;
+      if (performance.now() < this.rest || document.hidden) {
+        this.frame = requestAnimationFrame(() => this.animate());
+        return;
+      }
+      this.dirty = false;
+      if (this.wholeRun) {
+        const [begin, end] = this.zoom ?? [0, Math.max(this.end, 1)];
+        this.draw(begin, end);
+      } else if (this.time) {
+        const time = this.time.view;
+        for (const panel of this.options.panels) this.show(panel.key, [[time, this.columns.get(panel.key).view]]);
+        const seconds = Number(this.choice.value) || 60;
+        const end = time.length ? time[time.length - 1] : 0;
+        this.draw(Math.max(0, end - seconds), Math.max(end, seconds));
+      }
+      this.lastDrawn = this.now;
+      this.host.dataset.drawn = String(this.now);
+    }
+
+    // ---- cursor, zoom, keys
+
+    selected(plot) {
+      const { left, width } = plot.select;
+      if (width < 4) return;
+      const zoom = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
+      plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+      this.setZoom(zoom);
+    }
+
+    setZoom(zoom) {
+      this.zoom = zoom;
+      this.all.hidden = zoom === null;
+      if (this.options.live) window.lab.view(this.view());
+      else if (this.options.source) {
+        if (zoom) this.draw(...zoom); // at once with what is here, then with what the server has
+        this.refresh();
+      }
+    }
+
+    moved(plot) {
+      if (plot !== this.plots.find((one) => one.cursor.left >= 0)) return;
+      this.at = plot.posToVal(plot.cursor.left, "x");
+      this.tell();
+    }
+
+    tell() {
+      if (this.at === undefined) return;
+      const parts = [`t = ${number(this.at, 6)} s`];
+      this.options.panels.forEach((panel) => {
+        this.data.get(panel.key).forEach(([time, values], place) => {
+          if (!time.length || this.at < time[0] || this.at > time[time.length - 1]) return;
+          const name = panel.series.length > 1 ? `${panel.label} (${panel.series[place].label})` : panel.label;
+          parts.push(`${name} ${number(values[nearest(time, this.at)])} ${panel.unit}`.trim());
+        });
+      });
+      for (const band of this.options.bands) if (this.at >= band.begin && this.at <= band.end) parts.push(band.label);
+      this.say(parts.join("  ·  "));
+    }
+
+    say(text) {
+      this.readout.textContent = text;
+    }
+
+    key(event) {
+      const plot = this.plots[0];
+      if (!plot) return;
+      const { min, max } = plot.scales.x;
+      const at = Math.min(Math.max(this.at ?? (min + max) / 2, min), max);
+      const span = max - min;
+      const steps = { ArrowLeft: -span / 100, ArrowRight: span / 100, PageDown: -span / 10, PageUp: span / 10 };
+      if (event.key in steps) this.at = Math.min(Math.max(at + steps[event.key], min), max);
+      else if (event.key === "Home") this.at = min;
+      else if (event.key === "End") this.at = max;
+      else if (event.key === "+" || event.key === "=") this.setZoom([at - span / 4, at + span / 4]);
+      else if (event.key === "-") this.setZoom([at - span, at + span]);
+      else if (event.key === "0") this.setZoom(null);
+      else return;
+      event.preventDefault();
+      const left = plot.valToPos(this.at, "x");
+      this.plots.forEach((one) => one.setCursor({ left, top: 10 }, false));
+      this.tell();
+    }
+
+    drawBands(plot) {
+      const { ctx, bbox } = plot;
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+      ctx.clip();
+      for (const band of this.options.bands) {
+        if (band.channel && band.channel !== this.options.panels[this.plots.indexOf(plot)]?.key) continue;
+        const left = plot.valToPos(band.begin, "x", true);
+        const width = Math.max(plot.valToPos(band.end, "x", true) - left, 2 * devicePixelRatio);
+        ctx.globalAlpha = 0.2;
+        ctx.fillStyle = ink(band.severity === "error" ? "danger" : band.severity === "warning" ? "warning" : "accent");
+        ctx.fillRect(left, bbox.top, width, bbox.height);
+        ctx.globalAlpha = 1;
+        ctx.fillRect(left, bbox.top, width, 3 * devicePixelRatio);
+      }
+      ctx.restore();
+    }
+
+    // ---- saving
+
+    saveSvg() {
+      save(new Blob([this.svg()], { type: "image/svg+xml" }), `${fileName(this.options.name)}.svg`);
+    }
+
+    // The figure as it is shown, in the light colours: it is going to stand on paper.
+    svg() {
+      const width = 800;
+      const left = 70;
+      const right = 15;
+      const high = 150;
+      const gap = 14;
+      const parts = [];
+      const escape = (text) => String(text).replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
+      const text = (x, y, body, more = "") => parts.push(`<text x="${x}" y="${y}" ${more}>${escape(body)}</text>`);
+      const count = this.plots.length;
+      this.plots.forEach((plot, place) => {
+        const panel = this.options.panels[place];
+        const top = 20 + place * (high + gap);
+        const x = plot.scales.x;
+        const y = plot.scales.y;
+        const toX = (value) => left + ((value - x.min) / (x.max - x.min)) * (width - left - right);
+        const toY = (value) => top + high - ((value - y.min) / (y.max - y.min)) * high;
+        const frame = `<rect x="${left}" y="${top}" width="${width - left - right}" height="${high}"`;
+        parts.push(`<clipPath id="p${place}">${frame}/></clipPath>`);
+        for (const value of ticks(y.min, y.max, 5)) {
+          parts.push(`<path d="M${left} ${toY(value).toFixed(1)}H${width - right}" stroke="#d5dadf"/>`);
+          text(left - 6, toY(value) + 3.5, number(value), 'text-anchor="end"');
+        }
+        for (const value of ticks(x.min, x.max, 9)) {
+          parts.push(`<path d="M${toX(value).toFixed(1)} ${top}V${top + high}" stroke="#d5dadf"/>`);
+          if (place === count - 1) text(toX(value), top + high + 15, number(value, 6), 'text-anchor="middle"');
+        }
+        parts.push(`${frame} fill="none" stroke="#5f6973"/>`);
+        const label = panel.unit ? `${panel.label} [${panel.unit}]` : panel.label;
+        text(0, 0, label, `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle"`);
+        this.data.get(panel.key).forEach(([time, values], which) => {
+          const one = panel.series[which];
+          const stroke = PALETTES.light[one.colour % 8];
+          const marks = [];
+          let pen = false;
+          for (let k = 0; k < time.length; k++) {
+            if (!Number.isFinite(values[k])) {
+              pen = false;
+              continue;
+            }
+            const [px, py] = [toX(time[k]).toFixed(1), toY(values[k]).toFixed(1)];
+            if (one.style === "points") marks.push(`M${px} ${py}h0`);
+            else marks.push(`${pen ? "L" : "M"}${px} ${py}`);
+            pen = true;
+          }
+          const look = one.style === "points" ? 'stroke-width="3" stroke-linecap="round"' : 'stroke-width="1.3"';
+          const dash = DASHES[one.style]?.length ? `stroke-dasharray="${DASHES[one.style].join(" ")}"` : "";
+          parts.push(`<path clip-path="url(#p${place})" d="${marks.join("")}" fill="none" stroke="${stroke}" ${look} ${dash}/>`);
+          if (panel.series.length > 1)
+            text(left + 8 + 150 * which, top - 5, one.label, `fill="${stroke}"`);
+        });
+      });
+      const height = 20 + count * (high + gap) + 25;
+      text((width + left) / 2, height - 4, "time [s]", 'text-anchor="middle"');
+      return (
+        `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" ` +
+        `font-family="system-ui, sans-serif" font-size="11" fill="#1c2126"><title>${escape(this.options.name)}</title>` +
+        `<rect width="${width}" height="${height}" fill="#ffffff"/>${parts.join("\n")}</svg>\n`
+      );
+    }
+
+    saveCsv() {
+      const source = this.options.live ? "/live/readings" : this.options.source;
+      const link = document.createElement("a");
+      link.href = `${source}?csv=${encodeURIComponent(fileName(this.options.name))}`;
+      link.download = `${fileName(this.options.name)}.csv`;
+      link.click();
+    }
+  }
+
+  function nearest(time, at) {
+    let low = 0;
+    let high = time.length - 1;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (time[middle] < at) low = middle;
+      else high = middle;
+    }
+    return at - time[low] < time[high] - at ? low : high;
+  }
+
+  function ticks(low, high, most) {
+    const raw = (high - low) / most;
+    const power = 10 ** Math.floor(Math.log10(raw));
+    const step = [1, 2, 5, 10].map((factor) => factor * power).find((one) => one >= raw);
+    const found = [];
+    for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) found.push(k * step);
+    return found;
+  }
+
+  const fileName = (name) => name.replace(/[^\w.+-]+/g, "_") || "plot";
+
+  function save(blob, name) {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+
+  return { Stack, unpack, number, save };
+})();
+window.LabPlot = LabPlot;

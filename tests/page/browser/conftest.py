@@ -1,0 +1,70 @@
+"""A page of its own for a test, and a browser to look at it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+
+@contextmanager
+def served(folder: Path, *options: str) -> Iterator[str]:
+    """``ipmclab page`` on a folder: its address."""
+    command = [sys.executable, "-m", "ipmclab", "page", str(folder), "--no-open", *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        assert address.startswith("http"), process.stderr and process.stderr.read()
+        yield address
+    finally:
+        process.terminate()
+        _, told = process.communicate(timeout=20)
+    assert "Traceback" not in told, told
+
+
+@pytest.fixture(scope="session")
+def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
+    """The system's Chromium, headless."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium")
+    require("chromium", program)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(chromium) -> Iterator[Callable[..., object]]:
+    """Opens pages, each in a browser of its own; nothing may go wrong in them, and nothing be asked of another host."""
+    contexts = []
+    faults: list[str] = []
+
+    def watch(page) -> None:
+        page.on("pageerror", lambda error: faults.append(f"error: {error}"))
+        page.on("request", lambda request: _local(request.url) or faults.append(f"asked elsewhere: {request.url}"))
+
+    def new(address: str, *, theme: str = "light", width: int = 1280, height: int = 720):
+        context = chromium.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+        context.set_default_timeout(20_000)
+        contexts.append(context)
+        page = context.new_page()
+        watch(page)
+        page.goto(address)
+        return page
+
+    yield new
+    for context in contexts:
+        context.close()
+    assert not faults
+
+
+def _local(url: str) -> bool:
+    return url.startswith(("http://127.0.0.1:", "data:", "blob:"))
