@@ -1,9 +1,4 @@
-"""Frames: a JSON document and arrays of floats as bytes, for workers and for browsers.
-
-Eight bytes (two little-endian uint32: length of the document, length of the arrays), the document as UTF-8, then the
-arrays one after another. The document is padded with blanks so that the arrays begin at a multiple of eight bytes, and
-``arrays`` in it lists name and length of each: a browser lays a ``Float64Array`` over them without a copy.
-"""
+"""Frames: a JSON document and arrays of floats on their way between the server and its workers."""
 
 from __future__ import annotations
 
@@ -14,11 +9,11 @@ from collections.abc import Mapping
 from typing import IO, Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.page import wire
+from ipmclab.page.wire import FloatArray
 
-_LENGTHS: Final = struct.Struct("<II")
+_LENGTH: Final = struct.Struct("<I")
 
 
 class Frame(NamedTuple):
@@ -28,63 +23,44 @@ class Frame(NamedTuple):
     arrays: dict[str, FloatArray]
 
 
-def pack(document: Mapping[str, Any], arrays: Mapping[str, npt.ArrayLike] | None = None) -> bytes:
-    """A document and its arrays as bytes; numbers of the document that are not finite become null.
+def pack(document: Mapping[str, Any], arrays: Mapping[str, FloatArray] | None = None) -> bytes:
+    """The length of a message of ``wire``, and the message.
 
     Parameters
     ----------
     document : mapping
-        JSON values.
+        JSON values; numbers that are not finite become null.
     arrays : mapping of name to float array, shape (n,), optional
 
     Examples
     --------
-    >>> frame = unpack(pack({"a": float("inf")}, {"t": [0.0, 0.02]}))
+    >>> import io
+    >>> frame = read_frame(io.BytesIO(pack({"a": float("inf")}, {"t": np.array([0.0, 0.02])})))
     >>> frame.document, frame.arrays["t"].tolist()
     ({'a': None}, [0.0, 0.02])
     """
-    columns = {name: np.ascontiguousarray(values, dtype="<f8") for name, values in (arrays or {}).items()}
-    listed = [[name, len(values)] for name, values in columns.items()]
-    text = json.dumps({**finite(document), "arrays": listed}, ensure_ascii=False, allow_nan=False).encode()
-    text += b" " * (-len(text) % 8)
-    body = b"".join(values.tobytes() for values in columns.values())
-    return _LENGTHS.pack(len(text), len(body)) + text + body
-
-
-def unpack(data: bytes) -> Frame:
-    """What ``pack`` made.
-
-    Raises
-    ------
-    ValueError
-        No frame, or not the whole of one.
-    """
-    if len(data) < _LENGTHS.size:
-        raise ValueError("shorter than the head of a frame")
-    length, rest = _LENGTHS.unpack_from(data)
-    start = _LENGTHS.size + length
-    if len(data) != start + rest:
-        raise ValueError(f"a frame of {start + rest} bytes in {len(data)}")
-    return _frame(data[_LENGTHS.size : start], data[start:])
+    message = wire.pack(finite(document), arrays or {})
+    return _LENGTH.pack(len(message)) + message
 
 
 def read_frame(stream: IO[bytes]) -> Frame | None:
     """The next frame of a stream; None where it ends, also in the middle of a frame."""
-    head = stream.read(_LENGTHS.size)
-    if len(head) < _LENGTHS.size:
+    head = stream.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
         return None
-    length, rest = _LENGTHS.unpack(head)
-    text, body = stream.read(length), stream.read(rest)
-    return _frame(text, body) if len(text) == length and len(body) == rest else None
+    (length,) = _LENGTH.unpack(head)
+    message = stream.read(length)
+    return _frame(message) if len(message) == length else None
 
 
-def _frame(text: bytes, body: bytes) -> Frame:
-    document = json.loads(text)
+def _frame(message: bytes) -> Frame:
+    (length,) = _LENGTH.unpack_from(message)
+    at = _LENGTH.size + length
+    document = json.loads(message[_LENGTH.size : at])
     arrays: dict[str, FloatArray] = {}
-    at = 0
-    for name, length in document.pop("arrays"):
-        arrays[name] = np.frombuffer(body, dtype="<f8", count=length, offset=at)
-        at += 8 * length
+    for name, count in document.pop("arrays"):
+        arrays[name] = np.frombuffer(message, dtype="<f8", count=count, offset=at)
+        at += 8 * count
     return Frame(document, arrays)
 
 

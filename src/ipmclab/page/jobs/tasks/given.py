@@ -11,7 +11,7 @@ from ipmclab.store.run_file import read_run
 
 if TYPE_CHECKING:
     from ipmclab.identify.scores import Comparison
-    from ipmclab.page.jobs.frames import FloatArray
+    from ipmclab.page.wire import FloatArray
     from ipmclab.run import Finding, Run
 
 _SHOWN_APART: Final = 400
@@ -64,18 +64,13 @@ def _times(finding: Finding, run: Run) -> list[list[float]]:
     return times
 
 
-def comparison_arrays(key: str, output: str, one: Comparison) -> dict[str, FloatArray]:
-    """Measured, model and residual of an output in display units, NaN where a reading does not count."""
-    import numpy as np
-
-    from ipmclab.units import CHANNELS
-
-    shown = CHANNELS[output].to_display
+def comparison_arrays(key: str, one: Comparison) -> dict[str, FloatArray]:
+    """Measured, model and residual of an output, NaN where a reading does not count."""
     return {
         f"{key}.time": one.time,
-        f"{key}.measured": shown(np.asarray(one.measured)),
-        f"{key}.model": shown(np.asarray(one.predicted)),
-        f"{key}.residual": shown(one.error),
+        f"{key}.measured": one.measured,
+        f"{key}.model": one.predicted,
+        f"{key}.residual": one.error,
     }
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ipmclab.page.jobs.frames import FloatArray, Frame
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
     from ipmclab.identify import Fit
@@ -53,7 +54,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     arrays: dict[str, FloatArray] = {}
     for place, comparisons in enumerate(fitted):
         for output, comparison in comparisons.items():
-            arrays |= comparison_arrays(f"{place}.{output}", output, comparison)
+            arrays |= comparison_arrays(f"{place}.{output}", comparison)
     document = {
         "actuator": fit.actuator.name,
         "converged": fit.converged,

@@ -22,7 +22,6 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab.quality import check
     from ipmclab.store import import_run, write_run
     from ipmclab.store.import_map import ImportMap
-    from ipmclab.units import CHANNELS
 
     progress("importing")
     table = arguments["map"]
@@ -37,6 +36,5 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         "findings": [finding_row(one, imported) for one in check(imported)],
         "out": arguments.get("out"),
     }
-    shown = {name: CHANNELS[name].to_display(values) for name, values in imported.channels.items()}
-    at_rows = {name: values for name, values in shown.items() if len(values) == len(imported)}
+    at_rows = {name: values for name, values in imported.channels.items() if len(values) == len(imported)}
     return Frame(document, {"time": imported.time, **at_rows})

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ipmclab.errors import InputError
-from ipmclab.page.jobs.frames import FloatArray, Frame
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
     from ipmclab.page.jobs.tasks import Progress

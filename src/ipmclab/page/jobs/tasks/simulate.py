@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ipmclab.page.jobs.frames import FloatArray, Frame
-from ipmclab.units import CHANNELS, LENGTH
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
@@ -29,7 +29,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     """Simulate a signal, or the voltage of a run; frequency response and shape beside it.
 
     ``actuator`` (name or file), ``changes`` (name to SI value), then ``signal`` with ``duration`` [s],
-    ``rate`` [Hz] and ``hold``, or ``run`` (file). Arrays are in display units.
+    ``rate`` [Hz] and ``hold``, or ``run`` (file). Arrays are in SI units.
 
     Raises
     ------
@@ -69,25 +69,21 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
         "values": changed.parameter_values,
     }
     arrays = {"time": run_.time, "voltage": run_.voltage}
-    arrays |= {name: CHANNELS[name].to_display(run_.channels[name]) for name in _OUTPUTS if name in run_.channels}
+    arrays |= {name: run_.channels[name] for name in _OUTPUTS if name in run_.channels}
     if measured is not None:
-        arrays |= {
-            f"measured.{name}": CHANNELS[name].to_display(measured.channels[name])
-            for name in _OUTPUTS
-            if name in measured.channels
-        }
+        arrays |= {f"measured.{name}": measured.channels[name] for name in _OUTPUTS if name in measured.channels}
     arrays |= _frequency_arrays(changed)
     shape_arrays, document["shape"] = _shape_arrays(changed, run_)
     return Frame(document, {**arrays, **shape_arrays})
 
 
 def _frequency_arrays(actuator: Actuator) -> dict[str, FloatArray]:
-    """Gain [display unit per V] and phase [deg] of each output."""
+    """Gain [SI unit per V] and phase [deg] of each output."""
     frequencies = np.geomspace(1e-3, 100.0, _FREQUENCIES)
     response = actuator.frequency_response(frequencies)
     arrays: dict[str, FloatArray] = {"frequency": frequencies}
     for name, values in zip(_OUTPUTS, response, strict=True):
-        arrays[f"gain.{name}"] = CHANNELS[name].to_display(np.abs(values))
+        arrays[f"gain.{name}"] = np.abs(values)
         arrays[f"phase.{name}"] = np.degrees(np.unwrap(np.angle(values)))
     return arrays
 
@@ -107,13 +103,13 @@ def _shape_arrays(actuator: Actuator, run_: Run) -> tuple[dict[str, FloatArray],
     about = {
         "places": _PLACES + 1,
         "pictures": len(rows),
-        "length": LENGTH.to_display(length),
-        "laser": LENGTH.to_display(actuator["geometry.sensing_length"]),
+        "length": length,
+        "laser": actuator["geometry.sensing_length"],
     }
     return {
         "shape.time": run_.time[rows],
-        "shape.x": LENGTH.to_display(np.concatenate([one.x for one in shapes])),
-        "shape.y": LENGTH.to_display(np.concatenate([one.y for one in shapes])),
+        "shape.x": np.concatenate([one.x for one in shapes]),
+        "shape.y": np.concatenate([one.y for one in shapes]),
     }, about
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ipmclab.page.jobs.frames import FloatArray, Frame
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
     from ipmclab.page.jobs.tasks import Progress
@@ -31,7 +32,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     for place, validation in enumerate(validations):
         for at, one in enumerate(validation.runs):
             for output, comparison in one.comparisons.items():
-                arrays |= comparison_arrays(f"{place}.{at}.{output}", output, comparison)
+                arrays |= comparison_arrays(f"{place}.{at}.{output}", comparison)
     document = {
         "scores": rows_of(score_rows(validations, names)),
         "runs": [one.label for one in validations[0].runs],

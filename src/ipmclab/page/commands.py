@@ -1,0 +1,133 @@
+"""The same step as a command and as Python: nothing that the page does can be done by the page alone."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the page, as it can be repeated without it.
+
+    Parameters
+    ----------
+    command : str
+        For a terminal in the folder of the lab.
+    python : str
+        The same with ``import ipmclab``.
+    """
+
+    command: str
+    python: str
+
+
+def identify_step(
+    actuator: str, runs: Sequence[str], free: Sequence[str], per_run: Sequence[str] = (), out: str = "fitted.toml"
+) -> Step:
+    """Identify.
+
+    Examples
+    --------
+    >>> step = identify_step("friend-2", ["runs/a b.nc"], ["electrical"])
+    >>> step.command
+    "ipmclab identify friend-2 'runs/a b.nc' --free electrical --out fitted.toml"
+    """
+    command = ["ipmclab", "identify", actuator, *runs, "--free", ",".join(free)]
+    if per_run:
+        command += ["--per-run", ",".join(per_run)]
+    own = f", per_run={list(per_run)!r}" if per_run else ""
+    python = (
+        "import ipmclab\n\n"
+        f"runs = [ipmclab.read_run(path) for path in {list(runs)!r}]\n"
+        f"fit = ipmclab.identify(ipmclab.load_actuator({actuator!r}), runs, free={list(free)!r}{own})\n"
+        f"ipmclab.write_fit(fit, {out!r})\n"
+    )
+    return Step(shlex.join([*command, "--out", out]), python)
+
+
+def validate_step(models: Sequence[str], runs: Sequence[str]) -> Step:
+    """Hold models against runs that they never saw.
+
+    Examples
+    --------
+    >>> validate_step(["fitted.toml", "friend-2"], ["square.nc"]).command
+    'ipmclab validate fitted.toml square.nc --also friend-2'
+    """
+    first, *others = models
+    command = ["ipmclab", "validate", first, *runs]
+    for other in others:
+        command += ["--also", other]
+    python = (
+        "import ipmclab\n\n"
+        f"runs = [ipmclab.read_run(path) for path in {list(runs)!r}]\n"
+        f"for name in {list(models)!r}:\n"
+        "    print(ipmclab.validate(ipmclab.load_actuator(name), runs))\n"
+    )
+    return Step(shlex.join(command), python)
+
+
+def simulate_step(
+    actuator: str,
+    changes: Mapping[str, float],
+    *,
+    signal: str = "",
+    duration: float = 40.0,
+    rate: float = 50.0,
+    run: str | None = None,
+) -> Step:
+    """Simulate; the command needs a file where parameters were changed, the Python does not.
+
+    Examples
+    --------
+    >>> simulate_step("friend-2", {}, signal="step 1 V").command
+    "ipmclab simulate friend-2 --signal 'step 1 V' --duration '40 s' --rate '50 Hz' --out run.nc"
+    """
+    name = "changed.toml" if changes else actuator
+    times = ["--duration", f"{duration:g} s", "--rate", f"{rate:g} Hz"]
+    command = shlex.join(["ipmclab", "simulate", name, "--signal", signal, *times, "--out", "run.nc"])
+    lines = ["import ipmclab", "", f"actuator = ipmclab.load_actuator({actuator!r})"]
+    if changes:
+        lines.append(f"actuator = actuator.replace(**{dict(changes)!r})")
+        lines.append(f"ipmclab.write_actuator(actuator, {name!r})")
+    if run is not None:
+        lines.append(f"run = ipmclab.simulate(actuator, ipmclab.read_run({run!r}))")
+        command = ""
+    else:
+        lines.append(f"run = ipmclab.simulate(actuator, {signal!r}, duration={duration!r}, rate={rate!r})")
+        lines.append("ipmclab.write_run(run, 'run.nc')")
+    return Step(command, "\n".join(lines) + "\n")
+
+
+def report_step(fit: str, runs: Sequence[str], validation: Sequence[str], out: str) -> Step:
+    """Write a report.
+
+    Examples
+    --------
+    >>> report_step("fitted.toml", ["step.nc"], ["square.nc"], "report.html").command
+    'ipmclab report fitted.toml --runs step.nc --validation square.nc --out report.html'
+    """
+    command = ["ipmclab", "report", fit, "--runs", *runs]
+    if validation:
+        command += ["--validation", *validation]
+    python = (
+        "import ipmclab\n\n"
+        f"runs = [ipmclab.read_run(path) for path in {list(runs)!r}]\n"
+        f"unseen = [ipmclab.read_run(path) for path in {list(validation)!r}]\n"
+        f"ipmclab.report(ipmclab.read_fit({fit!r}), runs=runs, validation_runs=unseen, path={out!r})\n"
+    )
+    return Step(shlex.join([*command, "--out", out]), python)
+
+
+def import_step(file: str, map_file: str, out: str) -> Step:
+    """Import a foreign record.
+
+    Examples
+    --------
+    >>> import_step("record.csv", "record.map.toml", "record.nc").command
+    'ipmclab import record.csv --map record.map.toml --out record.nc'
+    """
+    command = ["ipmclab", "import", file, "--map", map_file, "--out", out]
+    python = f"import ipmclab\n\nrun = ipmclab.import_run({file!r}, {map_file!r})\nipmclab.write_run(run, {out!r})\n"
+    return Step(shlex.join(command), python)

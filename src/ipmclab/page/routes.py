@@ -1,0 +1,130 @@
+"""Routes of the sections that no form needs: answers to sliders, files to download, reports to look at."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import FileResponse, JSONResponse, Response
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.curves import header_name
+from ipmclab.page.jobs.jobs import JobCancelled
+from ipmclab.page.wire import MEDIA, pack
+from ipmclab.page.workshop import Workshop, labels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_PATIENCE: Final = 120.0
+"""How long [s] a download may be prepared."""
+
+_EXPORTS: Final = {"csv": "text/csv", "xlsx": "application/vnd.ms-excel", "mat": "application/octet-stream"}
+_FIGURES: Final = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf"}
+
+# A report carries its style and pictures with it; nothing in it may run or reach anybody.
+_REPORT_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox allow-same-origin"
+
+
+def routes(workshop: Workshop) -> APIRouter:
+    """The routes of a workshop."""
+    router = APIRouter()
+
+    @router.post("/simulate", response_model=None)
+    async def simulate(request: Request) -> Response:
+        try:
+            given = json.loads(await request.body())
+            arguments = _simulation(workshop, given)
+            job = workshop.jobs.submit("simulate", arguments, replaces=str(given.get("client", ""))[:40] or None)
+            frame = await asyncio.wrap_future(job.future)
+        except IpmclabError as error:
+            return JSONResponse(error.as_dict(), 422)
+        except JobCancelled:
+            return Response(status_code=204)  # a newer position of the slider took its place
+        except (ValueError, TypeError, KeyError, AttributeError):
+            return JSONResponse({"message": "this is no question of the page", "where": "", "repair": "reload it"}, 400)
+        return Response(pack(frame.document, frame.arrays), media_type=MEDIA)
+
+    @router.get("/runs/file", response_model=None)
+    def run_file(run: str) -> Response:
+        return _sent(lambda: workshop.run_path(run), "application/x-netcdf")
+
+    @router.get("/runs/export", response_model=None)
+    async def run_export(run: str, kind: str = "csv") -> Response:
+        return await _made(workshop, "export", {"run": [run]}, kind, _EXPORTS)
+
+    @router.get("/runs/figure", response_model=None)
+    async def run_figure(run: Annotated[list[str], Query()], kind: str = "svg") -> Response:
+        return await _made(workshop, "figure", {"runs": run}, kind, _FIGURES)
+
+    @router.get("/reports/{name}", response_model=None)
+    def report(name: str, save: bool = False) -> Response:
+        try:
+            path = workshop.lab.path(name)
+        except IpmclabError as error:
+            raise HTTPException(404, str(error)) from error
+        if path.suffix.lower() != ".html" or not path.is_file():
+            raise HTTPException(404, "there is no report of this name")
+        headers = {"Content-Security-Policy": _REPORT_POLICY, "X-Content-Type-Options": "nosniff"}
+        how = "attachment" if save else "inline"
+        return FileResponse(
+            path, media_type="text/html", headers=headers, filename=path.name, content_disposition_type=how
+        )
+
+    @router.get("/fits/{key}", response_model=None)
+    def fit(key: str) -> Response:
+        card = workshop.fit(key)
+        if card is None or not card.file.is_file():
+            raise HTTPException(404, "this fit is no longer kept")
+        return FileResponse(card.file, media_type="application/toml", filename=f"{header_name(card.name)}.toml")
+
+    return router
+
+
+def _simulation(workshop: Workshop, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a worker is asked for a position of the sliders."""
+    arguments: dict[str, Any] = {
+        "actuator": workshop.actuator_path(str(given["actuator"])),
+        "changes": {str(name): float(value) for name, value in given["changes"].items()},
+    }
+    if given.get("run"):
+        arguments["run"] = str(workshop.run_path(str(given["run"])))
+    else:
+        arguments |= {
+            "signal": str(given["signal"])[:2000],
+            "duration": float(given["duration"]),
+            "rate": float(given["rate"]),
+        }
+    return arguments
+
+
+async def _made(
+    workshop: Workshop, task: str, runs: Mapping[str, list[str]], kind: str, kinds: Mapping[str, str]
+) -> Response:
+    """Let a worker write a file of some runs, and send it."""
+    if kind not in kinds:
+        raise HTTPException(404, f"there is no {kind!r} of a run: {', '.join(kinds)}")
+    try:
+        ((name, keys),) = runs.items()
+        paths = [str(workshop.run_path(key)) for key in keys]
+        out = workshop.new_scratch(f".{kind}")
+        given: Any = paths[0] if name == "run" else paths
+        job = workshop.jobs.submit(task, {name: given, "out": str(out)}, title="preparing a download")
+        await asyncio.wait_for(asyncio.wrap_future(job.future), _PATIENCE)
+    except IpmclabError as error:
+        raise HTTPException(404 if error.code == "no-such-file" else 422, str(error)) from error
+    except TimeoutError as error:
+        raise HTTPException(503, "the workers are busy: try again when the fit is done") from error
+    name = header_name("_".join(labels(keys[:4])))
+    return FileResponse(out, media_type=kinds[kind], filename=f"{name}.{kind}")
+
+
+def _sent(find: Any, media: str) -> Response:
+    try:
+        path: Path = find()
+    except IpmclabError as error:
+        raise HTTPException(404, str(error)) from error
+    return FileResponse(path, media_type=media, filename=path.name)
