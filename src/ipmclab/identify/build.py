@@ -21,6 +21,7 @@ from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.findings import noise_findings
 from ipmclab.identify.observation import Observation, Record
 from ipmclab.identify.order import Order
+from ipmclab.identify.practical import Practical
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.profile import profile_interval
 from ipmclab.identify.relaxing import set_point_findings
@@ -150,6 +151,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         evaluations=solution.evaluations,
         residuals=_residuals(problem, result.correlated),
         software_version=__version__,
+        practical=Practical.of(problem, solution, order),
         covariance=_covariance(asked, values, found, stated, problem.base, order),
         estimate=result,
     )
@@ -240,13 +242,13 @@ def _interval(
     if not curved or not (unknown.log or unknown.base.startswith(_NONLINEAR)):
         return unknown.value(entry - reach), unknown.value(entry + reach)
     if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
-        return _beside_bounds(unknown, -math.inf, math.inf)
+        return beside_bounds(unknown, -math.inf, math.inf)
     plain = float(found.plain[number, number])
     low, high = profile_interval(problem, solution, place, math.sqrt(plain), width * width * max(variance / plain, 1.0))
-    return _beside_bounds(unknown, low, high)
+    return beside_bounds(unknown, low, high)
 
 
-def _beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
+def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
     """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something."""
     ends = _open_ends(unknown)
     return ends[0] if math.isinf(low) else unknown.value(low), ends[1] if math.isinf(high) else unknown.value(high)
@@ -266,7 +268,7 @@ def _with_rivals(
     unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[tuple[float, float]]
 ) -> tuple[tuple[float, float], bool]:
     """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
-    ends = [_beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
+    ends = [beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
     apart = [abs(other - entry) for other, _ in others if unknown.log]
     low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
     return (low, high), all(gap <= _TWO_ERRORS for gap in apart)

@@ -68,8 +68,8 @@ def series_against_branches(
     cure = f"{measured(base)} to {_percent(need)} or better{no_cure}"
     size = _percent(errors[held]) if errors[held] < 1.0 else f"a factor of {_factor(errors[held])}"
     sentence = (
-        f"{names[held]} is practically not determined: it is known to {size}, and with it {followed} only, because {why} "
-        f"the series resistance from the branches; {cure}"
+        f"{names[held]} is practically not determined: it is known to {size}, and with it {followed} only, because "
+        f"{why} the series resistance from the branches; {cure}"
     )
     # Where gain and zero only show as their product, how they share it is another question.
     zero = names.index("coupling.zero") if "coupling.zero" in names else None

@@ -15,6 +15,8 @@ from ipmclab.run import Finding
 
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
+    from ipmclab.identify.practical import Practical
+    from ipmclab.identify.profiles import Profile
     from ipmclab.identify.left_out import LeftOut
     from ipmclab.identify.mountings import Mountings
 
@@ -115,6 +117,10 @@ class Fit:
         What each mounting says by itself; None where all runs are of one.
     left_out : tuple of LeftOut
         Each run predicted by the others, where that was asked for.
+    practical : Practical or None
+        How well the readings tell the parameters apart.
+    profiles : mapping of name to Profile
+        Where ``profile`` followed them.
     estimate : Estimate, optional
         The solved problem itself, from which profiles and samples are drawn; None in a fit that was read from a file.
     """
@@ -135,6 +141,8 @@ class Fit:
     covariance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     mountings: Mountings | None = None
     left_out: tuple[LeftOut, ...] = ()
+    practical: Practical | None = None
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
     estimate: Estimate | None = field(default=None, repr=False)
 
     def __str__(self) -> str:

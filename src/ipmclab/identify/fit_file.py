@@ -13,6 +13,8 @@ from ipmclab.identify.left_out import LeftOut
 from ipmclab.identify.mountings import Mountings
 from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.observation import Observation
+from ipmclab.identify.practical import Practical
+from ipmclab.identify.profiles import Profile
 from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
 
@@ -93,6 +95,8 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             covariance=_covariance(table["covariance"]),
             mountings=Mountings.from_table(table["mountings"]) if "mountings" in table else None,
             left_out=tuple(LeftOut.from_table(entry) for entry in table.get("left_out", ())),
+            practical=Practical.from_table(table["practical"]) if "practical" in table else None,
+            profiles={name: Profile.from_table(entry) for name, entry in table.get("profiles", {}).items()},
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(

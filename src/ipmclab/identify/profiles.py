@@ -1,0 +1,201 @@
+"""The profile of the likelihood of every parameter of a fit: what the readings say of it, whatever its shape."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.identify.progress import Tell, stage, telling
+
+if TYPE_CHECKING:
+    from ipmclab.identify.estimate import Estimate
+    from ipmclab.identify.fit import Fit
+    from ipmclab.identify.unknowns import Unknown
+
+_BETWEEN: Final = 0.5  # of the way to the crossing: one more point
+_BEYOND: Final = 1.2  # times the way: where a curve ends
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How much worse the readings are explained as one parameter is held and all others are fitted again.
+
+    Parameters
+    ----------
+    values : tuple of float [SI]
+        Of the parameter, ascending.
+    excess : tuple of float
+        Of chi-square over its minimum, in units of the noise that was found, at each value.
+    threshold : float
+        The excess at which the 95 % interval ends.
+    interval : pair of float [SI]
+        0 or infinite where no value is bad enough.
+    is_open : pair of bool
+        Whether that is so towards smaller and towards larger values.
+    parabola : float [SI]
+        Standard error that the curvature at the minimum promises; infinite where there is none.
+    """
+
+    values: tuple[float, ...]
+    excess: tuple[float, ...]
+    threshold: float
+    interval: tuple[float, float]
+    is_open: tuple[bool, bool]
+    parabola: float
+
+    def to_table(self) -> dict[str, Any]:
+        """In the types that TOML has."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Profile:
+        """As ``to_table`` wrote it."""
+        low, high = map(float, table["interval"])
+        below, above = map(bool, table["is_open"])
+        return cls(
+            values=tuple(map(float, table["values"])),
+            excess=tuple(map(float, table["excess"])),
+            threshold=float(table["threshold"]),
+            interval=(low, high),
+            is_open=(below, above),
+            parabola=float(table["parabola"]),
+        )
+
+
+def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | None = None) -> Fit:
+    """Follow the likelihood's profile of every parameter of a fit to where its 95 % interval ends.
+
+    A parameter is held at one value after the other, and all others are fitted again, under the noise that the fit
+    found. Where the excess of chi-square stays below the threshold within a factor of a thousand, or up to a bound, the
+    interval is open on that side. It is followed from the best fit outwards: another minimum is not found so, but the
+    intervals of the fit reach over those that it knows.
+
+    Parameters
+    ----------
+    fit : Fit
+        What ``identify`` returned.
+    names : iterable of str, optional
+        Some of its parameters; all where left out.
+    progress : function of (str, float), optional
+        Told what is being done, and the fraction that is done.
+
+    Returns
+    -------
+    fit : Fit
+        With ``profiles``, by name.
+
+    Raises
+    ------
+    InputError
+        A fit that was read from a file, or a name that was not free.
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> actuator = load_actuator("friend-2")
+    >>> run = simulate(actuator, "step 1 V", duration=20, rate=50)
+    >>> fit = profile(identify(actuator, run, free="circuit.dc_resistivity"))
+    >>> fit.profiles["circuit.dc_resistivity"].is_open
+    (False, False)
+    """
+    from ipmclab.identify.fit_table import changed
+
+    wanted = list(fit.parameters) if names is None else list(names)
+    for name in wanted:
+        if name not in fit.parameters:
+            raise InputError(
+                f"{name!r} is no parameter of this fit",
+                code="unknown-parameter",
+                where="names",
+                repair=suggest(name, list(fit.parameters)),
+            )
+    estimate = solved(fit)
+    with telling(progress):
+        found = _profiles(estimate, wanted)
+    return changed(fit, profiles={name: found[name] for name in fit.parameters if name in found})
+
+
+def solved(fit: Fit) -> Estimate:
+    """The solved problem behind a fit.
+
+    Raises
+    ------
+    InputError
+        There is none in a fit that was read from a file.
+    """
+    if fit.estimate is None:
+        raise InputError(
+            "this fit was read from a file, which does not hold the readings",
+            code="fit-without-readings",
+            where="fit",
+            repair="identify again from its runs, and use the fit that returns",
+        )
+    return fit.estimate
+
+
+def _profiles(estimate: Estimate, wanted: Iterable[str]) -> dict[str, Profile]:
+    from ipmclab.identify.covariance import uncertainty
+    from ipmclab.identify.order import Order
+
+    problem, solution = estimate.problem, estimate.solution
+    free = {unknown.base for unknown in problem.unknowns}
+    stated = {
+        name: one.standard_uncertainty
+        for name, one in estimate.parameters.items()
+        if name not in free and one.standard_uncertainty > 0.0
+    }
+    known = uncertainty(estimate.correlated, stated, ())
+    order = Order(problem.values(solution.theta, problem.records[0].place))
+    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    asked = [(number, place) for number, place in enumerate(places) if order(problem.unknowns[place].name) in wanted]
+    found: dict[str, Profile] = {}
+    for turn, (number, place) in enumerate(asked):
+        unknown = problem.unknowns[place]
+        name = order(unknown.name)
+        stage(f"profile of {name}", turn / len(asked), (turn + 1) / len(asked), usual=20)
+        plain, variance = float(known.plain[number, number]), float(known.covariance[number, number])
+        moved = bool(np.any(np.abs(known.null[:, number]) > 1e-3))
+        ratio = 1.0 if moved or plain <= 0.0 else max(variance / plain, 1.0)
+        error = math.inf if moved else math.sqrt(max(plain, 0.0))
+        found[name] = _profile(estimate, unknown, place, error, ratio, float(known.freedom[number]))
+    return found
+
+
+def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, ratio: float, freedom: float) -> Profile:
+    from scipy.special import stdtrit
+
+    from ipmclab.identify.build import beside_bounds
+    from ipmclab.identify.profile import Point, held_at, one_side
+
+    problem, solution = estimate.problem, estimate.solution
+    threshold = float(stdtrit(freedom, 0.975)) ** 2
+    scaled = threshold * ratio
+    middle = float(solution.theta[place])
+    best = Point(middle, 0.0, solution.theta, solution.evaluation)
+    points = [best]
+    ends = []
+    for sign in (-1.0, 1.0):
+        side = one_side(problem, solution, place, sign * error, scaled)
+        found = list(side.points)
+        ends.append(side.crossing)
+        for part in (_BETWEEN, _BEYOND) if math.isfinite(side.crossing) else ():
+            entry = middle + part * (side.crossing - middle)
+            if problem.lower[place] < entry < problem.upper[place]:
+                warm = min([best, *found], key=lambda point: abs(point.entry - entry))
+                more = held_at(problem, solution, place, entry, warm, scaled)
+                found += [more] if more is not None else []
+        points += found
+    points = sorted({point.entry: point for point in points}.values(), key=lambda point: point.entry)
+    return Profile(
+        values=tuple(unknown.value(point.entry) for point in points),
+        excess=tuple(point.height**2 / ratio for point in points),
+        threshold=threshold,
+        interval=beside_bounds(unknown, ends[0], ends[1]),
+        is_open=(math.isinf(ends[0]), math.isinf(ends[1])),
+        parabola=error * math.sqrt(ratio) * unknown.chain(unknown.value(middle)),
+    )
