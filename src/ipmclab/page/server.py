@@ -107,7 +107,6 @@ def application(lab: Lab, settings: Settings) -> FastAPI:
     from nicegui import ui
 
     from ipmclab.page import curves, routes
-    from ipmclab.page import routes as sections
     from ipmclab.page.context import Context
     from ipmclab.page.live import routes as live
     from ipmclab.page.live.bench import Bench
@@ -119,14 +118,12 @@ def application(lab: Lab, settings: Settings) -> FastAPI:
     app.include_router(live.routes(bench))
     app.include_router(curves.routes(workshop.curves))
     app.include_router(routes.routes(workshop))
-    app.include_router(sections.routes(workshop))
     app.mount("/static", StaticFiles(directory=_STATIC))
     app.mount("/vendor", StaticFiles(directory=vendored()))
     add_sections(Context(workshop, bench))
     ui.run_with(app, title="ipmclab", tailwind=False, show_welcome_message=False, dark=None, reconnect_timeout=10.0)
     app.router.on_startup.append(bench.follower.start)
     app.router.on_shutdown.append(bench.follower.close)
-    app.router.on_shutdown.append(workshop.close)
     app.router.on_shutdown.append(workshop.close)
     return app
 
