@@ -1,4 +1,4 @@
-// Plots against time: one panel a quantity, a shared cursor, zoom by drag and keys, SVG and CSV.
+// Plots against time, or another x: one panel a quantity, a shared cursor, zoom by drag and keys, SVG and CSV.
 // Data come either from the live link or, thinned by the server, from a source that is asked again at every zoom.
 "use strict";
 
@@ -68,10 +68,11 @@ const LabPlot = (() => {
   };
 
   class Stack {
-    // options: name, panels [{key, label, unit, factor, series: [{key, label, colour, style}]}], source, live, bands, height
+    // options: name, panels [{key, label, unit, factor, series: [{key, label, colour, style}]}], source, live, bands, height,
+    // x {label, symbol, unit, power}; with power the x of curves is a decimal logarithm. Without live and source: show() and draw().
     constructor(host, options) {
       this.host = host;
-      this.options = { height: 130, bands: [], ...options };
+      this.options = { height: 130, bands: [], x: { label: "time", symbol: "t", unit: "s" }, ...options };
       this.zoom = null;
       this.plots = [];
       this.asked = 0;
@@ -159,7 +160,7 @@ const LabPlot = (() => {
       const quantities = this.options.panels.map((panel) => panel.label).join(", ");
       this.panels.setAttribute(
         "aria-label",
-        `${this.options.name}: ${quantities || "no quantity"} against time. ` +
+        `${this.options.name}: ${quantities || "no quantity"} against ${this.options.x.label}. ` +
           "Left and right move the cursor, plus and minus zoom, 0 shows all.",
       );
     }
@@ -183,8 +184,8 @@ const LabPlot = (() => {
           cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, y: false },
           scales: { x: { time: false }, y: { range: (_, low, high) => this.range(panel, low, high) } },
           axes: [
-            { ...axis, size: last ? 42 : 8, values: last ? undefined : (_, splits) => splits.map(() => ""),
-              label: last ? "time [s]" : undefined, labelSize: 16, ticks: { ...grid, size: last ? 5 : 0 } },
+            { ...axis, size: last ? 42 : 8, values: (plot, splits) => this.xValues(plot, splits, last), incrs: this.options.x.power ? [1] : undefined,
+              label: last ? `${this.options.x.label} [${this.options.x.unit}]` : undefined, labelSize: 16, ticks: { ...grid, size: last ? 5 : 0 } },
             { ...axis, size: 58, label: panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, labelSize: 18 },
           ],
           series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
@@ -289,6 +290,11 @@ const LabPlot = (() => {
         });
       });
       this.rest = performance.now() + 3 * (performance.now() - before);
+    }
+
+    xValues(plot, splits, last) {
+      if (!last) return splits.map(() => "");
+      return splits.map((value) => (this.options.x.power ? String(Number((10 ** value).toPrecision(3))) : String(Number(value.toPrecision(9)))));
     }
 
     // The first and the last time of all curves.
@@ -414,7 +420,7 @@ const LabPlot = (() => {
       else if (this.options.source) {
         if (zoom) this.draw(...zoom); // at once with what is here, then with what the server has
         this.refresh();
-      }
+      } else this.draw(...(zoom ?? this.extent()));
     }
 
     moved(plot) {
@@ -425,7 +431,8 @@ const LabPlot = (() => {
 
     tell() {
       if (this.at === undefined) return;
-      const parts = [`t = ${number(this.at, 6)} s`];
+      const { symbol, unit, power } = this.options.x;
+      const parts = [`${symbol} = ${number(power ? 10 ** this.at : this.at, power ? 4 : 6)} ${unit}`];
       this.options.panels.forEach((panel) => {
         this.data.get(panel.key).forEach(([time, values], place) => {
           if (!time.length || this.at < time[0] || this.at > time[time.length - 1]) return;
@@ -510,9 +517,10 @@ const LabPlot = (() => {
           parts.push(`<path d="M${left} ${toY(value).toFixed(1)}H${width - right}" stroke="#d5dadf"/>`);
           text(left - 6, toY(value) + 3.5, number(value), 'text-anchor="end"');
         }
-        for (const value of ticks(x.min, x.max, 9)) {
+        const { power } = this.options.x;
+        for (const value of power ? ticks(x.min, x.max, 9).filter(Number.isInteger) : ticks(x.min, x.max, 9)) {
           parts.push(`<path d="M${toX(value).toFixed(1)} ${top}V${top + high}" stroke="#d5dadf"/>`);
-          if (place === count - 1) text(toX(value), top + high + 15, number(value, 6), 'text-anchor="middle"');
+          if (place === count - 1) text(toX(value), top + high + 15, number(power ? 10 ** value : value, 6), 'text-anchor="middle"');
         }
         parts.push(`${frame} fill="none" stroke="#5f6973"/>`);
         const label = panel.unit ? `${panel.label} [${panel.unit}]` : panel.label;
@@ -540,7 +548,7 @@ const LabPlot = (() => {
         });
       });
       const height = 20 + count * (high + gap) + 25;
-      text((width + left) / 2, height - 4, "time [s]", 'text-anchor="middle"');
+      text((width + left) / 2, height - 4, `${this.options.x.label} [${this.options.x.unit}]`, 'text-anchor="middle"');
       return (
         `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" ` +
         `font-family="system-ui, sans-serif" font-size="11" fill="#1c2126"><title>${escape(this.options.name)}</title>` +
@@ -549,11 +557,37 @@ const LabPlot = (() => {
     }
 
     saveCsv() {
+      if (!this.options.live && !this.options.source) {
+        save(new Blob([this.csv()], { type: "text/csv" }), `${fileName(this.options.name)}.csv`);
+        return;
+      }
       const source = this.options.live ? "/live/readings" : this.options.source;
       const link = document.createElement("a");
       link.href = `${source}?csv=${encodeURIComponent(fileName(this.options.name))}`;
       link.download = `${fileName(this.options.name)}.csv`;
       link.click();
+    }
+
+    // What is here: curves over the same x share a table.
+    csv() {
+      const { label, unit, power } = this.options.x;
+      const tables = new Map();
+      for (const panel of this.options.panels)
+        this.data.get(panel.key).forEach(([x, values], place) => {
+          if (!tables.has(x)) tables.set(x, []);
+          const name = panel.series.length > 1 ? `${panel.label} ${panel.series[place].label}` : panel.label;
+          tables.get(x).push([`${name} [${panel.unit}]`, values]);
+        });
+      const cell = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(10))) : "");
+      return [...tables]
+        .filter(([x]) => x.length)
+        .map(([x, columns]) => {
+          const rows = [[`${label} [${unit}]`, ...columns.map(([name]) => (name.includes(",") ? `"${name}"` : name))]];
+          for (let k = 0; k < x.length; k++)
+            rows.push([cell(power ? 10 ** x[k] : x[k]), ...columns.map(([, values]) => cell(values[k]))]);
+          return rows.map((row) => row.join(",")).join("\n") + "\n";
+        })
+        .join("\n");
     }
   }
 
