@@ -20,10 +20,13 @@ if TYPE_CHECKING:
     from ipmclab.identify import Fit as Fit
     from ipmclab.identify import Validation as Validation
     from ipmclab.identify import choose as choose
+    from ipmclab.identify import follow_procedure as follow_procedure
     from ipmclab.identify import forecast as forecast
     from ipmclab.identify import identify as identify
+    from ipmclab.identify import leave_one_run_out as leave_one_run_out
     from ipmclab.identify import prediction_bands as prediction_bands
     from ipmclab.identify import read_fit as read_fit
+    from ipmclab.identify import read_procedure as read_procedure
     from ipmclab.identify import validate as validate
     from ipmclab.identify import write_fit as write_fit
     from ipmclab.model import Actuator as Actuator
@@ -51,10 +54,13 @@ _HOMES: Final = {
     "Fit": "ipmclab.identify",
     "Validation": "ipmclab.identify",
     "choose": "ipmclab.identify",
+    "follow_procedure": "ipmclab.identify",
     "forecast": "ipmclab.identify",
     "identify": "ipmclab.identify",
+    "leave_one_run_out": "ipmclab.identify",
     "prediction_bands": "ipmclab.identify",
     "read_fit": "ipmclab.identify",
+    "read_procedure": "ipmclab.identify",
     "validate": "ipmclab.identify",
     "write_fit": "ipmclab.identify",
     "Actuator": "ipmclab.model",

@@ -27,6 +27,7 @@ _MULTIPLES: Final[dict[str, dict[str, float]]] = {
     "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6},
     "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
     "N": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "gf": 9.80665e-3},
+    "N/m": {"N/m": 1.0, "mN/mm": 1.0, "gf/mm": 9.80665},
     "C": {"C": 1.0, "mC": 1e-3, "uC": 1e-6},
     "W": {"W": 1.0, "mW": 1e-3, "uW": 1e-6},
     "J": {"J": 1.0, "mJ": 1e-3, "kJ": 1e3},
@@ -105,6 +106,8 @@ ANGULAR_RATE = Quantity("angular rate", "1/s", "1/s")
 SQUARED_ANGULAR_RATE = Quantity("squared angular rate", "1/s^2", "1/s^2")
 DENSITY = Quantity("density", "kg/m^3", "kg/m^3", "ρ_m")
 MODULUS = Quantity("Young's modulus", "Pa", "MPa", "Y")
+STRAIN_COEFFICIENT = Quantity("coupling at rest", "m/V", "nm/V", "d(0)")
+STIFFNESS = Quantity("stiffness", "N/m", "N/m", "k")
 MASS = Quantity("mass", "kg", "mg", "m")
 AREAL_MASS = Quantity("mass per area", "kg/m^2", "mg/cm^2")
 PRESSURE = Quantity("pressure", "Pa", "kPa", "p")

@@ -18,6 +18,7 @@ from ipmclab.cli.output import (
 )
 from ipmclab.cli.rig_prove import prove
 from ipmclab.cli.rig_serve import serve
+from ipmclab.cli.rig_sheet import sheet
 from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS, CURRENT, VOLTAGE
 
@@ -167,3 +168,4 @@ def _channel_document(one: ChannelCheck) -> dict[str, Any]:
 rig_app.command("check")(check)
 rig_app.command("prove")(prove)
 rig_app.command("serve")(serve)
+rig_app.command("sheet")(sheet)

@@ -10,26 +10,37 @@ from ipmclab.identify.fit_file import read_fit, write_fit
 from ipmclab.identify.forecasting.forecast import Forecast, forecast, with_slow_modes
 from ipmclab.identify.forecasting.forecast_values import ForecastSettings
 from ipmclab.identify.identify import identify
+from ipmclab.identify.left_out import LeftOut, leave_one_run_out
+from ipmclab.identify.mountings import Mounting, Mountings
 from ipmclab.identify.observation import Observation
+from ipmclab.identify.procedure.follow import Characterisation, follow_procedure
+from ipmclab.identify.procedure.procedure_file import read_procedure
 from ipmclab.identify.validate import RunValidation, Validation, validate
 
 __all__ = [
     "Bands",
     "Candidate",
+    "Characterisation",
     "Choice",
     "Direction",
     "Fit",
     "FittedParameter",
     "Forecast",
     "ForecastSettings",
+    "LeftOut",
+    "Mounting",
+    "Mountings",
     "Observation",
     "RunValidation",
     "Validation",
     "choose",
+    "follow_procedure",
     "forecast",
     "identify",
+    "leave_one_run_out",
     "prediction_bands",
     "read_fit",
+    "read_procedure",
     "validate",
     "with_slow_modes",
     "write_fit",

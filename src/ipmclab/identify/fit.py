@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -121,6 +121,9 @@ class Fit:
         How well the readings tell the parameters apart.
     profiles : mapping of name to Profile
         Where ``profile`` followed them.
+    procedure : mapping, optional
+        The steps that came before it, as ``Characterisation.to_table`` gives them, where it is the joint fit of a
+        procedure.
     estimate : Estimate, optional
         The solved problem itself, from which profiles and samples are drawn; None in a fit that was read from a file.
     """
@@ -143,6 +146,7 @@ class Fit:
     left_out: tuple[LeftOut, ...] = ()
     practical: Practical | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
+    procedure: Mapping[str, Any] | None = None
     estimate: Estimate | None = field(default=None, repr=False)
 
     def __str__(self) -> str:

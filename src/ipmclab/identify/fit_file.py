@@ -95,6 +95,7 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             covariance=_covariance(table["covariance"]),
             mountings=Mountings.from_table(table["mountings"]) if "mountings" in table else None,
             left_out=tuple(LeftOut.from_table(entry) for entry in table.get("left_out", ())),
+            procedure=table.get("procedure"),
             practical=Practical.from_table(table["practical"]) if "practical" in table else None,
             profiles={name: Profile.from_table(entry) for name, entry in table.get("profiles", {}).items()},
         )

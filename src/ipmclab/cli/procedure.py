@@ -1,0 +1,150 @@
+"""``ipmclab procedure``: the thesis's own way from a strip to its parameters, step by step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ipmclab.cli.files import check_output
+from ipmclab.cli.identify import fit_document
+from ipmclab.cli.options import Force, Json
+from ipmclab.cli.output import (
+    finding_document,
+    print_findings,
+    print_json,
+    print_paragraph,
+    print_table,
+    progress,
+)
+from ipmclab.errors import InputError, IpmclabError
+
+if TYPE_CHECKING:
+    from ipmclab.identify.procedure.follow import Characterisation
+    from ipmclab.identify.procedure.step import Step
+
+
+def procedure(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="PROCEDURE.toml", help="What was measured by hand, and which runs.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write, or the template.")
+    ] = None,
+    template: Annotated[bool, typer.Option("--template", help="Write a procedure to fill in.")] = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Find the parameters of a strip step by step: four probes, dc, branches, mass, push, force; then all at once.
+
+    \b
+    ipmclab procedure --template --out mine.toml
+    ipmclab procedure mine.toml --out fitted.toml
+    """
+    if template:
+        _write_template(file, out, force=force, as_json=as_json)
+        return
+    if file is None:
+        raise InputError(
+            "no procedure is given",
+            code="usage",
+            where="ipmclab procedure",
+            repair="write one to fill in: ipmclab procedure --template --out mine.toml",
+        )
+    if out is not None:
+        check_output(out, force=force, suffixes=(".toml",))
+    from ipmclab import follow_procedure, read_procedure, write_fit
+
+    given = read_procedure(file)
+    with progress(f"{given.name}: the procedure") as tell:
+        found = follow_procedure(given, progress=tell)
+    if found.joint is not None and out is not None:
+        write_fit(found.joint.fit, out, overwrite=force)
+    if as_json and (found.joint is not None or out is None):
+        print_json(_document(found, out))
+        return
+    if not as_json:
+        _print(found)
+    if out is None:
+        return
+    if found.joint is None:
+        raise IpmclabError(
+            f"{out} was not written: {', '.join(step.title for step in found.missing)} "
+            f"{'is' if len(found.missing) == 1 else 'are'} missing",
+            code="procedure-unfinished",
+            where=str(file),
+            repair=found.missing[0].advice,
+        )
+    print(f"wrote {out}")
+
+
+def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json: bool) -> None:
+    from ipmclab.destination import replacing
+    from ipmclab.identify.procedure.template import TEMPLATE
+
+    if file is not None:
+        raise InputError(
+            "a template is written with --out, it reads no procedure",
+            code="usage",
+            where=str(file),
+            repair=f"ipmclab procedure --template --out {file}",
+        )
+    if out is not None:
+        check_output(out, force=force, suffixes=(".toml",))
+        with replacing(out, overwrite=force) as temporary:
+            temporary.write_text(TEMPLATE, encoding="utf-8", newline="\n")
+    if as_json:
+        print_json({"template": TEMPLATE, "out": out})
+    elif out is None:
+        print(TEMPLATE, end="")
+    else:
+        print(f"wrote {out}; fill it in, then: ipmclab procedure {out}")
+
+
+def _print(found: Characterisation) -> None:
+    for number, step in enumerate(found.steps, start=1):
+        _print_step(number, step)
+    if found.joint is None:
+        step = found.missing[0]
+        print_paragraph(f"Next: {step.title}: {step.advice}.")
+        return
+    rows = [(row.name, *row.said) for row in found.compared]
+    print_table(["parameter", "step by step", "all runs at once"], rows, title="Both ways")
+    print_paragraph(
+        "All runs at once: each run counts once, and what was measured without them (sheet resistance, modulus) is "
+        "known beforehand. ± is one standard uncertainty."
+    )
+    told = [one for one in found.joint.fit.findings if one.severity != "info"]
+    print_findings([*found.joint.findings, *told])
+
+
+def _print_step(number: int, step: Step) -> None:
+    print(f"{number}. {step.title}" + ("" if step.done else f": {step.how}" if not step.results else ": not enough"))
+    if step.done or step.results or step.findings:
+        if step.results:
+            print_paragraph(f"   {step.how}")
+        rows = [(f"   {name}", one.said, one.because) for name, one in {**step.also, **step.results}.items()]
+        if rows:
+            print_table(["", "± standard uncertainty", "of which"], rows)
+        print_findings(step.findings)
+    if step.advice:
+        print_paragraph(f"   -> {step.advice}")
+    print()
+
+
+def _document(found: Characterisation, out: Path | None) -> dict[str, Any]:
+    table = found.to_table()
+    for shown, step in zip(table["steps"], found.steps, strict=True):
+        shown["findings"] = [finding_document(one) for one in step.findings]
+    return {
+        "name": found.name,
+        "steps": table["steps"],
+        "missing": [step.name for step in found.missing],
+        "next": found.missing[0].advice if found.missing else None,
+        "compared": table["compared"],
+        "findings": [finding_document(one) for one in (found.joint.findings if found.joint else ())],
+        "fit": None if found.joint is None else fit_document(found.joint.fit),
+        "out": out if found.joint is not None else None,
+    }

@@ -1,0 +1,70 @@
+"""Step 3: the branches from a step and a sine (Friend, section 4.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from ipmclab.identify.fit import Fit
+from ipmclab.identify.identify import identify
+from ipmclab.identify.procedure import dc
+from ipmclab.identify.procedure.amounts import Uncertain
+from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
+from ipmclab.identify.procedure.strip import actuator_of, amounts_of_fit, branch_names
+from ipmclab.run import Finding, Run
+from ipmclab.units import PERMITTIVITY, RESISTIVITY
+
+TITLE: Final = "branches from the current"
+
+_LEFT_OUT: Final = frozenset({"exact-fixed-value", "undetermined"})
+"""What a fit says of values that it was told as exact; here their uncertainty is counted afterwards."""
+
+
+def fit_findings(fit: Fit, wanted: Sequence[str]) -> tuple[Finding, ...]:
+    """What of a fit's findings belongs to a step, and what it did not determine."""
+    missing = [name for name in wanted if name not in fit.parameters or not fit.parameters[name].determined]
+    told = tuple(one for one in fit.findings if one.code not in _LEFT_OUT and one.severity != "info")
+    return told + tuple(
+        Finding("not-determined", "warning", f"{name} is not determined by these runs", "add a run, or a longer one")
+        for name in missing
+    )
+
+
+def branches(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], count: int) -> Step:
+    """Resistivity and permittivity of every branch, with the sheet and the dc resistance held at what was measured.
+
+    Parameters
+    ----------
+    runs : sequence of (label, Run)
+    known : mapping of dotted name to Uncertain
+        Dimensions, sheet and contact resistance; the dc resistivity is found here where it is left out.
+    count : int
+        Of branches.
+    """
+    names = branch_names(count)
+    told = dc.NAME in known
+    wanted = names if told else (dc.NAME, *names)
+    how = f"least squares on the current of {', '.join(label for label, _ in runs)}"
+    how += " with R_e and R_dc as measured (Friend, eqs 4.3 to 4.6)" if told else " with R_e as measured, R_dc free too"
+    actuator = actuator_of("procedure", known, count)
+    fit = identify(actuator, [run for _, run in runs], free=wanted, labels=[label for label, _ in runs])
+    held = {name: amount for name, amount in known.items() if name not in wanted and not name.startswith("beam.")}
+    amounts = amounts_of_fit(fit, held, {}, "noise of the current").determined
+    parameters = actuator.parameters()
+    results = {
+        name: Result(
+            amounts[name], PERMITTIVITY if name.endswith("permittivity") else RESISTIVITY, parameters[name].symbol
+        )
+        for name in wanted
+        if name in amounts
+    }
+    worst = max(results.values(), key=lambda one: one.amount.uncertainty / one.amount.value, default=None)
+    return Step(
+        "branches",
+        TITLE,
+        how,
+        results,
+        findings=(*fit_findings(fit, wanted), *assumed_finding([one.amount for one in results.values()])),
+        advice=advice_for(worst.amount) if worst is not None else "",
+        done=len(results) == len(wanted),
+    )

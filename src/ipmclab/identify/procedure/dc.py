@@ -1,0 +1,213 @@
+"""Step 2: the dc resistance from the steady state (Friend, section 4.5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from ipmclab.errors import InputError
+from ipmclab.identify.procedure.amounts import NORMAL_95, Uncertain, derived, exact, weighted_mean
+from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
+from ipmclab.model.simulate import series_shunt
+from ipmclab.quality import measure
+from ipmclab.quality.record import Record
+from ipmclab.run import Finding, Run
+from ipmclab.units import RESISTANCE, RESISTIVITY
+
+NAME: Final = "circuit.dc_resistivity"
+TITLE: Final = "dc resistance from the steady state"
+
+_STEADY: Final = 0.02
+"""Part of the current that may still be on its way when the record ends."""
+
+_ELECTROLYSIS: Final = 1.23  # V
+
+
+def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain]) -> Step:
+    """R_dc = V/I - 2 R_e - R_contact, and rho_dc = R_dc (L_f + L_c) w/h (Friend, eq. 4.2).
+
+    The steady current is the limit of an exponential through the last stretch of constant voltage, not the last
+    reading.
+
+    Parameters
+    ----------
+    runs : sequence of (label, Run)
+        Each with a constant voltage for long.
+    known : mapping of dotted name to Uncertain
+        Dimensions, sheet and contact resistance.
+    """
+    how = "R_dc = V/I - 2 R_e - R_contact at the current towards which a constant voltage settles (Friend, eq. 4.2)"
+    found = [_of_run(label, run, known) for label, run in runs]
+    findings = tuple(finding for _, some in found for finding in some)
+    good = [one for one, _ in found if one is not None]
+    if not good:
+        return Step(
+            "dc_resistance",
+            TITLE,
+            how,
+            findings=findings,
+            advice="hold a constant voltage until the current no longer falls; until then the next step finds it, with "
+            "the branches",
+            done=False,
+        )
+    resistance = weighted_mean(good)
+    findings += _scatter(good)
+    resistivity = derived(
+        lambda r, free, clamped, w, h: r * (free + clamped) * w / h,
+        resistance,
+        *(known[f"geometry.{name}"] for name in ("free_length", "clamped_length", "width", "thickness")),
+    )
+    return Step(
+        "dc_resistance",
+        TITLE,
+        how,
+        {NAME: Result(resistivity, RESISTIVITY, "ρ_dc")},
+        {"R_dc": Result(resistance, RESISTANCE, "R_dc")},
+        (*findings, *assumed_finding([resistivity])),
+        advice_for(resistance) or advice_for(resistivity),
+    )
+
+
+def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncertain | None, tuple[Finding, ...]]:
+    metrics = {metric.name: metric for metric in measure(run) if metric.channel == "current"}
+    steady, last = metrics.get("steady_value"), metrics.get("mean_of_last_tenth")
+    record = Record.of(run)
+    if steady is None or last is None or steady.interval is None or not len(record.edges):
+        raise InputError(
+            "its current has no steady state: the voltage is not constant at its end for long enough",
+            code="no-steady-state",
+            where=label,
+            repair="give a run with a step that is held, and with its current",
+        )
+    volts = float(np.median(run.voltage[record.edges[-1] :]))
+    if not volts or not steady.value or steady.value / volts <= 0:
+        raise InputError(
+            f"at {volts:g} V it settles towards {1e3 * steady.value:g} mA: that is no resistance",
+            code="no-steady-state",
+            where=label,
+            repair="give a run whose voltage is held away from 0 V",
+        )
+    low, high = steady.interval
+    reach = max(steady.value - low, high - steady.value)
+    findings: list[Finding] = []
+    away = last.value - steady.value
+    if abs(away) > _STEADY * abs(steady.value) or math.isinf(reach):
+        findings.append(_not_steady(label, run, record, last.value, steady.value, math.isinf(reach), known, volts))
+    if abs(volts) > _ELECTROLYSIS:
+        findings.append(
+            Finding(
+                "steady-above-electrolysis",
+                "warning",
+                f"{label}: at {volts:.3g} V water decomposes: the steady current is more than R_dc alone draws",
+                "hold 1 V",
+                "current",
+            )
+        )
+    if math.isinf(reach):
+        return None, tuple(findings)
+    about = run.metadata.uncertainties
+    current = Uncertain(
+        steady.value,
+        {
+            f"noise of {label}": reach / NORMAL_95,
+            "calibration of the current": about.get("current", 0.0),
+        },
+    )
+    voltage = Uncertain(volts, {"calibration of the voltage": about.get("voltage", 0.0)})
+    shunt = exact(series_shunt(run, where=label))
+
+    def resistance(
+        v: float, i: float, s: float, contact: float, sheet: float, free: float, clamped: float, w: float
+    ) -> float:
+        return v / i - s - contact - 2.0 * sheet * (free + clamped) / w
+
+    found = derived(
+        resistance,
+        voltage,
+        current,
+        shunt,
+        known["circuit.contact_resistance"],
+        known["circuit.sheet_resistance"],
+        *(known[f"geometry.{name}"] for name in ("free_length", "clamped_length", "width")),
+    )
+    if not found.value > 0:
+        raise InputError(
+            f"{volts:g} V over {1e3 * steady.value:.4g} mA is less than the electrodes alone have: R_dc would be "
+            f"{found.value:.3g} ohm",
+            code="no-dc-resistance",
+            where=label,
+            repair="measure the sheet resistance again, and look at the shunt and the scale of the current",
+        )
+    return found, tuple(findings)
+
+
+def _not_steady(
+    label: str,
+    run: Run,
+    record: Record,
+    end: float,
+    limit: float,
+    is_open: bool,
+    known: Mapping[str, Uncertain],
+    volts: float,
+) -> Finding:
+    """The record ends before the current has settled: what the last reading would have given, how long to hold."""
+    time, current = run.time, run.current
+    assert current is not None
+    edge = int(record.edges[-1])
+    held = float(time[-1] - time[edge])
+    if is_open:
+        return Finding(
+            "not-steady",
+            "warning",
+            f"{label}: the current still changes {held:.3g} s after the step, and nothing shows towards what",
+            f"hold the voltage for {4.0 * held:.2g} s or longer",
+            "current",
+            values={"held": held, "end": end},
+        )
+    squares = (known["geometry.free_length"].value + known["geometry.clamped_length"].value) / known[
+        "geometry.width"
+    ].value
+    series = series_shunt(run, where=label) + known["circuit.contact_resistance"].value
+    series += 2.0 * known["circuit.sheet_resistance"].value * squares
+    read_off, settled = volts / end - series, volts / limit - series
+    quarter = edge + (len(time) - edge) // 4
+    early = float(np.nanmean(current[quarter : quarter + max((len(time) - edge) // 20, 1)]))
+    ratio = (early - limit) / (end - limit)
+    # Between the first twentieth after the first quarter and the last tenth the current came nearer by that factor.
+    speed = 0.675 * held / math.log(ratio) if ratio > 1.0 else held
+    needed = held + speed * max(math.log(abs(end - limit) / (0.01 * abs(limit))), 0.0)
+    return Finding(
+        "not-steady",
+        "warning",
+        f"{label}: {held:.3g} s after the step the current is {1e3 * end:.4g} mA, on its way to {1e3 * limit:.4g} mA: "
+        f"read off there, the dc resistance would be {read_off:.4g} ohm and not {settled:.4g} ohm",
+        f"hold the voltage for {needed:.2g} s; the limit of an exponential was taken, which is right if nothing slower "
+        "follows",
+        "current",
+        values={"held": held, "end": end, "limit": limit, "read_off": read_off, "needed": needed},
+    )
+
+
+def _scatter(good: Sequence[Uncertain]) -> tuple[Finding, ...]:
+    """Runs that disagree by more than their own noise show a strip in two states."""
+    if len(good) < 2:
+        return ()
+    values = np.array([one.value for one in good])
+    common = set.intersection(*(set(one.parts) for one in good))
+    own = np.array([one.without(common).uncertainty for one in good])
+    apart = float(np.ptp(values)) / max(float(np.hypot(own[values.argmax()], own[values.argmin()])), 1e-300)
+    if apart <= 3.0:
+        return ()
+    return (
+        Finding(
+            "states-differ",
+            "warning",
+            f"the runs give dc resistances from {values.min():.4g} to {values.max():.4g} ohm, {apart:.2g} standard "
+            "uncertainties apart: the strip was not the same in them",
+            "record the runs of one procedure one after the other, in one mounting, at one humidity",
+        ),
+    )

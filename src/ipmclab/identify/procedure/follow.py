@@ -1,0 +1,290 @@
+"""Through the procedure, step by step (Friend, figure 4.9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from ipmclab.identify.fit_table import changed
+from ipmclab.identify.procedure import dc
+from ipmclab.identify.procedure import density as density_step
+from ipmclab.identify.procedure import push as push_step
+from ipmclab.identify.procedure.amounts import Uncertain, derived
+from ipmclab.identify.procedure.branches import branches
+from ipmclab.identify.procedure.coupling import coupling
+from ipmclab.identify.procedure.four_probe import FourProbes, sheet_resistance
+from ipmclab.identify.procedure.joint import SHEET, Joint, joint
+from ipmclab.identify.procedure.procedure import Procedure
+from ipmclab.identify.procedure.push import Push
+from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding, finding_row
+from ipmclab.units import (
+    DENSITY,
+    MODULUS,
+    RESISTANCE,
+    RESISTIVITY,
+    SHEET_RESISTANCE,
+    STRAIN_COEFFICIENT,
+    Quantity,
+)
+
+Tell = Callable[[str, float], None]
+
+TO_DO: Final[Mapping[str, tuple[str, str]]] = {
+    "sheet_resistance": (
+        "sheet resistance by four probes",
+        'lay four contacts on one face and read them (ipmclab rig sheet RIG --width "5 mm"): [sheet_resistance]',
+    ),
+    "dc_resistance": (dc.TITLE, "hold 1 V until the current no longer falls, and give the run in [dc_resistance]"),
+    "branches": ("branches from the current", "record a step and a slow sine with their current: [branches]"),
+    "density": ("density from mass and volume", "weigh the wet strip and give its mass in [density]"),
+    "modulus": ("modulus from a push", "push the strip at 0 V with the load cell, in and out: [modulus]"),
+    "coupling": ("coupling from the force", "record the blocked force under a step and a slow sine: [coupling]"),
+}
+"""Title of each step, in its order, and what is to be done for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Characterisation:
+    """What came of a procedure.
+
+    Parameters
+    ----------
+    name : str
+    steps : tuple of Step
+        All six in their order, done or not.
+    staged : mapping of dotted name to Uncertain
+        Dimensions, and what the steps found.
+    joint : Joint, optional
+        All runs at once; None while a step is missing.
+    """
+
+    name: str
+    steps: tuple[Step, ...]
+    staged: Mapping[str, Uncertain]
+    joint: Joint | None
+
+    @property
+    def missing(self) -> tuple[Step, ...]:
+        """Steps that are still to be done."""
+        return tuple(step for step in self.steps if not step.done)
+
+    @property
+    def compared(self) -> tuple[Compared, ...]:
+        """Each parameter step by step and all together, and d(0); empty without the joint fit."""
+        if self.joint is None:
+            return ()
+        declared = self.joint.fit.actuator.parameters()
+        rows = [
+            Compared(name, declared[name].quantity, declared[name].symbol, self.staged.get(name), together)
+            for name, together in self.joint.amounts.items()
+        ]
+        alone = next((r.amount for step in self.steps for name, r in step.also.items() if name == "d(0)"), None)
+        return (*rows, Compared("d(0)", STRAIN_COEFFICIENT, "d(0)", alone, self.joint.static))
+
+    def to_table(self) -> dict[str, Any]:
+        """The steps, and both results side by side, in the types that TOML has."""
+        return {
+            "steps": [step.to_table() for step in self.steps],
+            "compared": [row.to_table() for row in self.compared],
+            "findings": [finding_row(one) for one in (self.joint.findings if self.joint else ())],
+        }
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One parameter step by step, and from all runs at once.
+
+    Parameters
+    ----------
+    name : str
+    quantity : Quantity
+    symbol : str
+    staged : Uncertain, optional
+    joint : Uncertain
+    """
+
+    name: str
+    quantity: Quantity
+    symbol: str
+    staged: Uncertain | None
+    joint: Uncertain
+
+    @property
+    def said(self) -> tuple[str, str]:
+        """Both as text."""
+        alone = "" if self.staged is None else Result(self.staged, self.quantity).said
+        return alone, Result(self.joint, self.quantity).said
+
+    def to_table(self) -> dict[str, Any]:
+        """The row in the types that TOML has."""
+        alone = self.staged
+        known = alone is not None and math.isfinite(alone.uncertainty)
+        return {
+            "name": self.name,
+            "unit": self.quantity.unit,
+            "symbol": self.symbol,
+            **({"staged": alone.value, "staged_uncertainty": alone.uncertainty} if known and alone else {}),
+            "joint": self.joint.value,
+            "joint_uncertainty": self.joint.uncertainty,
+            "said": list(self.said),
+        }
+
+
+def follow_procedure(procedure: Procedure, *, progress: Tell | None = None) -> Characterisation:
+    """Carry out every step for which there is something, and the joint fit when all are done.
+
+    Parameters
+    ----------
+    procedure : Procedure
+        Of ``read_procedure``.
+    progress : function of (str, float), optional
+        Told what is being done, and how far it is.
+
+    Returns
+    -------
+    characterisation : Characterisation
+
+    Raises
+    ------
+    InputError
+        Something that was measured cannot be.
+    """
+    tell = progress or (lambda *_: None)
+    known: dict[str, Uncertain] = {
+        **procedure.geometry,
+        "circuit.contact_resistance": procedure.contact_resistance,
+    }
+    steps: dict[str, Step] = {}
+    by_hand: list[str] = []
+
+    def keep(step: Step) -> None:
+        steps[step.name] = step
+        known.update(step.amounts)
+
+    tell("sheet resistance", 0.0)
+    keep(_sheet(procedure))
+    if SHEET in known:
+        by_hand.append(SHEET)
+        tell("dc resistance", 0.05)
+        keep(_dc(procedure, known))
+        if isinstance(procedure.dc_resistance, Uncertain):
+            by_hand.append(dc.NAME)
+        if procedure.branches:
+            tell("branches", 0.1)
+            keep(branches(procedure.branches, known, procedure.branch_count))
+    keep(_density(procedure, known))
+    keep(_modulus(procedure, known))
+    by_hand.append(push_step.NAME)
+    needed = (SHEET, dc.NAME, "circuit.branches.0.resistivity", density_step.NAME, push_step.NAME)
+    together: Joint | None = None
+    if procedure.coupling and all(name in known for name in needed):
+        tell("coupling", 0.3)
+        keep(coupling(procedure.coupling, known, procedure.branch_count))
+        if steps["branches"].done and steps["coupling"].done:
+            tell("all runs at once", 0.5)
+            together = joint(procedure.name, procedure.runs, known, by_hand, procedure.branch_count, procedure.sample)
+    tell("done", 1.0)
+    ordered = tuple(steps.get(name) or _undone(name, _waits_for(name, known)) for name in TO_DO)
+    found = Characterisation(procedure.name, ordered, known, together)
+    if together is None:
+        return found
+    fit = changed(together.fit, procedure=found.to_table())
+    return replace(found, joint=replace(together, fit=fit))
+
+
+def _undone(name: str, waits: str = "") -> Step:
+    title, what = TO_DO[name]
+    return Step(name, title, waits or "not done yet", advice=what, done=False)
+
+
+def _waits_for(name: str, known: Mapping[str, Uncertain]) -> str:
+    """What has to be known before a step."""
+    if name in ("dc_resistance", "branches") and SHEET not in known:
+        return "waits for the sheet resistance"
+    needed = {
+        "the sheet resistance": SHEET,
+        "the branches": "circuit.branches.0.resistivity",
+        "the density": density_step.NAME,
+        "the modulus": push_step.NAME,
+    }
+    open_ones = [what for what, key in needed.items() if key not in known]
+    return f"waits for {', '.join(open_ones)}" if name == "coupling" and open_ones else ""
+
+
+def _given(name: str, key: str, amount: Uncertain, result: Result) -> Step:
+    return Step(
+        name,
+        TO_DO[name][0],
+        "from elsewhere",
+        {key: result},
+        findings=assumed_finding([amount]),
+    )
+
+
+def _sheet(procedure: Procedure) -> Step:
+    given = procedure.sheet_resistance
+    if given is None:
+        return _undone("sheet_resistance")
+    if isinstance(given, Uncertain):
+        return _given("sheet_resistance", SHEET, given, Result(given, SHEET_RESISTANCE, "R_s"))
+    return _four_probes(given, procedure)
+
+
+def _four_probes(probes: FourProbes, procedure: Procedure) -> Step:
+    width = procedure.geometry["geometry.width"]
+    lengths = procedure.geometry["geometry.free_length"], procedure.geometry["geometry.clamped_length"]
+    length = derived(lambda free, clamped: free + clamped, *lengths)
+    found = sheet_resistance(probes, width, length)
+    electrode = derived(lambda r, along, across: r * along / across, found, length, width)
+    how = (
+        "R_s = R w/d for contacts across the width"
+        if probes.contacts == "line"
+        else "R_s = C V/I for four points in a row"
+    )
+    return Step(
+        "sheet_resistance",
+        TO_DO["sheet_resistance"][0],
+        how,
+        {SHEET: Result(found, SHEET_RESISTANCE, "R_s")},
+        {"R_e": Result(electrode, RESISTANCE, "R_e")},
+        assumed_finding([found]),
+        advice_for(electrode) or advice_for(found),
+    )
+
+
+def _dc(procedure: Procedure, known: Mapping[str, Uncertain]) -> Step:
+    given = procedure.dc_resistance
+    if given is None:
+        return _undone("dc_resistance")
+    if not isinstance(given, Uncertain):
+        return dc.dc_resistance(given, known)
+    resistivity = derived(
+        lambda r, free, clamped, w, h: r * (free + clamped) * w / h,
+        given,
+        *(known[f"geometry.{name}"] for name in ("free_length", "clamped_length", "width", "thickness")),
+    )
+    step = _given("dc_resistance", dc.NAME, given, Result(resistivity, RESISTIVITY, "ρ_dc"))
+    return Step(
+        step.name, step.title, step.how, step.results, {"R_dc": Result(given, RESISTANCE, "R_dc")}, step.findings
+    )
+
+
+def _density(procedure: Procedure, known: Mapping[str, Uncertain]) -> Step:
+    if procedure.mass is not None:
+        return density_step.density(procedure.mass, known)
+    if procedure.density is not None:
+        given = procedure.density
+        return _given("density", density_step.NAME, given, Result(given, DENSITY, "ρ_m"))
+    return _undone("density")
+
+
+def _modulus(procedure: Procedure, known: Mapping[str, Uncertain]) -> Step:
+    given = procedure.modulus
+    if isinstance(given, Push):
+        position = procedure.push_position or procedure.geometry["geometry.sensing_length"]
+        return push_step.modulus(given, position, known)
+    if given is not None:
+        return _given("modulus", push_step.NAME, given, Result(given, MODULUS, "Y"))
+    return _undone("modulus")

@@ -1,0 +1,292 @@
+"""Step 5: Young's modulus from a force-displacement push (Friend, eq. 4.11)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.identify.procedure.amounts import NORMAL_95, Uncertain, derived
+from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
+from ipmclab.run import Finding
+from ipmclab.units import MODULUS, STIFFNESS
+
+FloatArray = npt.NDArray[np.float64]
+
+NAME: Final = "beam.modulus"
+
+_FEWEST: Final = 4  # readings of one way
+_TURN: Final = 0.1  # of the whole travel, by which a push has to go back to have turned
+_SURE: Final = 1e-3
+_BENT: Final = 0.05  # change of the slope over a push from which it counts
+_LOOP: Final = 0.02  # width of the loop, as a part of the force, from which it counts
+_FAR: Final = 0.2  # of the length: beyond it the beam equation no longer holds
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """Force against displacement while the load cell is moved against the strip, and back.
+
+    Parameters
+    ----------
+    displacement : float array, shape (n,) [m]
+        In the order in which it was done.
+    force : float array, shape (n,) [N]
+    calibration : float
+        Relative standard uncertainty of the scales of force and displacement together.
+    """
+
+    displacement: FloatArray
+    force: FloatArray
+    calibration: float = 0.0
+
+
+def modulus(push: Push, position: Uncertain, known: Mapping[str, Uncertain]) -> Step:
+    """Y = 4 L_s^3/(w h^3) f/delta, with the slope of a regression (Friend, eq. 4.11).
+
+    Parameters
+    ----------
+    push : Push
+    position : Uncertain [m]
+        From the edge of the clamp to where the load cell pushes.
+    known : mapping of dotted name to Uncertain
+        The dimensions.
+
+    Raises
+    ------
+    InputError
+        Too few readings, no travel, a force that does not rise.
+    """
+    slope, findings = stiffness(push)
+    far = float(np.ptp(push.displacement)) / position.value
+    if far > _FAR:
+        findings = (
+            *findings,
+            Finding(
+                "push-too-far",
+                "warning",
+                f"the push goes over {far:.2f} of the length: eq. 4.11 holds for small bending, up to {_FAR:g}",
+                "push less far",
+            ),
+        )
+    found = derived(
+        lambda k, at, w, h: 4.0 * at**3 * k / (w * h**3),
+        slope,
+        position,
+        known["geometry.width"],
+        known["geometry.thickness"],
+    )
+    return Step(
+        "modulus",
+        "modulus from a push",
+        "Y = 4 L_s³/(w h³) f/δ (Friend, eq. 4.11), f/δ by regression",
+        {NAME: Result(found, MODULUS, "Y")},
+        {"f/δ": Result(slope, STIFFNESS, "k")},
+        (*findings, *assumed_finding([found])),
+        advice_for(found),
+    )
+
+
+def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
+    """The slope of force against displacement [N/m] where the load cell touches, and what is wrong with the push.
+
+    Ways in and out get an intercept each and share the slope. Its uncertainty has the scatter about the lines (of
+    neighbours that hang together as many as are independent), half the difference between the slopes in and out, and
+    the scales.
+    """
+    x, f = push.displacement, push.force
+    if len(x) < _FEWEST:
+        raise InputError(
+            f"{len(x)} readings of the push",
+            code="too-few-readings",
+            where="modulus",
+            repair=f"give at least {_FEWEST}, better ten in and ten out",
+        )
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(f)) and float(np.ptp(x)) > 0.0):
+        raise InputError(
+            "the push does not move, or has readings that are missing",
+            code="bad-value",
+            where="modulus.displacement",
+            repair="give force and displacement of every position",
+        )
+    ways = _ways(x)
+    touching = _touching(x, f, ways)
+    findings: list[Finding] = []
+    missed = int(np.count_nonzero(~touching))
+    if missed:
+        findings.append(
+            Finding(
+                "push-without-contact",
+                "info",
+                f"in {missed} of {len(x)} readings the load cell did not touch the strip yet: they were left out",
+                "",
+                samples=_ranges(~touching),
+            )
+        )
+    x, f, ways = x[touching], f[touching], ways[touching]
+    slope, error, residual = _line(x, f, ways)
+    if not slope > 0.0:
+        raise InputError(
+            f"the slope of the force is {slope:.3g} N/m: a strip pushes back",
+            code="out-of-range",
+            where="modulus.force",
+            repair="give the force as positive where the displacement grows",
+        )
+    parts = {"scatter of the push": error, "calibration of the push": slope * push.calibration}
+    findings += _bent(x, f, ways)
+    loop = _loop(x, f, ways, slope, residual)
+    if loop is not None:
+        half, finding = loop
+        parts["hysteresis of the push"] = half
+        findings += [finding] if finding is not None else []
+    else:
+        findings.append(
+            Finding(
+                "push-one-way",
+                "info",
+                "the push goes one way only: friction and creep cannot be told from stiffness",
+                "read it on the way back too",
+            )
+        )
+    return Uncertain(slope, {source: part for source, part in parts.items() if part}), tuple(findings)
+
+
+def _ways(x: FloatArray) -> npt.NDArray[np.intp]:
+    """The number of the way, in or out, that each reading belongs to: a new one begins where the push has turned."""
+    back = _TURN * float(np.ptp(x))
+    ways = np.zeros(len(x), dtype=np.intp)
+    extreme, direction, number = 0, 0.0, 0
+    for k in range(1, len(x)):
+        if direction == 0.0:
+            if abs(x[k] - x[extreme]) > back:
+                direction, extreme = math.copysign(1.0, x[k] - x[extreme]), k
+        elif (x[k] - x[extreme]) * direction >= 0.0:
+            extreme = k
+        elif (x[extreme] - x[k]) * direction > back:
+            number += 1
+            ways[extreme + 1 :] = number
+            direction, extreme = -direction, k
+    return ways
+
+
+def _touching(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Which readings were taken in contact: before, the force does not depend on the displacement.
+
+    The bend of a line that is flat at first is sought; it counts where it leaves far less than a straight one.
+    """
+    best, where = _squares(x, f, ways), -math.inf
+    plain = best
+    for corner in np.quantile(x, np.linspace(0.05, 0.7, 27)):
+        left = _squares(np.maximum(x, corner), f, ways)
+        if left < best:
+            best, where = left, float(corner)
+    free = max(len(x) - 4, 1)
+    # A straight line that bends by chance does so by a few variances.
+    if plain - best <= max(16.0 * best / free, 1e-9 * float(np.ptp(f)) ** 2) or best > 0.5 * plain:
+        return np.ones(len(x), dtype=np.bool_)
+    touching = x > where
+    enough = np.count_nonzero(touching) >= _FEWEST
+    return touching if enough else np.ones(len(x), dtype=np.bool_)
+
+
+def _columns(ways: npt.NDArray[np.intp]) -> FloatArray:
+    """One intercept for each way."""
+    return np.asarray((ways[:, None] == np.unique(ways)).astype(np.float64))
+
+
+def _squares(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> float:
+    columns = np.column_stack([x, _columns(ways)])
+    left = f - columns @ np.linalg.lstsq(columns, f, rcond=None)[0]
+    return float(left @ left)
+
+
+def _line(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> tuple[float, float, FloatArray]:
+    """Slope, its standard error, and what is left."""
+    from scipy.special import stdtrit
+
+    columns = np.column_stack([x, _columns(ways)])
+    answer = np.linalg.lstsq(columns, f, rcond=None)[0]
+    residual = f - columns @ answer
+    free = max(len(x) - columns.shape[1], 1)
+    inverse = np.linalg.pinv(columns.T @ columns)
+    power = float(residual @ residual)
+    follow = float(residual[1:] @ residual[:-1]) / power if power else 0.0
+    follow = min(max(follow, 0.0), 0.95)
+    # Neighbours that hang together are worth fewer readings.
+    independent = max(free * (1.0 - follow) / (1.0 + follow), 1.0)
+    variance = power / free * (1.0 + follow) / (1.0 - follow)
+    wider = float(stdtrit(independent, 0.975)) / NORMAL_95
+    return float(answer[0]), wider * math.sqrt(variance * float(inverse[0, 0])), residual
+
+
+def _bent(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> list[Finding]:
+    """Whether the force bends over the push: skins that yield, a contact that slides, a strip that bends far."""
+    from scipy.special import fdtrc
+
+    middle = x - float(np.mean(x))
+    columns = np.column_stack([x, middle**2, _columns(ways)])
+    answer = np.linalg.lstsq(columns, f, rcond=None)[0]
+    left = f - columns @ answer
+    free = len(x) - columns.shape[1]
+    if free < 2:
+        return []
+    straight, bent = _squares(x, f, ways), float(left @ left)
+    change = abs(2.0 * float(answer[1]) * float(np.ptp(x)) / float(answer[0])) if answer[0] else 0.0
+    chance = float(fdtrc(1, free, (straight - bent) / (bent / free))) if bent > 0.0 else 0.0
+    if chance > _SURE or change < _BENT:
+        return []
+    return [
+        Finding(
+            "push-not-straight",
+            "warning",
+            f"the slope changes by {100.0 * change:.0f} % over the push: one modulus does not describe it",
+            "push over about twice the thickness, slowly, at the point that is read later; a small push feels the "
+            "metal skins more",
+        )
+    ]
+
+
+def _loop(
+    x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp], slope: float, residual: FloatArray
+) -> tuple[float, Finding | None] | None:
+    """What going in and out differ by: half the difference of the slopes, and a finding where the loop is wide."""
+    single = [np.flatnonzero(ways == number) for number in np.unique(ways)]
+    single = [rows for rows in single if len(rows) >= 3 and float(np.ptp(x[rows])) > 0.0]
+    if len(single) < 2:
+        return None
+    slopes, levels, errors = [], [], []
+    centre = float(np.mean(x))
+    for rows in single:
+        one, error, _ = _line(x[rows], f[rows], np.zeros(len(rows), dtype=np.intp))
+        slopes.append(one)
+        errors.append(error)
+        levels.append(float(np.mean(f[rows])) + slope * (centre - float(np.mean(x[rows]))))
+    gap = np.mean(slopes[::2]) - np.mean(slopes[1::2])
+    scatter = math.sqrt(sum(error**2 for error in errors)) / (len(errors) / 2.0)
+    half = 0.5 * float(abs(gap))
+    width = float(abs(np.mean(levels[::2]) - np.mean(levels[1::2])))
+    rise = slope * float(np.ptp(x))
+    noise = math.sqrt(float(residual @ residual) / max(len(residual) - len(single) - 1, 1))
+    wide = width > _LOOP * rise and width > 4.0 * noise / math.sqrt(min(len(rows) for rows in single))
+    # Two slopes of the same line differ by their scatter, which is counted already.
+    counted = half if half > scatter else 0.0
+    if not wide and not (counted and half > _LOOP * slope):
+        return counted, None
+    return counted, Finding(
+        "push-hysteresis",
+        "warning",
+        f"in and out differ: the loop is {100.0 * width / rise:.1f} % of the force wide, the slopes are "
+        f"{slopes[0]:.3g} and {slopes[1]:.3g} N/m",
+        "push more slowly, let the force settle at each position, look for friction at the tip; their mean was taken",
+        values={"width": width, "in": slopes[0], "out": slopes[1]},
+    )
+
+
+def _ranges(rows: npt.NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
+    return tuple((int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True))
