@@ -1,8 +1,8 @@
-"""How well readings tell parameters apart: the combinations that they know best and worst, and which sets are nearly one.
+"""How well readings tell parameters apart: the combinations that they know best and worst, and sets nearly one.
 
-The collinearity index of a set is that of Brun, Reichert and Kuensch (Water Resources Research 37 (2001) 1015): with the
-columns of the sensitivity scaled to length 1, one over the smallest singular value of the set's. A change of one
-parameter of the set can be made good by the others to one part in that index.
+The collinearity index of a set is that of Brun, Reichert and Kuensch (Water Resources Research 37 (2001) 1015): one
+over the smallest singular value of its columns of the sensitivity, each scaled to length 1. A change of one parameter
+of the set can be made good by the others to one part in that index.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Practical:
         # With the others in front, the lower right block is what is left of the asked ones.
         columns = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
         first = int(np.count_nonzero(nuisance))
-        block = np.linalg.qr(solution.evaluation.triangle[:, columns], mode="r")[first:, first:] * size
+        block = np.asarray(np.linalg.qr(solution.evaluation.triangle[:, columns], mode="r"))[first:, first:] * size
         return cls.from_sensitivity([order(unknown.name) for unknown in asked], block)
 
     @classmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,6 +15,7 @@ from ipmclab.identify.progress import Tell, stage, telling
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
     from ipmclab.identify.fit import Fit
+    from ipmclab.identify.profile import Point
     from ipmclab.identify.unknowns import Unknown
 
 _BETWEEN: Final = 0.5  # of the way to the crossing: one more point
@@ -189,7 +190,7 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
                 warm = min([best, *found], key=lambda point: abs(point.entry - entry))
                 more = held_at(problem, solution, place, entry, warm, scaled)
                 found += [more] if more is not None else []
-        points += found
+        points += _as_far_as_it_matters(found, middle, side.crossing)
     points = sorted({point.entry: point for point in points}.values(), key=lambda point: point.entry)
     return Profile(
         values=tuple(unknown.value(point.entry) for point in points),
@@ -199,3 +200,11 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
         is_open=(math.isinf(ends[0]), math.isinf(ends[1])),
         parabola=error * math.sqrt(ratio) * unknown.chain(unknown.value(middle)),
     )
+
+
+def _as_far_as_it_matters(points: Sequence[Point], middle: float, crossing: float) -> list[Point]:
+    """The points of one side up to where it crosses the threshold, and the lowest one beyond."""
+    reach = abs(crossing - middle)
+    inside = [point for point in points if abs(point.entry - middle) <= reach]
+    beyond = [point for point in points if abs(point.entry - middle) > reach]
+    return inside + sorted(beyond, key=lambda point: point.height)[:1]
