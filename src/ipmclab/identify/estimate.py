@@ -63,7 +63,8 @@ class Estimate:
 
     ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
     readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
-    ``whole`` is the problem that still had them, where there are any.
+    ``whole`` is the problem that still had them, where there are any. ``white`` is what least squares gave, before the
+    noise was looked at.
     """
 
     parameters: Mapping[str, Parameter]
@@ -74,6 +75,7 @@ class Estimate:
     correlated: Correlated
     unseen: tuple[Unseen, ...] = ()
     whole: tuple[Problem, Solution] | None = None
+    white: tuple[Problem, Solution] | None = None
 
 
 def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> Estimate:
@@ -111,12 +113,13 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     asked = [column for column, unknown in enumerate(problem.unknowns) if _is_asked(unknown, names)]
     beyond = {str(finding.channel) for finding in unexplained(problem, solution)}
     stage("finding the noise, and fitting under it", 0.6, 0.8, 1000)
+    white = problem, solution
     correlated = correlate(problem, solution, asked, beyond)
     problem, solution = correlated.problem, correlated.solution
     if correlated.noise:
         rivals = _still_rivals(problem, solution, rivals)
     return Estimate(
-        parameters, problem, solution, rivals, tuple(findings), correlated, unseen, whole if unseen else None
+        parameters, problem, solution, rivals, tuple(findings), correlated, unseen, whole if unseen else None, white
     )
 
 
