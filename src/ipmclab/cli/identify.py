@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
 from ipmclab.cli.output import (
     finding_document,
@@ -42,6 +43,9 @@ def identify(
     per_run: Annotated[
         list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
     ] = None,
+    per_mounting: Annotated[
+        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each mounting has for itself.")
+    ] = None,
     prior: Annotated[
         list[str] | None,
         typer.Option(
@@ -59,12 +63,25 @@ def identify(
     """
     from ipmclab import load_actuator, write_fit
     from ipmclab.identify.identify import identify as identify_actuator
+    from ipmclab.identify.left_out import leave_one_run_out
+    from ipmclab.identify.progress import part, telling
 
     check_output(out, force=force, suffixes=(".toml",))
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:
-        fit = identify_actuator(model, loaded, free=free, per_run=per_run or [], prior=prior or [], progress=tell)
+        with telling(tell):
+            with part("", 0.0, 0.9):
+                fit = identify_actuator(
+                    model,
+                    loaded,
+                    free=free,
+                    per_run=per_run or [],
+                    per_mounting=per_mounting or [],
+                    prior=prior or [],
+                )
+            with part("", 0.9, 1.0):
+                fit = leave_one_run_out(fit) if len(loaded) > 1 else fit
         write_fit(fit, out, overwrite=force)
     if as_json:
         print_json({"fit": fit_document(fit), "runs": runs, "out": out})
@@ -76,22 +93,27 @@ def identify(
 def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
     known = fit.actuator.parameters()
+    next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
     rows = []
     for name, parameter in fit.parameters.items():
         base = known.get(name.partition("[")[0])
         factor = base.quantity.to_display(1.0) if base is not None else 1.0
         value, low, high = (factor * number for number in (parameter.value, *parameter.interval))
         digits = _digits(value, high - low)
+        following = parameter.interval_next_mounting
+        ends = [significant(factor * end, 3) for end in following] if following else ["-"]
         rows.append(
             [
                 name,
                 significant(value, digits) if parameter.determined else "not determined",
                 f"{significant(low, digits)} to {significant(high, digits)}",
+                *([" to ".join(ends)] if next_known else []),
                 base.quantity.display_unit if base is not None else parameter.unit,
                 "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else "",
             ]
         )
-    print_table(["parameter", "value", "95 % interval", "unit", ""], rows)
+    intervals = ["95 % interval", *(["next mounting"] if next_known else [])]
+    print_table(["parameter", "value", *intervals, "unit", ""], rows)
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
     noise = [
@@ -105,6 +127,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         for output, sigma in observation.noise.items()
     ]
     print_table(["run", "output", "residual", "samples"], noise)
+    print_many_runs(fit)
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
     shown = [finding for finding in fit.findings if every_finding or finding.severity != "info"]
     # The sentences above say what is not determined.
@@ -155,5 +178,6 @@ def fit_document(fit: Fit) -> dict[str, Any]:
             }
             for observation in fit.observations
         ],
+        **many_runs_document(fit),
         "findings": [finding_document(finding) for finding in fit.findings],
     }

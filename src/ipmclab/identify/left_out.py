@@ -144,7 +144,7 @@ def leave_one_run_out(fit: Fit, *, progress: Tell | None = None) -> Fit:
                 stage(f"predicting {label} from the other runs", 0.0, 1.0, 10)
                 found.append(_without(fit, result, record, label))
     others = [finding for finding in fit.findings if finding.code != "run-stands-out"]
-    return changed(fit, left_out=tuple(found), findings=(*others, *_stands_out(found)))
+    return changed(fit, left_out=tuple(found), findings=(*others, *_stands_out(fit, found)))
 
 
 def _without(fit: Fit, result: Estimate, record: Record, label: str) -> LeftOut:
@@ -290,11 +290,11 @@ def _inside(one: Comparison, reach: FloatArray) -> float:
     return float(np.mean(np.abs(one.error[one.used]) <= reach[one.used]))
 
 
-def _stands_out(runs: Sequence[LeftOut]) -> list[Finding]:
+def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
     """That a run is not like the others: the least likely one, since it spoils what the others say of each other."""
     one = min(runs, key=lambda run: run.unlikely)
-    if one.unlikely >= _SURELY / len(runs):
-        return []
+    if one.unlikely >= _SURELY / len(runs) or any(finding.code == "mountings-differ" for finding in fit.findings):
+        return []  # where mountings differ, every run is unlike those of the others
     most = max(one.shifts, key=lambda name: abs(one.shifts[name]))
     size = f"{most} changes by {abs(one.shifts[most]):.3g} standard errors"
     told = f"{one.label} does not fit in with the other runs (p < 0.1 %): without it {size}"

@@ -51,7 +51,7 @@ class Mountings:
     each : tuple of Mounting
     between : mapping of name to float
         Standard deviation from one mounting to the next, the errors taken off: of the logarithm of what a fit moves as
-        a logarithm, else of the value [SI].
+        a logarithm, else of the value [SI]. From three mountings on.
     logarithms : tuple of str
         Which of them are logarithms.
     unlikely : mapping of name to float
@@ -132,16 +132,18 @@ def with_mountings(fit: Fit, runs: Sequence[Run], refit: Callable[[tuple[int, ..
     for base, entry in unknowns.items():
         own = [name for name in fit.parameters if name == base or name.startswith(f"{base}{_ENDING}")]
         values, errors = _estimates(fit, entry, own, each)
-        if len(values) < FEWEST:
-            unknown[base] = _too_few(len(places), len(values))
         if len(values) < 2:
+            unknown[base] = _too_few(len(places), len(values))
             continue
         found = random_effect(values, errors)
-        between[base], unlikely[base] = found.between, found.unlikely
-        if found.next_one is not None:
-            low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
-            for name in own:
-                parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
+        unlikely[base] = found.unlikely
+        if found.next_one is None:
+            unknown[base] = _too_few(len(places), len(values))
+            continue
+        between[base] = found.between
+        low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
+        for name in own:
+            parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
     told = Mountings(tuple(each), between, tuple(base for base in between if unknowns[base].log), unlikely, unknown)
     return changed(fit, parameters=parameters, mountings=told, findings=(*fit.findings, *_findings(fit, told)))
 
@@ -218,17 +220,25 @@ def _findings(fit: Fit, told: Mountings) -> list[Finding]:
     apart = {base: told.unlikely[base] for base in shared if told.unlikely[base] < _SURELY / len(shared)}
     if not apart:
         return []
-    widest = max(apart, key=lambda base: (base in told.logarithms, told.between[base]))
-    size = told.between[widest]
-    far = f"by a factor of {math.exp(size):.3g}" if widest in told.logarithms else f"by {size:.3g}"
+    sizes = {base: told.between[base] for base in apart if base in told.between}
+    widest = max(sizes, key=lambda base: (base in told.logarithms, sizes[base]), default=None)
+    far = ""
+    if widest is not None:
+        factor = math.exp(sizes[widest])
+        size = (
+            f"by a factor of {factor:.3g}"
+            if widest in told.logarithms
+            else f"by {sizes[widest]:.3g} {fit.parameters[widest].unit}".rstrip()
+        )
+        far = f": from one to the next {widest} changes {size} (one standard deviation)"
     return [
         Finding(
             "mountings-differ",
             "warning",
-            f"{len(told.each)} mountings differ by more than their errors in {', '.join(apart)} (p < 0.1 %): from one "
-            f"to the next {widest} changes {far} (one standard deviation). One value for all is an average, and its "
-            "interval says nothing of any one mounting",
-            "fit each mounting by itself, name what the clamp changes in per_mounting, or use interval_next_mounting",
-            values={f"between.{base}": told.between[base] for base in apart},
+            f"{len(told.each)} mountings differ by more than their errors in {', '.join(apart)} (p < 0.1 %){far}. One "
+            "value for all is an average, and its interval says nothing of any one mounting",
+            "fit each mounting by itself, or name what the clamp changes in per_mounting; what to expect of another "
+            "mounting is its own interval, from three mountings on",
+            values={f"between.{base}": size for base, size in sizes.items()},
         )
     ]
