@@ -1,0 +1,11 @@
+// The view of simulate.js as an element of NiceGUI.
+export default {
+  template: "<div></div>",
+  props: { options: Object },
+  mounted() {
+    this.view = new window.LabSimulate.View(this.$el, this.options, (state) => this.$emit("asked", state));
+  },
+  unmounted() {
+    this.view.destroy();
+  },
+};

@@ -1,0 +1,101 @@
+"""Sliders and what they change: the whole view runs in the browser, and asks ``/simulate`` at every change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui.element import Element
+
+if TYPE_CHECKING:
+    from nicegui.events import GenericEventArguments
+
+    from ipmclab.model import Actuator
+    from ipmclab.model.parameters import Parameter
+
+_SPAN: Final = 5.0
+"""A slider goes from a fifth of the value to five times it."""
+
+_FROM_ZERO: Final = 20.0
+"""Of a parameter that is 0, such as the contact resistance: how far its slider goes [its shown unit]."""
+
+
+class Simulator(Element, component="simulator.js"):
+    """Sliders for an actuator, its response, frequency response and shape.
+
+    Parameters
+    ----------
+    key : str
+        What ``/simulate`` calls the actuator.
+    actuator : Actuator
+    runs : sequence of (key, label)
+        Runs that can be laid over.
+    run : str, optional
+        The one that is.
+    on_asked : callable, optional
+        Called with what was asked: changes and signal.
+    """
+
+    def __init__(
+        self,
+        key: str,
+        actuator: Actuator,
+        *,
+        runs: Sequence[tuple[str, str]] = (),
+        run: str | None = None,
+        on_asked: Callable[[dict[str, Any]], None] | None = None,
+    ) -> None:
+        super().__init__()
+        known = actuator.parameters().values()
+        self._props["options"] = {
+            "actuator": key,
+            "parameters": [slider(one) for one in known if one.transform != "count"],
+            "runs": list(runs),
+            "run": run,
+        }
+        if on_asked is not None:
+
+            def asked(event: GenericEventArguments) -> None:
+                on_asked(event.args)
+
+            self.on("asked", asked, throttle=0.5)
+
+
+def slider(parameter: Parameter) -> dict[str, Any]:
+    """A parameter as the browser has it: how it is called and shown, and from where to where its slider goes [SI].
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> modulus = slider(load_actuator("friend-2").parameters()["beam.modulus"])
+    >>> modulus["label"], modulus["value"] * modulus["factor"], modulus["unit"], modulus["log"]
+    ('modulus', 1450.0, 'MPa', True)
+    """
+    value, factor = parameter.value, parameter.quantity.to_display(1.0)
+    is_log = parameter.transform == "log" and value > 0.0
+    if value == 0.0:
+        low, high = max(parameter.lower, 0.0), _FROM_ZERO / factor
+    else:
+        low, high = sorted((value / _SPAN, value * _SPAN))
+    group, _, rest = parameter.name.partition(".")
+    words = rest.replace("branches.", "branch ").replace(".", " ").replace("_", " ")
+    return {
+        "name": parameter.name,
+        "label": _counted_from_one(words) if group == "circuit" else words,
+        "group": group,
+        "unit": _spelled(parameter.quantity.display_unit),
+        "factor": factor,
+        "value": value,
+        "low": max(low, parameter.lower),
+        "high": min(high, parameter.upper),
+        "log": is_log,
+    }
+
+
+def _counted_from_one(words: str) -> str:
+    parts = words.split()
+    return " ".join(str(int(part) + 1) if part.isdigit() else part for part in parts)
+
+
+def _spelled(unit: str) -> str:
+    return unit.replace("ohm", "Ω").replace("^2", "²").replace("^3", "³")
