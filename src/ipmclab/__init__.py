@@ -19,12 +19,15 @@ if TYPE_CHECKING:
     from ipmclab.identify import Choice as Choice
     from ipmclab.identify import Fit as Fit
     from ipmclab.identify import Validation as Validation
+    from ipmclab.identify import bootstrap as bootstrap
     from ipmclab.identify import choose as choose
     from ipmclab.identify import follow_procedure as follow_procedure
     from ipmclab.identify import forecast as forecast
+    from ipmclab.identify import identifiability as identifiability
     from ipmclab.identify import identify as identify
     from ipmclab.identify import leave_one_run_out as leave_one_run_out
     from ipmclab.identify import prediction_bands as prediction_bands
+    from ipmclab.identify import profile as profile
     from ipmclab.identify import read_fit as read_fit
     from ipmclab.identify import read_procedure as read_procedure
     from ipmclab.identify import validate as validate
@@ -53,12 +56,15 @@ _HOMES: Final = {
     "Choice": "ipmclab.identify",
     "Fit": "ipmclab.identify",
     "Validation": "ipmclab.identify",
+    "bootstrap": "ipmclab.identify",
     "choose": "ipmclab.identify",
     "follow_procedure": "ipmclab.identify",
     "forecast": "ipmclab.identify",
+    "identifiability": "ipmclab.identify",
     "identify": "ipmclab.identify",
     "leave_one_run_out": "ipmclab.identify",
     "prediction_bands": "ipmclab.identify",
+    "profile": "ipmclab.identify",
     "read_fit": "ipmclab.identify",
     "read_procedure": "ipmclab.identify",
     "validate": "ipmclab.identify",

@@ -10,6 +10,7 @@ import typer
 
 from ipmclab.cli.files import check_output, read_runs
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
+from ipmclab.cli.identifiable import identifiability_document, print_identifiability
 from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
 from ipmclab.cli.output import (
     finding_document,
@@ -64,6 +65,7 @@ def identify(
     from ipmclab import load_actuator, write_fit
     from ipmclab.identify.identify import identify as identify_actuator
     from ipmclab.identify.left_out import leave_one_run_out
+    from ipmclab.identify.profiles import profile
     from ipmclab.identify.progress import part, telling
 
     check_output(out, force=force, suffixes=(".toml",))
@@ -71,7 +73,7 @@ def identify(
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:
         with telling(tell):
-            with part("", 0.0, 0.9):
+            with part("", 0.0, 0.8):
                 fit = identify_actuator(
                     model,
                     loaded,
@@ -80,6 +82,8 @@ def identify(
                     per_mounting=per_mounting or [],
                     prior=prior or [],
                 )
+            with part("", 0.8, 0.9):
+                fit = profile(fit)
             with part("", 0.9, 1.0):
                 fit = leave_one_run_out(fit) if len(loaded) > 1 else fit
         write_fit(fit, out, overwrite=force)
@@ -116,6 +120,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     print_table(["parameter", "value", *intervals, "unit", ""], rows)
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
+    print_identifiability(fit)
     noise = [
         [
             observation.label,
@@ -162,7 +167,8 @@ def fit_document(fit: Fit) -> dict[str, Any]:
             for name, parameter in fit.parameters.items()
         },
         "undetermined": [
-            {"coefficients": direction.coefficients, "sentence": direction.sentence} for direction in fit.undetermined
+            {"coefficients": direction.coefficients, "sentence": direction.sentence, "cures": direction.cures}
+            for direction in fit.undetermined
         ],
         "correlations": fit.correlations,
         "observations": [
@@ -179,5 +185,6 @@ def fit_document(fit: Fit) -> dict[str, Any]:
             for observation in fit.observations
         ],
         **many_runs_document(fit),
+        **identifiability_document(fit),
         "findings": [finding_document(finding) for finding in fit.findings],
     }

@@ -190,7 +190,7 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
                 warm = min([best, *found], key=lambda point: abs(point.entry - entry))
                 more = held_at(problem, solution, place, entry, warm, scaled)
                 found += [more] if more is not None else []
-        points += _as_far_as_it_matters(found, middle, side.crossing)
+        points += _as_far_as_it_matters(found, middle, side.crossing, scaled)
     points = sorted({point.entry: point for point in points}.values(), key=lambda point: point.entry)
     return Profile(
         values=tuple(unknown.value(point.entry) for point in points),
@@ -202,9 +202,10 @@ def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, rat
     )
 
 
-def _as_far_as_it_matters(points: Sequence[Point], middle: float, crossing: float) -> list[Point]:
-    """The points of one side up to where it crosses the threshold, and the lowest one beyond."""
+def _as_far_as_it_matters(points: Sequence[Point], middle: float, crossing: float, threshold: float) -> list[Point]:
+    """The points of one side up to where it crosses the threshold, and those a little beyond, at least one."""
     reach = abs(crossing - middle)
     inside = [point for point in points if abs(point.entry - middle) <= reach]
     beyond = [point for point in points if abs(point.entry - middle) > reach]
-    return inside + sorted(beyond, key=lambda point: point.height)[:1]
+    beyond.sort(key=lambda point: point.height)
+    return [*inside, *beyond[:1], *(point for point in beyond[1:] if point.height**2 < _BEYOND**3 * threshold)]

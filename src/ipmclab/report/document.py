@@ -26,6 +26,7 @@ from ipmclab.report.figures.prediction import prediction_figure
 from ipmclab.report.figures.residuals import autocorrelation_figure
 from ipmclab.report.figures.shape import shape_figure
 from ipmclab.report.page_file import render, write_page
+from ipmclab.report.profiles import profiles_part
 from ipmclab.report.svg import inline_svg
 from ipmclab.report.wording import NO_BREAK, percent, plain
 from ipmclab.run import Finding, Run
@@ -131,6 +132,7 @@ def html(
         parameters=tables.parameter_rows(fit),
         undetermined=[direction.sentence for direction in fit.undetermined],
         correlations=tables.correlation_table(fit),
+        profiles=profiles_part(fit),
         remarks=any(one.at_bound for one in fit.parameters.values()),
         fixed=tables.fixed_rows(fit.actuator, list(fit.parameters)),
         validation=_validation_part(validations),

@@ -1,0 +1,42 @@
+"""What a report says of how well the runs tell the parameters apart."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ipmclab.identify.practical import COLLINEAR
+from ipmclab.report.figures.profiles import profiles_figure
+from ipmclab.report.svg import inline_svg
+from ipmclab.report.wording import NO_BREAK
+
+if TYPE_CHECKING:
+    from ipmclab.identify import Fit
+
+
+def profiles_part(fit: Fit) -> dict[str, Any] | None:
+    """The figure of all profiles, and a sentence on parameters that nearly change places; None without profiles."""
+    if not fit.profiles:
+        return None
+    count = len(fit.profiles)
+    names = f"{count} parameters" if count > 1 else "one parameter"
+    return {
+        "svg": inline_svg(profiles_figure(fit), "profiles", f"Excess of chi-square over the values of {names}"),
+        "caption": "Each parameter is held at other values while all others are fitted again. Where chi-square exceeds "
+        f"its least by the dashed level the 95{NO_BREAK}% interval ends; a curve that stays below leaves its side open.",
+        "sentence": _collinear(fit),
+    }
+
+
+def _collinear(fit: Fit) -> str:
+    worst = next((one for one in fit.practical.sets if one.index >= COLLINEAR), None) if fit.practical else None
+    if worst is None:
+        return ""
+    *most, last = worst.names
+    listed = f"{', '.join(most)} and {last}"
+    if math.isinf(worst.index):
+        return f"{listed} can change places altogether: these runs show only a combination of them."
+    return (
+        f"{listed} can nearly change places: a change of one is made good by the others to one part in "
+        f"{worst.index:.2g} (collinearity index)."
+    )
