@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import check_output, read_runs
-from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.cli.identifiable import identifiability_document, print_identifiability
+from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
 from ipmclab.cli.output import (
     finding_document,

@@ -22,8 +22,9 @@ def profiles_part(fit: Fit) -> dict[str, Any] | None:
     names = f"{count} parameters" if count > 1 else "one parameter"
     return {
         "svg": inline_svg(profiles_figure(fit), "profiles", f"Excess of chi-square over the values of {names}"),
-        "caption": "Each parameter is held at other values while all others are fitted again. Where chi-square exceeds "
-        f"its least by the dashed level the 95{NO_BREAK}% interval ends; a curve that stays below leaves its side open.",
+        "caption": "Each parameter is held at other values while all others are fitted again. Where chi-square "
+        f"exceeds its least by the dashed level the 95{NO_BREAK}% interval ends; a curve that stays below leaves its "
+        "side open.",
         "sentence": _collinear(fit),
     }
 
