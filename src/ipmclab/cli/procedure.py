@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ from ipmclab.cli.files import check_output
 from ipmclab.cli.identify import fit_document
 from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import (
+    TEXT_WIDTH,
     finding_document,
     print_findings,
     print_json,
@@ -124,14 +126,18 @@ def _print_step(number: int, step: Step) -> None:
     print(f"{number}. {step.title}" + ("" if step.done else f": {step.how}" if not step.results else ": not enough"))
     if step.done or step.results or step.findings:
         if step.results:
-            print_paragraph(f"   {step.how}")
+            _print_indented(step.how, "   ")
         rows = [(f"   {name}", one.said, one.because) for name, one in {**step.also, **step.results}.items()]
         if rows:
             print_table(["", "± standard uncertainty", "of which"], rows)
         print_findings(step.findings)
     if step.advice:
-        print_paragraph(f"   -> {step.advice}")
+        _print_indented(step.advice, "   -> ")
     print()
+
+
+def _print_indented(text: str, before: str) -> None:
+    print(textwrap.fill(text, TEXT_WIDTH, initial_indent=before, subsequent_indent=" " * len(before)))
 
 
 def _document(found: Characterisation, out: Path | None) -> dict[str, Any]:

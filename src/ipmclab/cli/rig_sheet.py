@@ -20,7 +20,7 @@ def sheet(
             metavar="RIG", help="A rig file (.toml), or thesis: the rig in the library.", show_default=False
         ),
     ],
-    width: Annotated[str, typer.Option(metavar="QUANTITY", help="Of the strip.")],
+    width: Annotated[str | None, typer.Option(metavar="QUANTITY", help="Of the strip; needed unless --shorted.")] = None,
     length: Annotated[
         str | None, typer.Option(metavar="QUANTITY", help="Of the whole strip; needed for point contacts.")
     ] = None,
@@ -45,7 +45,14 @@ def sheet(
     from ipmclab.rig.files.rig_file import load_rig
     from ipmclab.rig.sheet_meter import RATE, read_four_probe
 
-    across = positive(width, LENGTH, option="--width")
+    if width is None and not shorted:
+        raise InputError(
+            "the width of the strip is not given",
+            code="missing-option",
+            where="--width",
+            repair='give --width "5 mm"; only --shorted needs none',
+        )
+    across = math.nan if width is None else positive(width, LENGTH, option="--width")
     along = math.inf if length is None else positive(length, LENGTH, option="--length")
     offset = None if zero is None else parse_quantity(zero, RESISTANCE, where="--zero")
     loaded = load_rig(rig)

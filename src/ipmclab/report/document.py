@@ -25,6 +25,7 @@ from ipmclab.report.figures.frequency import frequency_figure
 from ipmclab.report.figures.prediction import prediction_figure
 from ipmclab.report.figures.residuals import autocorrelation_figure
 from ipmclab.report.figures.shape import shape_figure
+from ipmclab.report.many_runs import many_runs_part
 from ipmclab.report.page_file import render, write_page
 from ipmclab.report.profiles import profiles_part
 from ipmclab.report.svg import inline_svg
@@ -134,6 +135,7 @@ def html(
         correlations=tables.correlation_table(fit),
         profiles=profiles_part(fit),
         remarks=any(one.at_bound for one in fit.parameters.values()),
+        next_known=any(one.interval_next_mounting for one in fit.parameters.values()),
         fixed=tables.fixed_rows(fit.actuator, list(fit.parameters)),
         validation=_validation_part(validations),
         fit_rows=tables.fit_rows(fit, fitted),
@@ -144,6 +146,8 @@ def html(
             *_shapes(fit.actuator, list(zip(runs, labels, fitted, strict=True)), "fit-shape"),
         ],
         frequency=_frequency_part(models, runs),
+        procedure=_procedure_part(fit),
+        many_runs=many_runs_part(fit),
         records=[
             *_records(runs, labels, measured, "identified from", fit.findings),
             *_records(validation_runs, run_labels(validation_runs), measured_later, "predicted"),
@@ -152,6 +156,13 @@ def html(
         sample=tables.sample_facts(fit.actuator, runs),
         making=_making(fit, command),
     )
+
+
+def _procedure_part(fit: Fit) -> Markup:
+    """The steps that came before a joint fit; nothing for other fits."""
+    if fit.procedure is None:
+        return Markup()
+    return Markup(render("procedure.html.j2", {"symbol": symbol}, **fit.procedure))
 
 
 def symbol(text: str) -> Markup:

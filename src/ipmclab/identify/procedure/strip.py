@@ -18,6 +18,8 @@ from ipmclab.sample import Sample
 
 FloatArray = npt.NDArray[np.float64]
 
+_NO_LEVERAGE: Final = 1e-9  # change of a logarithm for 1 % of what does not matter
+
 GEOMETRY: Final = ("free_length", "clamped_length", "width", "thickness", "sensing_length")
 
 _STANDS_IN: Final = "friend-2"
@@ -140,7 +142,8 @@ def amounts_of_fit(
                 pull = float(found.plain[number, places[other]]) / told.prior[1] ** 2
                 _add(parts, amount, pull / told.chain(amount.value))
         relative[name] = parts
-    assumed = frozenset().union(*(held[name].assumed for name in names), *(one.assumed for one in prior.values()))
+    used = [held[name] for name in names if np.any(np.abs(found.leverage[name]) > _NO_LEVERAGE)]
+    assumed = frozenset().union(*(one.assumed for one in (*used, *prior.values())))
     return FittedAmounts(fit, relative, assumed)
 
 
