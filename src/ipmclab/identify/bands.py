@@ -134,6 +134,8 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     others = next_mountings(fit, fit.actuator, run.metadata.mounting_id)
     spread = spread_between(others, drive, predicted) if others else spread_of(found, fit.actuator, drive, outputs)
     noise = {output: noise_of(fit.observations, output, since) for output in outputs}
+    if others:
+        noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
     left_out = tuple(dict.fromkeys((*unlimited, *found.left_out)))
     return Bands(run.time, predicted, spread, noise, left_out, "the next" if others else "the fit's")
 
@@ -249,6 +251,15 @@ def noise_of(
         zero = observation.offset.get(output, 0.0) if level else 0.0
         total += (zero + (observation.drift.get(output, 0.0) * since if drift else 0.0)) ** 2
     return np.asarray(np.sqrt(total / len(own)))
+
+
+def noise_between(fit: Fit, output: str, otherwise: FloatArray) -> FloatArray:
+    """Noise of a run of the next mounting [SI]: what the mountings leave, each fitted by itself.
+
+    What one fit of all leaves has the differences between them in it.
+    """
+    each = [] if fit.mountings is None else [one.noise[output] for one in fit.mountings.each if output in one.noise]
+    return np.full_like(otherwise, math.sqrt(sum(noise**2 for noise in each) / len(each))) if each else otherwise
 
 
 def _need(fit: Fit, run: Run) -> None:

@@ -13,6 +13,7 @@ from ipmclab.identify.bands import (
     Drive,
     known_in,
     next_mountings,
+    noise_between,
     noise_of,
     noise_outputs,
     spread_between,
@@ -72,6 +73,8 @@ def band_of_run(
         of_these = [one for one in seen if output in one.noise] or fit.observations
         level = place is None and output not in zeros
         noise = noise_of(of_these, output, since, level=level, drift=place is None)
+        if others:
+            noise = noise_between(fit, output, noise)
         found[output] = NORMAL_95 * np.hypot(spread[output], noise)
     return found
 

@@ -34,12 +34,15 @@ class Mounting:
         Every parameter that all runs share; empty where it could not be fitted by itself.
     errors : mapping of name to float [SI]
         Their standard errors; infinite where its runs alone do not determine one.
+    noise : mapping of output to float [SI]
+        Standard deviation of what its own fit leaves.
     """
 
     name: str
     runs: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)
     errors: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class Mountings:
     def from_table(cls, table: Mapping[str, Any]) -> Mountings:
         """From what ``to_table`` gave."""
         each = tuple(
-            Mounting(str(one["name"]), tuple(one["runs"]), dict(one["values"]), dict(one["errors"]))
+            Mounting(str(one["name"]), tuple(one["runs"]), dict(one["values"]), dict(one["errors"]), dict(one["noise"]))
             for one in table["each"]
         )
         return cls(
@@ -85,7 +88,13 @@ class Mountings:
         """In the types that TOML has."""
         return {
             "each": [
-                {"name": one.name, "runs": list(one.runs), "values": dict(one.values), "errors": dict(one.errors)}
+                {
+                    "name": one.name,
+                    "runs": list(one.runs),
+                    "values": dict(one.values),
+                    "errors": dict(one.errors),
+                    "noise": dict(one.noise),
+                }
                 for one in self.each
             ],
             "between": dict(self.between),
@@ -187,7 +196,10 @@ def _alone(fit: Fit, name: str, places: tuple[int, ...], refit: Callable[[tuple[
     shared = {base: one for base, one in own.parameters.items() if "[" not in base}
     values = {base: one.value for base, one in shared.items()}
     errors = {base: one.standard_error if one.determined else math.inf for base, one in shared.items()}
-    return Mounting(name, labels, values, errors)
+    outputs = {output for observation in own.observations for output in observation.noise}
+    squares = {out: [run.noise[out] ** 2 for run in own.observations if out in run.noise] for out in sorted(outputs)}
+    noise = {output: math.sqrt(sum(each) / len(each)) for output, each in squares.items()}
+    return Mounting(name, labels, values, errors, noise)
 
 
 def _unknowns(fit: Fit) -> dict[str, Unknown]:

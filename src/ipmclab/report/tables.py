@@ -41,6 +41,7 @@ class ParameterRow:
     interval: str = ""
     remark: str = ""
     determined: bool = True
+    next_mounting: str = "–"
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,7 @@ def parameter_rows(fit: Fit) -> list[ParameterRow]:
                 interval=interval(*map(shown, one.interval)),
                 remark="at its bound" if one.at_bound else "",
                 determined=one.determined,
+                next_mounting=interval(*map(shown, one.interval_next_mounting)) if one.interval_next_mounting else "–",
             )
         )
     return rows

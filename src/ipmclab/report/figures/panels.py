@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -73,7 +73,7 @@ def band(
     # The last stretch reaches to the last row.
     at = np.append(time[starts], time[-1])
     low, high = np.append(low, low[-1]), np.append(high, high[-1])
-    step = "post" if stretch > 1 else None
+    step: Literal["post"] | None = "post" if stretch > 1 else None
     panel.fill_between(at, low, high, step=step, color=COLOURS["sky"], alpha=0.35, linewidth=0, label=label)
 
 

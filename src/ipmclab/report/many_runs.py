@@ -1,0 +1,114 @@
+"""The part of a report on what runs and mountings say of each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from ipmclab.identify.mountings import why_unknown
+from ipmclab.report.figures.mountings import fit_of_each, mountings_figure
+from ipmclab.report.page_file import render
+from ipmclab.report.svg import inline_svg
+from ipmclab.report.wording import NO_BREAK, percent, plain, spelled_unit, with_unit
+from ipmclab.units import CHANNELS
+
+if TYPE_CHECKING:
+    from ipmclab.identify import Fit, LeftOut
+
+
+@dataclass(frozen=True)
+class BetweenRow:
+    """One parameter, as each mounting has it."""
+
+    name: str
+    between: str
+    least: str
+    most: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class LeftOutRow:
+    """One output of a run that the others predict."""
+
+    run: str
+    output: str
+    fit: str
+    rmse: str
+    inside: str
+    change: str
+    remark: str
+
+
+def many_runs_part(fit: Fit) -> Markup:
+    """A section of the report: of each mounting by itself, and of each run as the others predict it."""
+    told = fit.mountings
+    why = why_unknown(fit)
+    return Markup(
+        render(
+            "many_runs.html.j2",
+            why_unknown=f"{why[0].upper()}{why[1:]}." if why else "",
+            mountings=len(told.each) if told else 0,
+            names=", ".join(one.name for one in told.each) if told else "",
+            between=_between(fit),
+            picture=_picture(fit),
+            unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()] if told else [],
+            left_out=[row for one in fit.left_out for row in _left_out(one)],
+            remarks=any(one.undetermined for one in fit.left_out),
+        )
+    )
+
+
+def _between(fit: Fit) -> list[BetweenRow]:
+    if fit.mountings is None:
+        return []
+    rows = []
+    for name in fit.mountings.unlikely:
+        quantity = fit.actuator.parameters()[name].quantity
+        values = [quantity.to_display(value) for value in fit_of_each(fit, name)[0]]
+        rows.append(
+            BetweenRow(
+                name, _size(fit, name), plain(min(values)), plain(max(values)), spelled_unit(quantity.display_unit)
+            )
+        )
+    return rows
+
+
+def _picture(fit: Fit) -> Markup:
+    told = fit.mountings
+    names = [] if told is None else [name for name in told.unlikely if name in told.logarithms]
+    if not names:
+        return Markup()
+    return inline_svg(mountings_figure(fit, names), "mountings", "Each parameter as each mounting has it by itself")
+
+
+def _size(fit: Fit, name: str) -> str:
+    told = fit.mountings
+    if told is None or name not in told.between:
+        return "–"
+    if name in told.logarithms:
+        return f"×{NO_BREAK}{plain(math.exp(told.between[name]))}"
+    return with_unit(told.between[name], fit.actuator.parameters()[name].quantity)
+
+
+def _left_out(one: LeftOut) -> list[LeftOutRow]:
+    most = max(one.shifts, key=lambda name: abs(one.shifts[name]), default=None)
+    change = "–" if most is None else f"{most}: {plain(one.shifts[most], 2)} of its errors"
+    remark = f"the others do not determine {', '.join(one.undetermined)}" if one.undetermined else ""
+    if not one.rmse:
+        return [LeftOutRow(one.label, "–", "–", "–", "–", change, remark)]
+    return [
+        LeftOutRow(
+            run=one.label,
+            output=CHANNELS[output].name,
+            fit=percent(one.fit_percent.get(output)),
+            rmse=with_unit(rmse, CHANNELS[output]),
+            inside=f"{100.0 * one.inside[output]:.0f}{NO_BREAK}%" if output in one.inside else "–",
+            change=change,
+            remark=remark,
+        )
+        for output, rmse in one.rmse.items()
+    ]
