@@ -270,7 +270,7 @@ def test_a_free_direction_ends_where_the_file_is() -> None:
     for name, value in published.items():
         assert fit.undetermined[0].coefficients[name] == pytest.approx(value, abs=2e-3)
         assert not fit.parameters[name].determined
-    assert "fix circuit.sheet_resistance" in fit.undetermined[0].sentence
+    assert "measure the sheet resistance" in fit.undetermined[0].sentence
 
 
 def test_force_with_known_coupling_cures_it() -> None:

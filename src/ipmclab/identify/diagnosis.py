@@ -70,12 +70,11 @@ def directions(
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = found.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    entries = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
-    others_as_good = np.array(
-        [[r.entries.get(u.name, own) for u, own in zip(unknowns, entries, strict=True)] for r in rivals]
+    apart = _apart(unknowns, values, rivals) / size
+    nameless = np.any(np.abs(found.null / size) > _MOVED, axis=0)
+    exchanged = series_against_branches(
+        names, covariance, np.where(nameless, 0.0, apart), DETERMINED, _outputs(records)
     )
-    apart = (np.abs(others_as_good - entries) / size).max(axis=0) if rivals else np.zeros(len(names))
-    exchanged = series_against_branches(names, covariance, apart, DETERMINED, _outputs(records))
     if exchanged is not None:
         # What else is open is told as if the series resistance were known.
         named.append(exchanged[0])
@@ -168,6 +167,15 @@ def _shown_by(
         if not any(unknown.place is not None for unknown in unknowns):
             break
     return tuple(found)
+
+
+def _apart(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Rival]) -> FloatArray:
+    """Distance of each entry to the farthest other fit that is as good."""
+    own = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
+    there = [
+        [rival.entries.get(u.name, float(entry)) for u, entry in zip(unknowns, own, strict=True)] for rival in rivals
+    ]
+    return np.abs(np.array([own, *there]) - own).max(axis=0)
 
 
 def _outputs(records: Sequence[Record]) -> list[str]:

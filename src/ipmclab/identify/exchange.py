@@ -65,7 +65,8 @@ def series_against_branches(
     why = f"{read}, with the coupling free too, hardly tell" if free else f"{read} hardly tells"
     no_cure = "; more force or displacement does not help while the coupling is free" if free else ""
     base = names[held].split("[")[0]
-    cure = f"{measured(base)} to {_percent(need)} or better{no_cure}"
+    enough = f" to {_percent(need)} or better" if need < errors[held] else ""
+    cure = f"{measured(base)}{enough}{no_cure}"
     size = _percent(errors[held]) if errors[held] < 1.0 else f"a factor of {_factor(errors[held])}"
     sentence = (
         f"{names[held]} is practically not determined: it is known to {size}, and with it {followed} only, because "
