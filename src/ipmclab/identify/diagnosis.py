@@ -175,7 +175,7 @@ def _apart(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Riv
     there = [
         [rival.entries.get(u.name, float(entry)) for u, entry in zip(unknowns, own, strict=True)] for rival in rivals
     ]
-    return np.abs(np.array([own, *there]) - own).max(axis=0)
+    return np.asarray(np.abs(np.array([own, *there]) - own).max(axis=0))
 
 
 def _outputs(records: Sequence[Record]) -> list[str]:
