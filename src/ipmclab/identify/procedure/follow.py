@@ -132,13 +132,17 @@ class Compared:
         }
 
 
-def follow_procedure(procedure: Procedure, *, progress: Tell | None = None) -> Characterisation:
+def follow_procedure(
+    procedure: Procedure, *, all_at_once: bool = True, progress: Tell | None = None
+) -> Characterisation:
     """Carry out every step for which there is something, and the joint fit when all are done.
 
     Parameters
     ----------
     procedure : Procedure
         Of ``read_procedure``.
+    all_at_once : bool
+        Whether the joint fit follows when all steps are done; it takes longer than all of them.
     progress : function of (str, float), optional
         Told what is being done, and how far it is.
 
@@ -182,7 +186,7 @@ def follow_procedure(procedure: Procedure, *, progress: Tell | None = None) -> C
     if procedure.coupling and all(name in known for name in needed):
         tell("coupling", 0.3)
         keep(coupling(procedure.coupling, known, procedure.branch_count))
-        if steps["branches"].done and steps["coupling"].done:
+        if all_at_once and steps["branches"].done and steps["coupling"].done:
             tell("all runs at once", 0.5)
             together = joint(procedure.name, procedure.runs, known, by_hand, procedure.branch_count, procedure.sample)
     tell("done", 1.0)
