@@ -30,8 +30,10 @@ if TYPE_CHECKING:
     from ipmclab.identify import profile as profile
     from ipmclab.identify import read_fit as read_fit
     from ipmclab.identify import read_procedure as read_procedure
+    from ipmclab.identify import sample_posterior as sample_posterior
     from ipmclab.identify import validate as validate
     from ipmclab.identify import write_fit as write_fit
+    from ipmclab.identify import write_posterior as write_posterior
     from ipmclab.model import Actuator as Actuator
     from ipmclab.model import load_actuator as load_actuator
     from ipmclab.model import simulate as simulate
@@ -66,9 +68,11 @@ _HOMES: Final = {
     "prediction_bands": "ipmclab.identify",
     "profile": "ipmclab.identify",
     "read_fit": "ipmclab.identify",
+    "sample_posterior": "ipmclab.identify",
     "read_procedure": "ipmclab.identify",
     "validate": "ipmclab.identify",
     "write_fit": "ipmclab.identify",
+    "write_posterior": "ipmclab.identify",
     "Actuator": "ipmclab.model",
     "load_actuator": "ipmclab.model",
     "simulate": "ipmclab.model",

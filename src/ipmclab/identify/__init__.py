@@ -15,6 +15,7 @@ from ipmclab.identify.identify import identify
 from ipmclab.identify.left_out import LeftOut, leave_one_run_out
 from ipmclab.identify.mountings import Mounting, Mountings
 from ipmclab.identify.observation import Observation
+from ipmclab.identify.posterior.posterior import Posterior, sample_posterior, write_posterior
 from ipmclab.identify.practical import CollinearSet, Combination, Practical
 from ipmclab.identify.procedure.follow import Characterisation, follow_procedure
 from ipmclab.identify.procedure.procedure_file import read_procedure
@@ -39,6 +40,7 @@ __all__ = [
     "Mounting",
     "Mountings",
     "Observation",
+    "Posterior",
     "Practical",
     "Profile",
     "RunValidation",
@@ -54,7 +56,9 @@ __all__ = [
     "profile",
     "read_fit",
     "read_procedure",
+    "sample_posterior",
     "validate",
     "with_slow_modes",
     "write_fit",
+    "write_posterior",
 ]

@@ -47,6 +47,14 @@ class Order:
             for new, old in enumerate(sorted(speed, key=speed.__getitem__)):
                 self._places[kind, old] = new
 
+    def __eq__(self, other: object) -> bool:
+        """Whether everything stands in the same order."""
+        return isinstance(other, Order) and self._places == other._places
+
+    def __hash__(self) -> int:
+        """Of the places."""
+        return hash(tuple(self._places.items()))
+
     def __call__(self, text: str) -> str:
         """A name, or every name in a sentence, as it is called after sorting."""
         return _NUMBERED.sub(lambda match: f"{match[1]}.{self._places[match[1], int(match[2])]}.", text)

@@ -244,6 +244,20 @@ class Problem:
         rows[-1, readings:] = self._prior_jacobian @ (theta - self._centred(theta))
         return Evaluation(rows)
 
+    def residuals(self, theta: FloatArray) -> dict[tuple[int, str], FloatArray]:
+        """Weighted residuals of the readings of each run and output, without derivatives, not whitened."""
+        tick()
+        found = {}
+        with np.errstate(over="ignore", invalid="ignore"):
+            for record in self.records:
+                response = self._response(record, self.values(theta, record.place), theta, ())
+                for row, (output, reading) in enumerate(record.readings.items()):
+                    away = self._away(record, output, theta, response.values[row]) / self.noise[record.place, output]
+                    if reading.has_bounds:
+                        away[away * reading.side > 0] = 0.0
+                    found[record.place, output] = away[reading.used]
+        return found
+
     def spared(self, theta: FloatArray) -> float:
         """The part of the cost with which delays are drawn to the middle of where their rows confine them.
 
