@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
@@ -98,6 +98,8 @@ class Guard:
             await self.app(scope, receive, send)
             return
         seat = None if SEAT in cookies else secrets.token_urlsafe(16)
+        if seat is not None:  # the page that is made now is this browser's already
+            scope = {**scope, "headers": [*_without(scope["headers"], b"cookie"), _cookie_line(headers, seat)]}
         try:
             await self.app(scope, _bounded(receive), self._answering(send, seat))
         except _TooLargeError:
@@ -181,6 +183,15 @@ def _bounded(receive: Receive) -> Receive:
         return message
 
     return bounded
+
+
+def _without(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[tuple[bytes, bytes]]:
+    return [one for one in headers if one[0] != name]
+
+
+def _cookie_line(headers: Mapping[str, str], seat: str) -> tuple[bytes, bytes]:
+    there = f"{headers['cookie']}; " if "cookie" in headers else ""
+    return b"cookie", f"{there}{SEAT}={seat}".encode("latin-1")
 
 
 def _cookies(text: str) -> dict[str, str]:

@@ -2,10 +2,262 @@
 
 from __future__ import annotations
 
+import asyncio
+from dataclasses import replace
+from typing import Any, Final
+
+from nicegui import ui
+from nicegui.elements.mixins.validation_element import ValidationElement
+
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.context import Context
 from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.experiments import FIELDS, GROUPS, Checked, Draft, FormField, check, experiments, preview, rigs, save
+
+_DRAFTS: dict[str, Draft] = {}
+_MOST_DRAFTS: Final = 32
+
+_NEW: Final = ""
+
+_STEERING: Final = """
+<section class="lab-card" id="lab-progress" aria-label="The experiment at the bench">
+  <div id="lab-plan"></div>
+  <div id="lab-outcome"></div>
+  <div id="lab-question" aria-live="assertive"></div>
+  <div id="lab-steer"></div>
+  <p id="lab-run-said" role="status"></p>
+  <ol id="lab-steps" aria-label="Steps"></ol>
+  <details id="lab-watched"></details>
+</section>
+<section class="lab-card" id="lab-recorded-card" hidden><h2>Recorded</h2><ul id="lab-recorded"></ul></section>
+<section class="lab-card" id="lab-notes-card" hidden><h2>What happened</h2>
+  <ul id="lab-notes" tabindex="0" aria-label="What happened"></ul></section>
+"""
+
+_READINGS: Final = """
+<section class="lab-card" aria-label="Readings">
+  <div class="lab-row" id="lab-seat"></div>
+  <div class="lab-numbers" id="lab-numbers" aria-live="off"></div>
+  <div id="lab-progress-bar" hidden><progress aria-label="Rows read" max="1" value="0"></progress><span></span></div>
+</section>
+"""
 
 
 def build(context: Context) -> None:
     """Fill the page."""
-    TimePlot("Bench", live=True)
+    ui.add_head_html('<script defer src="/static/bench.js"></script>')
+    with ui.element("div").classes("lab-columns"):
+        with ui.element("div").classes("lab-column"):
+            ui.html(_STEERING, sanitize=False).classes("lab-column lab-when-busy")
+            with ui.element("section").classes("lab-card lab-when-free").props('aria-label="Set up an experiment"'):
+                form = _Form(context)
+                form.build()
+        with ui.element("div").classes("lab-column"):
+            with ui.element("section").classes("lab-card lab-when-free").props('aria-label="What it will do"'):
+                form.build_preview()
+            ui.html(_READINGS, sanitize=False)
+            with ui.element("section").classes("lab-card").props('aria-label="Live plots"'):
+                TimePlot("Bench", live=True, height=112)
+
+
+class _Form:
+    """The form of an experiment: every change is looked at, and the voltage drawn anew."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._lab = context.lab
+        self._seat = context.seat()
+        self._draft = _DRAFTS.get(self._seat, Draft.new())
+        self._inputs: dict[str, Any] = {}
+        self._asked = 0
+        self._checked: Checked | None = None
+        self._curves: str | None = None
+        self._left: str | None = None
+        self._filling = False
+        self._is_tried = False  # nobody is told off for a field not reached yet
+
+    def build(self) -> None:
+        """Put the form together."""
+        names = experiments(self._lab)
+        ui.html("<h2>Experiment</h2>", sanitize=False)
+        options = {_NEW: "a new one", **{name: name for name in names}}
+        chosen = self._draft.name if self._draft.name in options else _NEW
+        self._choice = ui.select(options, label="Experiment", value=chosen, on_change=self._choose)
+        self._choice.props("dense outlined options-dense").classes("lab-wide")
+        with ui.element("div").classes("lab-fields"):
+            for one in FIELDS:
+                if one.group == "main":
+                    self._field(one)
+        for group, title in GROUPS.items():
+            with (
+                ui.expansion(title).classes("lab-wide lab-fold").props("dense"),
+                ui.element("div").classes("lab-fields"),
+            ):
+                for one in FIELDS:
+                    if one.group == group:
+                        self._field(one)
+        self._message = ui.label().classes("lab-bad").props("role=alert")
+        self._name = ui.input("File name", value=self._draft.name).props('dense outlined suffix=".toml"')
+        self._name.classes("lab-wide").on("update:model-value", self._rename)
+        with ui.element("div").classes("lab-row"):
+            ui.button("Save", on_click=self._save).props("outline no-caps")
+            self._prepare_button = ui.button("Check the plan", on_click=self._prepare).props("no-caps unelevated")
+        ui.timer(0.05, self._look, once=True)
+
+    def build_preview(self) -> None:
+        """The voltage that the form asks for, and what would be done."""
+        ui.html("<h2>Voltage that will be applied</h2>", sanitize=False)
+        self._plot = TimePlot("Voltage that will be applied", height=150)
+        self._summary = ui.label().classes("lab-quiet").props("role=status")
+
+    def _field(self, one: FormField) -> None:
+        value = self._draft.values[one.key]
+        made: Any
+        if one.kind == "switch":
+            made = ui.switch(one.label, value=bool(value), on_change=self._changed)
+        elif one.kind == "choice":
+            made = ui.select(dict(one.choices), label=one.label, value=value, on_change=self._changed)
+        elif one.kind == "rig":
+            known = rigs(self._lab)
+            options = [*known, *([str(value)] if value not in known else [])]
+            made = ui.select(options, label=one.label, value=value, on_change=self._changed)
+        elif one.kind == "lines":
+            made = ui.textarea(one.label, value=str(value), on_change=self._changed)
+            made.props("autogrow debounce=250 input-style='min-height: 2.6em'")
+        else:
+            made = ui.input(one.label, value=str(value), on_change=self._changed).props("debounce=250")
+        if one.kind != "switch":
+            made.props("dense outlined options-dense").classes("lab-entry")
+            if one.hint:
+                made.props(f'hint="{one.hint}" hide-hint')
+            if one.kind == "lines" or one.key in ("title", "notes"):
+                made.classes("lab-wide")
+        else:
+            made.classes("lab-wide")
+        self._inputs[one.key] = made
+
+    async def _choose(self) -> None:
+        name = self._choice.value or _NEW
+        try:
+            self._draft = Draft.read(self._lab, name) if name else Draft.new()
+        except InputError as error:
+            self._message.text = str(error)
+            return
+        self._filling = True
+        for key, made in self._inputs.items():
+            value = self._draft.values[key]
+            if isinstance(made, ui.select) and value not in made.options:
+                made.set_options([*made.options, value])
+            made.value = value
+        self._name.value = self._draft.name
+        self._filling = False
+        await self._look()
+
+    async def _changed(self) -> None:
+        if not self._filling:
+            await self._look()
+
+    def _rename(self) -> None:
+        self._name.error = None
+        self._take()
+
+    def _take(self) -> None:
+        values = {key: made.value if made.value is not None else "" for key, made in self._inputs.items()}
+        self._draft = replace(self._draft, values=values, name=(self._name.value or "").strip())
+        if self._seat:
+            _DRAFTS[self._seat] = self._draft
+            while len(_DRAFTS) > _MOST_DRAFTS:
+                _DRAFTS.pop(next(iter(_DRAFTS)))
+
+    async def _look(self) -> None:
+        """Check the draft, draw its voltage, and say what is wrong at each field."""
+        self._take()
+        self._asked += 1
+        asked, draft = self._asked, self._draft
+        checked = await asyncio.to_thread(check, self._lab, draft)
+        panels = []
+        hidden = {"signals", "duration", "rest_before", "rest_after"} & set(checked.errors)
+        if checked.experiment is not None and not (hidden and checked.plan is None and _is_repaired(draft, checked)):
+            panels = await asyncio.to_thread(preview, checked.experiment)
+        if asked != self._asked:
+            return  # something newer is being looked at
+        self._checked = checked
+        unnamed = {"sample"} if not self._is_tried and not draft.values["sample"] else set()
+        self._tell_errors({key: text for key, text in checked.errors.items() if key not in unnamed})
+        store = self._context.workshop.curves
+        store.forget(self._left)  # not the ones of just now: the browser may be fetching them
+        self._left, self._curves = self._curves, store.add(panels) if panels else None
+        self._plot.show([panel.as_dict() for panel in panels], self._curves)
+        self._summary.text = _summary(checked)
+
+    def _tell_errors(self, errors: Any) -> None:
+        for key, made in self._inputs.items():
+            if isinstance(made, ValidationElement):
+                made.error = errors.get(key)
+        others = [text for key, text in errors.items() if not isinstance(self._inputs.get(key), ValidationElement)]
+        self._message.text = "; ".join(others)
+
+    async def _save(self) -> bool:
+        self._take()
+        try:
+            path = save(self._lab, self._draft)
+        except InputError as error:
+            if error.code != "file-exists":
+                self._name.error = f"{error.message}; {error.repair}"
+                return False
+            with ui.dialog() as dialog, ui.card():
+                ui.label(f"{error.message}. Replace it?")
+                with ui.row():
+                    ui.button("Replace it", on_click=lambda: dialog.submit(True)).props("no-caps")
+                    ui.button("Leave it", on_click=lambda: dialog.submit(False)).props("no-caps flat")
+            if not await dialog:
+                self._name.error = "give another name"
+                return False
+            path = save(self._lab, self._draft, replace=True)
+        self._name.error = None
+        if path.stem not in self._choice.options:
+            self._choice.set_options({_NEW: "a new one", **{name: name for name in experiments(self._lab)}})
+        return True
+
+    async def _prepare(self) -> None:
+        """Save, and let the recorder plan it: it then waits for the start."""
+        self._is_tried = True
+        await self._look()
+        if self._checked is None or self._checked.errors:
+            self._message.text = self._message.text or "correct the fields that are marked"
+            return
+        if not self._draft.name:
+            self._name.error = "give the experiment a file name, such as step-1V"
+            return
+        if not await self._save():
+            return
+        self._prepare_button.disable()
+        try:
+            job = {"experiment": str(self._lab.new_file(self._draft.name, ".toml"))}
+            await asyncio.to_thread(self._context.bench.prepare, self._seat, job)
+        except IpmclabError as error:
+            self._message.text = str(error)
+        finally:
+            self._prepare_button.enable()
+
+
+def _is_repaired(draft: Draft, checked: Checked) -> bool:
+    """Whether what is drawn would be something else than what stands in the form."""
+    assert checked.experiment is not None
+    lines = [line for line in str(draft.values["signals"]).splitlines() if line.strip()]
+    return len(lines) != len(checked.experiment.signals) or any(
+        key in checked.errors for key in ("duration", "rest_before", "rest_after")
+    )
+
+
+def _summary(checked: Checked) -> str:
+    """What would be done, in a line."""
+    if checked.plan is None:
+        return ""
+    plan = checked.plan
+    minutes, seconds = divmod(round(plan.seconds), 60)
+    runs = [run for run in plan.runs if run.purpose != "fingerprint"]
+    lasts = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
+    rows = sum(run.rows for run in plan.runs)
+    told = [f"{len(runs)} run{'s' * (len(runs) != 1)}, at least {lasts}, {rows} rows on {plan.rig.name}", *plan.remarks]
+    return ". ".join(told)

@@ -178,15 +178,15 @@ const LabPlot = (() => {
         const axis = { stroke: () => ink("muted"), grid, ticks: grid, font: "11px system-ui", labelFont: "12px system-ui" };
         const options = {
           width: Math.max(this.panels.clientWidth, 200),
-          height: this.options.height + (last ? 24 : 0),
+          height: this.options.height + (last ? 34 : 0),
           legend: { show: false },
           padding: [8, 12, 0, 0],
           cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, y: false },
           scales: { x: { time: false }, y: { range: (_, low, high) => this.range(panel, low, high) } },
           axes: [
-            { ...axis, size: last ? 42 : 8, values: (plot, splits) => this.xValues(plot, splits, last), incrs: this.options.x.power ? [1] : undefined,
-              label: last ? `${this.options.x.label} [${this.options.x.unit}]` : undefined, labelSize: 16, ticks: { ...grid, size: last ? 5 : 0 } },
-            { ...axis, size: 58, label: panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, labelSize: 18 },
+            { ...axis, size: last ? 24 : 8, values: (plot, splits) => this.xValues(plot, splits, last), incrs: this.options.x.power ? [1] : undefined,
+              label: last ? `${this.options.x.label} [${this.options.x.unit}]` : undefined, labelSize: 18, ticks: { ...grid, size: last ? 5 : 0 } },
+            { ...axis, size: 52, space: 20, label: panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, labelSize: 18 },
           ],
           series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
           hooks: {
@@ -246,7 +246,7 @@ const LabPlot = (() => {
     resize() {
       const width = Math.max(this.panels.clientWidth, 200);
       this.plots.forEach((plot, place) => {
-        const height = this.options.height + (place === this.plots.length - 1 ? 24 : 0);
+        const height = this.options.height + (place === this.plots.length - 1 ? 34 : 0);
         if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
       });
     }

@@ -1,0 +1,441 @@
+"""An experiment as a form: its fields, what is wrong with each, the voltage it will apply, and its file."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+from ipmclab.errors import InputError
+from ipmclab.page.curves import Panel, Series
+from ipmclab.page.lab import Lab
+from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
+from ipmclab.rig.safety.limits import Limits
+from ipmclab.units import VOLTAGE
+
+if TYPE_CHECKING:
+    from ipmclab.rig.experiments.plan import Plan
+
+WHERE: Final = "experiment"
+
+Kind = Literal["text", "lines", "switch", "choice", "rig", "number"]
+
+
+@dataclass(frozen=True)
+class FormField:
+    """One field of the form.
+
+    Parameters
+    ----------
+    key : str
+        Of the experiment file; a table's with a dot.
+    label, hint : str
+    default : str or bool
+        Of a new experiment. A text that is empty is left out of the file.
+    kind : str
+    group : str
+        Under which heading it stands.
+    choices : mapping, optional
+        Of a choice: value and what it is called.
+    """
+
+    key: str
+    label: str
+    hint: str = ""
+    default: str | bool = ""
+    kind: Kind = "text"
+    group: str = "main"
+    choices: Mapping[str, str] = field(default_factory=dict)
+
+
+_MEASURED: Final = {
+    "current, force": "current and force",
+    "current, displacement": "current and displacement",
+    "current": "current",
+    "force": "force",
+    "displacement": "displacement",
+}
+
+FIELDS: Final = (
+    FormField("title", "Title", "stands in every run", "new experiment"),
+    FormField("sample", "Sample", "the strip's id", ""),
+    FormField("operator", "Operator", "your name", ""),
+    FormField("signals", "Signals, one a line", "step 1 V, sine 1 V 0.1 Hz, chirp...", "step 1 V", "lines"),
+    FormField("duration", "Duration of each", "such as 40 s", "40 s"),
+    FormField("rate", "Rate", "such as 50 Hz", "50 Hz"),
+    FormField("measured", "Measured beside the voltage", "", "current, force", "choice", choices=_MEASURED),
+    FormField("rig", "Rig (bench)", "", VIRTUAL, "rig"),
+    FormField("pair", "Both polarities of each signal", "", False, "switch", "options"),
+    FormField("baseline", "First a run without voltage", "", False, "switch", "options"),
+    FormField("fingerprint", "Fingerprint at 0.1 V before each", "", True, "switch", "options"),
+    FormField("repeats", "Repeats of each signal", "1 or more", "1", "number", "options"),
+    FormField("rest_before", "Rest at 0 V before", "5 s unless stated", "", "text", "options"),
+    FormField("rest_after", "Rest at 0 V after", "5 s unless stated", "", "text", "options"),
+    FormField("pause", "Pause between signals", "2 min unless stated", "", "text", "options"),
+    FormField("zero_time", "Zeros are read for", "10 s unless stated", "", "text", "options"),
+    FormField("environment.temperature", "Temperature", "25 degC; empty: the room's", "", "text", "environment"),
+    FormField("environment.relative_humidity", "Relative humidity", "80 percent; empty: the room's", "", "text",
+              "environment"),
+    FormField("environment.settle", "Settled for", "30 min unless stated", "", "text", "environment"),
+    FormField("environment.longest_wait", "Longest wait", "3 h unless stated", "", "text", "environment"),
+    FormField("limits.voltage", "Voltage", "3.5 V unless stated", "", "text", "limits"),
+    FormField("limits.current", "Current", "500 mA unless stated", "", "text", "limits"),
+    FormField("limits.charge", "Charge", "10 C unless stated", "", "text", "limits"),
+    FormField("limits.power", "Power", "0.3 W unless stated", "", "text", "limits"),
+    FormField("actuator", "Model of the strip", "friend-2, or a file; foretells the current", "", "text", "more"),
+    FormField("clamp_pressure", "Clamp pressure", "such as 100 kPa", "", "text", "more"),
+    FormField("mounting_id", "Mounting", "given at each clamping unless stated", "", "text", "more"),
+    FormField("notes", "Notes", "", "", "text", "more"),
+)  # fmt: skip
+"""The fields, in their order."""
+
+GROUPS: Final = {
+    "options": "How it is recorded",
+    "environment": "Environment",
+    "limits": "Limits of the guard",
+    "more": "More",
+}
+"""The headings of what is folded away."""
+
+_BY_KEY: Final = {one.key: one for one in FIELDS}
+_FILE_SIGNAL: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
+_MOST_RUNS: Final = 8
+_PREVIEW_ROWS: Final = 200_000
+
+Values = dict[str, str | bool]
+
+
+@dataclass(frozen=True)
+class Draft:
+    """An experiment that is being written.
+
+    Parameters
+    ----------
+    name : str
+        Of its file, without the suffix; empty for one that has none yet.
+    values : mapping
+        Of each field.
+    rest : mapping
+        What the file has besides: it is kept as it is.
+    """
+
+    name: str
+    values: Values
+    rest: Mapping[str, Any]
+
+    @classmethod
+    def new(cls) -> Draft:
+        """What a new experiment starts from."""
+        return cls("", {one.key: one.default for one in FIELDS}, {})
+
+    @classmethod
+    def read(cls, lab: Lab, name: str) -> Draft:
+        """The experiment of a file in the lab.
+
+        Raises
+        ------
+        InputError
+            No such file, or no TOML.
+        """
+        path = lab.new_file(name, ".toml")
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"it cannot be read: {error}", code="bad-file", where=path.name, repair="correct the file"
+            ) from error
+        values: Values = {one.key: one.default if one.kind == "switch" else "" for one in FIELDS}
+        values["measured"], values["rig"], values["repeats"] = "current, force", VIRTUAL, "1"
+        rest = _copied(table)
+        if "signal" in rest:
+            rest["signals"] = [rest.pop("signal")]
+        for one in FIELDS:
+            found = _taken(rest, one)
+            if found is not None:
+                values[one.key] = found
+        return cls(path.stem, values, rest)
+
+    def table(self) -> dict[str, Any]:
+        """The experiment as its file has it."""
+        table = _copied(self.rest)
+        for key, value in self.values.items():
+            given = _as_toml(_BY_KEY[key], value)
+            if given is None:
+                continue
+            first, _, second = key.partition(".")
+            if second:
+                inner = table.setdefault(first, {})
+                if isinstance(inner, dict):
+                    inner[second] = given
+            else:
+                table[first] = given
+        if set(table.get("environment", {"settle": 0})) <= {"settle", "longest_wait"}:
+            table.pop("environment", None)  # nothing is to be waited for
+        return table
+
+
+def _copied(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _copied(value) if isinstance(value, dict) else value for key, value in table.items()}
+
+
+def _taken(rest: dict[str, Any], one: FormField) -> str | bool | None:
+    """The value of a field, taken out of a table where the form can hold it."""
+    first, _, second = one.key.partition(".")
+    inside = rest.get(first) if second else rest
+    if not isinstance(inside, dict):
+        return None
+    key = second or first
+    value = inside.get(key)
+    if one.kind == "switch":
+        found: str | bool | None = value if isinstance(value, bool) else None
+    elif one.kind in ("lines", "choice"):
+        are_texts = isinstance(value, list) and all(isinstance(text, str) for text in value)
+        found = ("\n" if one.kind == "lines" else ", ").join(value) if are_texts and value is not None else None
+        if one.kind == "choice" and found not in one.choices:
+            found = None
+    elif one.kind == "number":
+        found = str(value) if isinstance(value, int) and not isinstance(value, bool) else None
+    else:
+        found = value if isinstance(value, str) else None
+    if found is not None:
+        del inside[key]
+        if second and not inside:
+            del rest[first]
+    return found
+
+
+def _as_toml(one: FormField, value: str | bool) -> Any:
+    """The value of a field as the file has it; None where it is left out."""
+    if isinstance(value, bool):
+        return None if value == one.default else value
+    text = value.strip()
+    if one.kind == "lines":
+        return [line.strip() for line in text.splitlines() if line.strip()]
+    if one.kind == "choice":
+        return [word.strip() for word in text.split(",")]
+    if one.kind == "number":
+        return int(text) if text.lstrip("+-").isdecimal() else text or None
+    return text or None
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What is wrong with a draft, and what it would do.
+
+    Parameters
+    ----------
+    errors : mapping
+        Message of each field; under the empty key what belongs to none.
+    experiment : Experiment, optional
+        Where it can be read at all.
+    plan : Plan, optional
+        Where it could be carried out.
+    """
+
+    errors: Mapping[str, str]
+    experiment: Experiment | None
+    plan: Plan | None
+
+
+def check(lab: Lab, draft: Draft) -> Checked:
+    """Look at a draft: every field's own mistake at once, then the whole against its rig and limits."""
+    errors: dict[str, str] = {}
+    table = draft.table()
+    for key, value in _outside(lab, table):
+        errors[key] = value
+        _repair(table, key)
+    # The model of a strip takes a compiler to read; the recorder does that. Here its name will do.
+    named = table.pop("actuator", None)
+    if "sample" not in table and named:
+        table["sample"] = str(named)
+    experiment = None
+    for _ in range(2 * len(FIELDS)):
+        try:
+            experiment = experiment_from_table(table, folder=lab.root, where=WHERE, name=draft.name or "new")
+            Limits.from_table(experiment.limits, where=f"{WHERE}: limits")
+            break
+        except InputError as error:
+            key, text = placed(error)
+            if key in errors or not _repair(table, key, error):
+                errors.setdefault(key, text)
+                break
+            errors[key] = text
+    plan = None
+    if experiment is not None and not errors:
+        try:
+            plan = _planned(lab, experiment)
+        except InputError as error:
+            key, text = placed(error)
+            errors[key] = text
+    return Checked(errors, experiment, plan)
+
+
+def placed(error: InputError) -> tuple[str, str]:
+    """The field that a message belongs to, empty where it is none's, and the message without its place."""
+    key = error.where.removeprefix(f"{WHERE}: ")
+    text = f"{error.message}; {error.repair}" if error.repair else error.message
+    key = re.sub(r"^signal(s\.\d+)?$", "signals", key)
+    for known in _BY_KEY:
+        if key == known or (known != "signals" and key.startswith(f"{known}.")):
+            return known, text
+    if key in ("limits", "environment", "sample.id"):
+        return {"limits": "limits.voltage", "environment": "environment.temperature"}.get(key, "sample"), text
+    return "", f"{error.where}: {text}" if error.where and error.where != WHERE else text
+
+
+def _repair(table: dict[str, Any], key: str, error: InputError | None = None) -> bool:
+    """Put something harmless in the place of a mistake, so that the others show too."""
+    one = _BY_KEY.get(key)
+    if one is None:
+        return False
+    first, _, second = key.partition(".")
+    if second:
+        inside = table.get(first)
+        if isinstance(inside, dict) and second in inside:
+            del inside[second]
+            if not inside or (first == "environment" and set(inside) <= {"settle", "longest_wait"}):
+                table.pop(first)
+            return True
+        return False
+    if key == "signals":
+        place = re.search(r"signals\.(\d+)", error.where if error is not None else "")
+        lines = table.get("signals")
+        if place is not None and isinstance(lines, list) and len(lines) > 1:
+            del lines[int(place[1])]
+        else:
+            table["signals"] = ["step 0 V"]
+        return True
+    harmless = {"sample": "unnamed", "duration": "40 s", "rate": "50 Hz", "rig": VIRTUAL, "repeats": 1}
+    if key in harmless:
+        table[key] = harmless[key]
+    else:
+        table.pop(key, None)
+    return True
+
+
+def _outside(lab: Lab, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The fields that name a file outside the lab."""
+    named: list[tuple[str, str]] = []
+    if isinstance(table.get("rig"), str) and table["rig"] != VIRTUAL:
+        named.append(("rig", table["rig"]))
+    actuator = table.get("actuator")
+    if isinstance(actuator, str):
+        named.append(("actuator", actuator.partition("+")[0]))
+    signals = table.get("signals", [])
+    texts = [text for text in signals if isinstance(text, str)] if isinstance(signals, list) else []
+    named += [("signals", found.strip("\"'")) for text in texts for found in _FILE_SIGNAL.findall(text)]
+    for key, name in named:
+        try:
+            lab.path(name)
+        except InputError as error:
+            yield key, f"{error.message}; {error.repair}"
+    folder = table.get("folder", "runs")
+    if isinstance(folder, str) and os.path.realpath(lab.root / folder) != str(lab.laboratory_folder):
+        wanted = os.path.relpath(lab.laboratory_folder, lab.root)
+        yield "", f"it records into {folder!r}, this page shows the runs in {wanted!r}; change folder in the file"
+
+
+def _planned(lab: Lab, experiment: Experiment) -> Plan:
+    from ipmclab.rig.checks.proof import proof_of
+    from ipmclab.rig.experiments.plan import make_plan
+    from ipmclab.rig.files.rig_file import load_rig
+
+    if isinstance(experiment.rig, Path) and not experiment.rig.is_file():
+        raise InputError(
+            "there is no such rig file in the folder",
+            code="no-rig",
+            where=f"{WHERE}: rig",
+            repair="choose another",
+        )
+    try:
+        rig = load_rig(experiment.rig)
+    except InputError as error:
+        raise InputError(str(error), code=error.code, where=f"{WHERE}: rig", repair="") from error
+    proof = proof_of(rig, experiment.rig) if rig.bench == "ni" else ""
+    return make_plan(experiment, rig, bytes_free=shutil.disk_usage(lab.root).free, rig_proof=proof)
+
+
+def preview(experiment: Experiment) -> list[Panel]:
+    """The voltage that will be applied in each run, rests included, over the time of the run."""
+    from ipmclab.rig.experiments.steps import planned_runs
+    from ipmclab.signals.signal import shortened
+
+    runs = [run for run in planned_runs(experiment) if run.repeat == 1]
+    series = []
+    styles = ("line", "dashed", "dotted")
+    for place, run in enumerate(runs[:_MOST_RUNS]):
+        rate = min(run.rate, _PREVIEW_ROWS / max(run.seconds, 1e-9))
+        time = np.arange(max(2, round(run.seconds * rate))) / rate
+        local = time - run.rest_before
+        driven = (local >= 0) & (local < run.duration)
+        values = np.zeros(len(time))
+        values[driven] = run.signal.voltage(local[driven])
+        label = "without voltage" if run.purpose == "baseline" else shortened(str(run.signal), 40)
+        series.append(Series(f"v{place}", label, time, values, place % 6, styles[place % 3]))
+    return [Panel("voltage", "voltage", "V", series, VOLTAGE.to_display(1.0))]
+
+
+def experiments(lab: Lab) -> list[str]:
+    """The names of the experiment files of the lab."""
+    found = []
+    for path in lab.tables():
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        except (OSError, ValueError):
+            continue
+        if ("signal" in table or "signals" in table) and "rate" in table and "channels" not in table:
+            found.append(path.stem)
+    return found
+
+
+def rigs(lab: Lab) -> list[str]:
+    """What a rig may be: the virtual one, and the rig files of the lab."""
+    found = [VIRTUAL]
+    for path in lab.tables():
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        except (OSError, ValueError):
+            continue
+        if "channels" in table or "bench" in table:
+            found.append(path.name)
+    return found
+
+
+def save(lab: Lab, draft: Draft, *, replace: bool = False) -> Path:
+    """Write a draft to its file; what the file says already is not written again.
+
+    Raises
+    ------
+    InputError
+        A name that is none, or a file of that name which says something else.
+    """
+    import tomli_w
+
+    path = lab.new_file(draft.name, ".toml")
+    folder = os.path.relpath(lab.laboratory_folder, lab.root)
+    table = {"folder": folder, **draft.table()}
+    if path.exists():
+        try:
+            there = {"folder": folder, **Draft.read(lab, draft.name).table()}
+        except InputError:
+            there = {}
+        if there == table:
+            return path
+        if not replace:
+            raise InputError(
+                f"{path.name} is there already and says something else",
+                code="file-exists",
+                where="name",
+                repair="give another name, or replace it",
+            )
+    new = path.with_name(f".{path.name}.new")
+    new.write_text(tomli_w.dumps(table), encoding="utf-8")
+    new.replace(path)
+    return path
