@@ -23,6 +23,8 @@ from ipmclab.identify.posterior.packages import bayes_package
 from ipmclab.identify.posterior.sampling import Chains, sample
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.identify.unknowns import Unknown
+from ipmclab.model.parameters import Parameter
+from ipmclab.units import CHANNELS, TIME, Quantity
 from ipmclab.version import __version__
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 
 SEED: Final = 20261121
 STEPS: Final = 5000
+_AT_BOUND: Final = 0.1  # of an interval: samples that come so near to a bound are ended by it
 _DRAWS: Final = 500  # of each chain that are kept: neighbours say nearly the same
 
 
@@ -42,12 +45,16 @@ class SampledParameter:
     Parameters
     ----------
     name : str
-    unit : str
+    unit, symbol : str
+    quantity : Quantity or None
+        Gives the unit that people read; None for slopes of sensors.
     mean, median, standard_deviation : float [SI]
     interval : pair of float [SI]
         From the 2.5th to the 97.5th percentile.
     prior : pair of float [SI] or None
         Value and standard uncertainty beforehand; None where every value between the bounds was as likely.
+    at_bound : bool
+        Whether the samples reach a bound of the parameter: then its bound, not the readings, ends the interval.
     is_free : bool
         Whether the fit moved it; else it is a fixed parameter whose stated uncertainty matters.
     convergence : Convergence
@@ -55,11 +62,14 @@ class SampledParameter:
 
     name: str
     unit: str
+    symbol: str
+    quantity: Quantity | None
     mean: float
     median: float
     standard_deviation: float
     interval: tuple[float, float]
     prior: tuple[float, float] | None
+    at_bound: bool
     is_free: bool
     convergence: Convergence
 
@@ -202,8 +212,7 @@ def _place(rival: Rival, density: Density) -> FloatArray:
 
 def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: int) -> Posterior:
     assert fit.estimate is not None
-    units = {name: one.unit for name, one in fit.parameters.items()}
-    units |= {name: one.unit for name, one in fit.estimate.parameters.items() if name not in units}
+    known = fit.actuator.parameters()
     solved = len(fit.estimate.problem.unknowns)
     thin = max(chains.vectors.shape[1] // _DRAWS, 1)
     parameters: dict[str, SampledParameter] = {}
@@ -215,12 +224,13 @@ def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: in
         low, median, high = (float(one) for one in np.quantile(values, (0.025, 0.5, 0.975)))
         parameters[name] = SampledParameter(
             name=name,
-            unit=units[name],
+            **_unit(name, known),
             mean=float(values.mean()),
             median=median,
             standard_deviation=float(values.std()),
             interval=(low, high),
             prior=unknown.beforehand,
+            at_bound=_at_bound(unknown, (low, high)),
             is_free=number < solved,
             convergence=chains.judgement.of[name],
         )
@@ -237,6 +247,26 @@ def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: in
         steps=chains.steps,
         accepted=chains.accepted,
     )
+
+
+def _at_bound(unknown: Unknown, interval: tuple[float, float]) -> bool:
+    low, high = (unknown.entry(max(end, unknown.lower)) for end in interval)
+    lower, upper = unknown.limits
+    return low - lower < _AT_BOUND * (high - low) or upper - high < _AT_BOUND * (high - low)
+
+
+def _unit(name: str, known: Mapping[str, Parameter]) -> dict[str, Any]:
+    """Unit, symbol and quantity of a parameter of the actuator, or of the observation of one run."""
+    base = name.partition("[")[0]
+    if base in known:
+        return {"unit": known[base].unit, "symbol": known[base].symbol, "quantity": known[base].quantity}
+    what, _, output = base.removeprefix("observation.").partition(".")
+    if what == "delay":
+        return {"unit": TIME.unit, "symbol": "delay", "quantity": TIME}
+    unit = CHANNELS[output].unit
+    if what == "offset":
+        return {"unit": unit, "symbol": "offset", "quantity": CHANNELS[output]}
+    return {"unit": f"{unit}/s", "symbol": "drift", "quantity": None}
 
 
 def _values(unknown: Unknown, entries: FloatArray) -> FloatArray:

@@ -1,0 +1,136 @@
+"""``ipmclab posterior``: samples of what runs leave of the parameters of an actuator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
+from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, significant
+
+if TYPE_CHECKING:
+    from ipmclab.identify import Posterior
+
+_FIGURES = (".svg", ".png", ".pdf")
+
+
+def posterior(
+    actuator: ActuatorName,
+    runs: RunFiles,
+    free: Annotated[list[str], typer.Option(metavar="NAMES", help="As in identify; repeat it, or use commas.")],
+    out: Annotated[Path, typer.Option(metavar="POSTERIOR.nc", help="The samples to write; ArviZ reads them.")],
+    per_run: Annotated[
+        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Free parameters whose value and standard uncertainty in the file count as known beforehand.",
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of all pairs.")
+    ] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Most steps of each walker.")] = 5000,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Fit, then draw samples of the parameters (extra bayes); nothing is given out unless the chains agree.
+
+    \b
+    ipmclab posterior friend-2 step.nc --free electrical --out posterior.nc --figure pairs.svg
+    """
+    from ipmclab import load_actuator
+    from ipmclab.identify.identify import identify
+    from ipmclab.identify.posterior.packages import bayes_package
+    from ipmclab.identify.posterior.posterior import sample_posterior, write_posterior
+
+    check_output(out, force=force, suffixes=(".nc",))
+    if figure is not None:
+        check_output(figure, force=force, suffixes=_FIGURES)
+    model = load_actuator(actuator)
+    loaded = read_runs(runs)
+    bayes_package("emcee")  # before the long work
+    with progress(f"sampling {model.name}") as tell:
+        fit = identify(model, loaded, free=free, per_run=per_run or [], prior=prior or [], progress=tell)
+        found = sample_posterior(fit, steps=steps, progress=tell)
+        write_posterior(found, out, overwrite=force)
+        if figure is not None:
+            from ipmclab.report.figures.pairs import pairs_figure
+            from ipmclab.report.save import save_figure
+
+            save_figure(lambda: pairs_figure(found, fit), figure, overwrite=force)
+    if as_json:
+        print_json({"posterior": posterior_document(found), "runs": runs, "out": out, "figure": figure})
+        return
+    print_posterior(found)
+    for path in (out, figure):
+        if path is not None:
+            print(f"wrote {path}")
+
+
+def print_posterior(posterior: Posterior) -> None:
+    """Print a posterior: its parameters, and how the chains did."""
+    rows = []
+    for name, one in posterior.parameters.items():
+        factor = one.quantity.to_display(1.0) if one.quantity is not None else 1.0
+        low, high = (factor * end for end in one.interval)
+        notes = [] if one.is_free else ["fixed, as uncertain as stated"]
+        notes += ["with its prior"] if one.is_free and one.prior is not None else []
+        notes += ["reaches its bound"] if one.at_bound else []
+        rows.append(
+            [
+                name,
+                significant(factor * one.median, 5),
+                f"{significant(low, 5)} to {significant(high, 5)}",
+                one.quantity.display_unit if one.quantity is not None else one.unit,
+                f"{one.convergence.r_hat:.4f}",
+                f"{one.convergence.bulk:.0f}",
+                ", ".join(notes),
+            ]
+        )
+    print_table(["parameter", "median", "95 % of samples", "unit", "R-hat", "effective samples", ""], rows)
+    if posterior.left_out:
+        print_paragraph(f"Not sampled, because the runs do not show it: {', '.join(posterior.left_out)}.")
+    if any(one.at_bound for one in posterior.parameters.values()):
+        print_paragraph(
+            "What reaches its bound is ended by that bound, not by the runs: its interval says what was taken as possible."
+        )
+    print_paragraph(
+        f"The chains agree after {posterior.steps} steps of each walker, of which the later half was kept; "
+        f"{100.0 * posterior.accepted:.0f} % of the proposals were accepted."
+    )
+
+
+def posterior_document(posterior: Posterior) -> dict[str, Any]:
+    """A posterior as it stands in a JSON document."""
+    names = list(posterior.parameters)
+    return {
+        "actuator": posterior.actuator,
+        "parameters": {
+            name: {
+                "mean": one.mean,
+                "median": one.median,
+                "standard_deviation": one.standard_deviation,
+                "interval": one.interval,
+                "unit": one.unit,
+                "prior": one.prior,
+                "at_bound": one.at_bound,
+                "is_free": one.is_free,
+                "r_hat": one.convergence.r_hat,
+                "effective_samples": one.convergence.bulk,
+                "effective_samples_in_tails": one.convergence.tail,
+                "autocorrelation_time": one.convergence.autocorrelation_time,
+            }
+            for name, one in posterior.parameters.items()
+        },
+        "correlations": {one: {other: posterior.correlation(one, other) for other in names} for one in names},
+        "left_out": posterior.left_out,
+        "seed": posterior.seed,
+        "steps": posterior.steps,
+        "accepted": posterior.accepted,
+    }
