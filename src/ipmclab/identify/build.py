@@ -16,6 +16,14 @@ from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_table import changed
+from ipmclab.identify.interval import (
+    as_determined,
+    edges_are_open,
+    half_width,
+    interval_of,
+    open_ends,
+    with_rivals,
+)
 from ipmclab.identify.known import covariance_table
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.findings import noise_findings
@@ -23,7 +31,6 @@ from ipmclab.identify.observation import Observation, Record
 from ipmclab.identify.order import Order
 from ipmclab.identify.practical import Practical
 from ipmclab.identify.problem import Problem
-from ipmclab.identify.profile import profile_interval
 from ipmclab.identify.relaxing import set_point_findings
 from ipmclab.identify.response import CircuitResponder
 from ipmclab.identify.solve import Solution
@@ -35,14 +42,7 @@ from ipmclab.version import __version__
 
 FloatArray = npt.NDArray[np.float64]
 
-_CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
 _NORMAL_95: Final = 1.96
-_BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
-_NONLINEAR: Final = ("leak.exponential.", "leak.butler_volmer.", "leak.slow.", "relaxation.", "viscoelastic.", "clamp.")
-_HOPELESS: Final = 1.5  # and above which the interval is open without asking: for a circuit, whose profile is quick
-_TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
-_SURE_AT_LIMITS: Final = 0.995
-_OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the readings leave of it
 _AT_BOUND: Final = 1e-3
 
 _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
@@ -65,23 +65,30 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
     order = Order(problem.values(solution.theta, problem.records[0].place))
     rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
     model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
-    open_directions = directions(asked, values, found, problem.records, model, rivals)
-    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
-
-    edges_are_open = _edges_are_open(asked, found)
     beside = _beside_unseen(result, stated, exact)
+    open_edges = edges_are_open(asked, found)
+    alone = [
+        interval_of(problem, solution, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
+        for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
+    ]
+    told_twice = {*beside, *(name for rival in rivals for name in rival.entries)}
+    nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
+    sharper = as_determined(found, relative, np.array(nearer))
+    open_directions = directions(asked, values, sharper, problem.records, model, rivals)
+    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
     fitted: dict[str, FittedParameter] = {}
     for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
         name = order(unknown.name)
         error = math.inf if unknown.name in beyond else float(relative[number])
+        nearer_error = math.inf if unknown.name in beyond else nearer[number]
         value = float(values[number])
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
         at_bound = (unknown.log or math.isfinite(error)) and _is_at_bound(unknown, float(solution.theta[place]))
         others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in rivals if unknown.name in r.entries]
-        interval = _interval(problem, solution, unknown, place, found, number, error, edges_are_open=edges_are_open)
-        interval, alone = _with_rivals(unknown, float(solution.theta[place]), interval, others)
+        first = open_ends(unknown) if unknown.name in beyond else (alone[number].low, alone[number].high)
+        interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
         variance = float(found.covariance[number, number])
-        wider = _half_width(unknown, interval) / _NORMAL_95 if others else 0.0
+        wider = half_width(unknown, interval) / _NORMAL_95 if others else 0.0
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)
@@ -100,7 +107,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
             symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
             standard_error=_standard_error(unknown, value, variance, error),
             interval=interval,
-            determined=alone and error <= DETERMINED and not (at_bound and unknown.log),
+            determined=agree and min(error, nearer_error) <= DETERMINED and not (at_bound and unknown.log),
             at_bound=at_bound,
             prior=unknown.beforehand,
         )
@@ -192,16 +199,8 @@ def _unseen_parameter(
         unit=declared.unit,
         symbol=declared.symbol,
         standard_error=math.inf,
-        interval=_open_ends(unknown),
+        interval=open_ends(unknown),
         determined=False,
-    )
-
-
-def _open_ends(unknown: Unknown) -> tuple[float, float]:
-    """The interval of a parameter of which nothing is known; a share ends at one."""
-    return (
-        0.0 if unknown.log or unknown.lower == 0.0 else -math.inf,
-        unknown.upper if unknown.upper == 1.0 and not unknown.log else math.inf,
     )
 
 
@@ -211,75 +210,6 @@ def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[
     if not isinstance(problem.responder, CircuitResponder):
         candidates += ["geometry.thickness", "beam.modulus"]
     return [name for name in candidates if name not in taken and name in actuator.parameter_values]
-
-
-def _interval(
-    problem: Problem,
-    solution: Solution,
-    unknown: Unknown,
-    place: int,
-    found: Uncertainty,
-    number: int,
-    error: float,
-    *,
-    edges_are_open: bool,
-) -> tuple[float, float]:
-    from scipy.special import stdtrit
-
-    entry = float(solution.theta[place])
-    open_ends = _open_ends(unknown)
-    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else DETERMINED
-    if any(other.beforehand is not None for other in problem.unknowns):
-        hopeless = math.inf  # what is known beforehand ends every profile
-    if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
-        return open_ends
-    # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
-    level = _SURE_AT_LIMITS if unknown.log and edges_are_open else 0.975
-    width = float(stdtrit(found.freedom[number], level))
-    variance = float(found.covariance[number, number])
-    reach = width * math.sqrt(variance)
-    curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
-    if not curved or not (unknown.log or unknown.base.startswith(_NONLINEAR)):
-        return unknown.value(entry - reach), unknown.value(entry + reach)
-    if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
-        return beside_bounds(unknown, -math.inf, math.inf)
-    plain = float(found.plain[number, number])
-    low, high = profile_interval(problem, solution, place, math.sqrt(plain), width * width * max(variance / plain, 1.0))
-    return beside_bounds(unknown, low, high)
-
-
-def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
-    """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something."""
-    ends = _open_ends(unknown)
-    return ends[0] if math.isinf(low) else unknown.value(low), ends[1] if math.isinf(high) else unknown.value(high)
-
-
-def _edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
-    """Whether an edge lies anywhere between its rows for all that the readings show."""
-    return any(
-        unknown.base == "observation.delay"
-        and unknown.prior is not None
-        and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
-        for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
-    )
-
-
-def _with_rivals(
-    unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[tuple[float, float]]
-) -> tuple[tuple[float, float], bool]:
-    """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
-    ends = [beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
-    apart = [abs(other - entry) for other, _ in others if unknown.log]
-    low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
-    return (low, high), all(gap <= _TWO_ERRORS for gap in apart)
-
-
-def _half_width(unknown: Unknown, interval: tuple[float, float]) -> float:
-    """Of an interval, in entries of a logarithm."""
-    low, high = interval
-    if not unknown.log:
-        return 0.0
-    return 0.5 * math.log(high / low) if low > 0.0 and math.isfinite(high) else math.inf
 
 
 def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:

@@ -14,7 +14,6 @@ from ipmclab.errors import InputError
 from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.doubts import unexplained
 from ipmclab.identify.free import FreeParameters
-from ipmclab.identify.missing import missing_stages
 from ipmclab.identify.noise.correlate import Correlated, correlate
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
@@ -108,11 +107,10 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     findings = [_not_at_rest(r) for r in problem.records if r.place in given_up and r.start == "free"]
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
-    findings += missing_stages(actuator, problem, solution)
     # Where the residuals are more than white noise, the parameters are those that are most likely under their noise.
     asked = [column for column, unknown in enumerate(problem.unknowns) if _is_asked(unknown, names)]
     beyond = {str(finding.channel) for finding in unexplained(problem, solution)}
-    stage("finding the noise, and fitting under it", 0.6, 0.8, 1000)
+    stage("finding the noise, and fitting under it", 0.6, 0.75, 1000)
     white = problem, solution
     correlated = correlate(problem, solution, asked, beyond)
     problem, solution = correlated.problem, correlated.solution
@@ -167,7 +165,9 @@ def _has(problem: Problem, name: str) -> bool:
 
 def _is_hidden(problem: Problem, solution: Solution, held: int) -> bool:
     zero = problem.unknowns[held].value(float(solution.theta[held]))
-    return zero > fastest_rate(problem.records) or bool(entry_errors(solution.evaluation)[held] > DETERMINED)
+    # As the error towards its nearer side, of a zero of which the readings know the reciprocal.
+    error = np.log1p(entry_errors(solution.evaluation)[held])
+    return zero > fastest_rate(problem.records) or bool(error > DETERMINED)
 
 
 def _without_idle(problem: Problem, solution: Solution, names: FreeParameters) -> tuple[Problem, Solution]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,8 +18,10 @@ FloatArray = npt.NDArray[np.float64]
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
 _LONGEST_STEP: Final = 1.0
 _NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
-_CLOSE: Final = 0.02  # of the threshold's root
-_SETTLED: Final = 2e-3  # of the threshold: what a further step of the others would still lower the cost by
+_BESIDE: Final = 0.05  # part of a height up to which a line continues a point
+_JOINED: Final = 0.4  # part of a height over which a cubic joins two points
+_POINTS: Final = 40
+_SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
 _TURNS: Final = 6
 _FARTHEST_STEP: Final = 3.0
 
@@ -51,80 +55,125 @@ class Side:
     points: tuple[Point, ...]
 
 
-def profile_interval(
-    problem: Problem, solution: Solution, place: int, error: float, threshold: float
-) -> tuple[float, float]:
-    """Entries at which the best cost with one entry held exceeds the minimum by a threshold.
+def one_side(problem: Problem, solution: Solution, place: int, error: float, threshold: float) -> Side:
+    """Walk from the minimum to where the profile crosses the threshold; a negative error walks downwards."""
+    walk = Walk(problem, solution, place, error)
+    away = walk.distance(math.sqrt(threshold))
+    side = math.copysign(1.0, error)
+    return Side(float(solution.theta[place]) + side * away, tuple(walk.points[1:]))
+
+
+class Walk:
+    """One side of a profile, walked as far as it is asked for.
+
+    At the best of all others the derivative of the cost by the entry that is held needs no further fit, so that two or
+    three points tell where the profile crosses a height.
 
     Parameters
     ----------
     problem : Problem
     solution : Solution
+        Its minimum.
     place : int
         The entry.
     error : float
-        Its standard error: the first step.
-    threshold : float
-        For 95 %, 3.84 times the ratio of the true to the plain variance.
-
-    Returns
-    -------
-    lower, upper : float
-        Infinite where the cost stays below the threshold within a factor of a thousand or up to a bound.
+        Its standard error, where the first step leads; negative to walk downwards.
     """
-    return (
-        one_side(problem, solution, place, -error, threshold).crossing,
-        one_side(problem, solution, place, error, threshold).crossing,
-    )
 
+    def __init__(self, problem: Problem, solution: Solution, place: int, error: float) -> None:
+        self._problem, self._solution, self._place = problem, solution, place
+        self._side, self._error = math.copysign(1.0, error), min(abs(error), _FARTHEST)
+        self._middle = float(solution.theta[place])
+        self._slopes = {self._middle: 1.0 / self._error}
+        self._ends_at = math.inf
+        self.points = [Point(self._middle, 0.0, solution.theta, solution.evaluation)]
 
-def one_side(problem: Problem, solution: Solution, place: int, error: float, threshold: float) -> Side:
-    """Walk from the minimum to where the profile crosses the threshold; a negative error walks downwards."""
-    side = float(np.sign(error))
-    middle, goal = float(solution.theta[place]), float(np.sqrt(threshold))
-    bound = float((problem.upper if side > 0 else problem.lower)[place])
-    near = first = Point(middle, 0.0, solution.theta, solution.evaluation)
-    points: list[Point] = []
+    def distance(self, height: float) -> float:
+        """How far the entry moves until the root of the excess is ``height``; infinite where it never is."""
+        for _ in range(_POINTS):
+            near, far = self._around(height)
+            if far is None and near.height >= self._ends_at:
+                return math.inf
+            found = self._told(near, far, height)
+            if found is not None:
+                return found
+            trial = self._next(near, far, height)
+            point = None
+            if trial is not None:
+                entry = self._middle + self._side * trial
+                point = held_at(self._problem, self._solution, self._place, entry, near, height * height)
+            if point is None:
+                self._ends_at = near.height  # nothing lies beyond: open above what was reached
+                return math.inf
+            self.points.append(point)
+            self.points.sort(key=self._away)
+        return math.inf
 
-    def at(away: float, warm: Point) -> Point | None:
-        found = held_at(problem, solution, place, middle + side * away, warm, threshold)
-        if found is not None:
-            points.append(found)
-        return found
+    def crossed(self, height: float) -> float:
+        """The same from what was walked already, to a few hundredths; infinite where that ended below."""
+        near, far = self._around(height)
+        return math.inf if far is None else self._cubic(near, far, height)
 
-    # The first point is where a parabola would cross.
-    away = min(goal * abs(error), _LONGEST_STEP)
-    while True:
-        if away > _FARTHEST or side * (bound - middle) <= away:
-            return Side(side * np.inf, tuple(points))
-        found = at(away, near)
-        if found is None or len(points) > 40:
-            return Side(side * np.inf, tuple(points))
-        if found.height >= goal:
-            break
-        near = found
-        step = away * (goal / max(near.height, 0.2 * goal)) * 1.1 - away
-        away += min(max(step, 0.1 * away), _LONGEST_STEP)
-    far, far_height, near_away = away, found.height, abs(near.entry - first.entry)
-    same = 0  # how often the same end has moved: positive the near one, negative the far one
-    for _ in range(16):
-        if far_height - near.height < _CLOSE * goal or abs(far - near_away) < 1e-3 * far:
-            break
-        part = min(max((goal - near.height) / (far_height - near.height), 0.1), 0.9)
-        # A straight line creeps towards a wall: then the middle is better.
-        trial = near_away + (far - near_away) * (part if abs(same) < 2 else 0.5)
-        found = at(trial, near)
-        if found is None:
-            far, far_height, same = trial, 10.0 * goal, min(same, 0) - 1
-            continue
-        if abs(found.height - goal) < 0.2 * _CLOSE * goal:
-            return Side(middle + side * trial, tuple(points))
-        if found.height < goal:
-            near, near_away, same = found, trial, max(same, 0) + 1
-        else:
-            far, far_height, same = trial, found.height, min(same, 0) - 1
-    part = (goal - near.height) / max(far_height - near.height, 1e-12)
-    return Side(middle + side * (near_away + (far - near_away) * min(max(part, 0.0), 1.0)), tuple(points))
+    def _away(self, point: Point) -> float:
+        return self._side * (point.entry - self._middle)
+
+    def _slope(self, point: Point) -> float:
+        """Of the height, by the distance."""
+        if point.entry not in self._slopes:
+            along = _pull(point.evaluation, self._place) * self._side
+            self._slopes[point.entry] = along / point.height if point.height > 0.0 else 0.0
+        return self._slopes[point.entry]
+
+    def _around(self, height: float) -> tuple[Point, Point | None]:
+        """The last point below a height, and the first above it."""
+        for before, after in itertools.pairwise(self.points):
+            if after.height >= height:
+                return before, after
+        return self.points[-1], None
+
+    def _told(self, near: Point, far: Point | None, height: float) -> float | None:
+        """The distance of a height beside points that are close enough to tell it."""
+        least = 0.2 * height  # of slope times distance: below it a line is no guide
+        if far is None:
+            missing, away = height - near.height, self._away(near)
+            if away == 0.0 or missing > _BESIDE * height or self._slope(near) * away < least:
+                return None
+            return away + missing / self._slope(near)
+        beyond, away = far.height - height, self._away(far)
+        if beyond < _BESIDE * height and self._slope(far) * away > least:
+            return max(away - beyond / self._slope(far), self._away(near))
+        between = away - self._away(near)
+        if (far.height - near.height < _JOINED * height and near.height > 0.0) or between < 1e-3 * away:
+            return self._cubic(near, far, height)
+        return None
+
+    def _next(self, near: Point, far: Point | None, height: float) -> float | None:
+        """How far to look next; None where everything allowed has been looked at."""
+        away, slope = self._away(near), self._slope(near)
+        if far is not None:
+            room = self._away(far) - away
+            onward = away + (height - near.height) / max(slope, 1e-300)
+            # Towards a wall a line through both points would creep; that of the nearer one does not.
+            guess = self._cubic(near, far, height) if self._slope(far) > 0.0 or onward > away + room else onward
+            return float(np.clip(guess, away + 0.1 * room, away + 0.9 * room))
+        bound = (self._problem.upper if self._side > 0 else self._problem.lower)[self._place]
+        last = min(self._side * (float(bound) - self._middle) * (1.0 - 1e-3), _FARTHEST)
+        onward = (height - near.height) / max(slope, 0.2 * height / max(away, self._error))
+        trial = away + min(max(onward, 0.1 * away), _LONGEST_STEP)
+        if trial < last:
+            return trial
+        return last if away < 0.99 * last else None
+
+    def _cubic(self, near: Point, far: Point, height: float) -> float:
+        """The distance at a height between two, by the cubic through both; a straight line where that turns."""
+        begin, run, room = self._away(near), self._away(far) - self._away(near), far.height - near.height
+        part = (height - near.height) / max(room, 1e-300)
+        slopes = np.array([self._slope(near), self._slope(far)]) * run / max(room, 1e-300)
+        if not (slopes > 1.0 / 3.0).all():
+            return begin + run * part
+        first, last = 1.0 / slopes
+        bent = (1.0 - part) ** 2 * part * first + part**2 * (3.0 - 2.0 * part) - part**2 * (1.0 - part) * last
+        return begin + run * float(np.clip(bent, 0.0, 1.0))
 
 
 def held_at(
@@ -183,3 +232,10 @@ def _others(here: Evaluation, place: int, moved: float) -> tuple[FloatArray, flo
     step = np.full(count, moved)
     step[kept] = -(directions[seen].T @ (turned / singular[seen])) / size
     return step, float(turned @ turned)
+
+
+def _pull(here: Evaluation, place: int) -> float:
+    """Derivative of half the cost by one entry, all others at their best."""
+    triangle, right = here.triangle[:, :-1], here.triangle[:, -1]
+    step, _ = _others(here, place, 0.0)
+    return float(triangle[:, place] @ (right + triangle @ step))

@@ -170,7 +170,7 @@ def _profiles(estimate: Estimate, wanted: Iterable[str]) -> dict[str, Profile]:
 def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, ratio: float, freedom: float) -> Profile:
     from scipy.special import stdtrit
 
-    from ipmclab.identify.build import beside_bounds
+    from ipmclab.identify.interval import beside_bounds
     from ipmclab.identify.profile import Point, held_at, one_side
 
     problem, solution = estimate.problem, estimate.solution
