@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import Rows, State
 from ipmclab.rig.recording.recorder import Heartbeat, capture
+from ipmclab.rig.recording.slow import Air as Reading
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
 from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
@@ -419,6 +421,7 @@ class Session:
                 zero_after=planned.zero_after,
                 most_drift=MOST_DRIFT if force else None,
                 on_preload=self._tell_preload,
+                on_air=live.air,
                 finish=self._tare_again if force and self._tares else None,
             )
         except BaseException:
@@ -600,6 +603,11 @@ class _Live:
         self._desk.tell(Message("block", {"first_row": rows.first_row}, dict(rows.values)))
         if time.monotonic() - self._told > _PROGRESS_TOLD:
             self._tell()
+
+    def air(self, air: Reading) -> None:
+        """The air around the strip was read."""
+        known = {name: value for name, value in air.values.items() if math.isfinite(value)}
+        self._desk.tell(Message("air", {"time": air.time, **known}))
 
     def mark(self, mark: Mark) -> None:
         """Something happened."""

@@ -28,6 +28,9 @@ _MOST_CLIENTS: Final = 16
 _LONGEST_QUEUE: Final = 2000
 """Messages that a client may be behind; one that is further behind is let go."""
 
+_PASSING: Final = ("block", "air")
+"""Messages for those who asked for readings; who comes later is not told them."""
+
 _BLOCKS_BEHIND: Final = 200
 """Messages behind which a client gets no more blocks until it has caught up."""
 
@@ -113,7 +116,7 @@ class Hub:
 
     def tell(self, message: Message) -> None:
         """Tell all clients, at once and without waiting for any."""
-        is_block = message.kind == "block"
+        is_block = message.kind in _PASSING
         payload = encode(message)
         with self._lock:
             if message.kind == "progress" and self._past and self._past[-1].kind == "progress":
@@ -175,7 +178,10 @@ class Hub:
                 request = decode(connection.recv_bytes(LONGEST_REQUEST))
                 if request.kind == "subscribe":
                     client.wants_blocks = bool(request.values.get("blocks", True))
-                    client.answers = bool(request.values.get("answers", True))
+                    answers = bool(request.values.get("answers", True))
+                    if client.answers and not answers:
+                        self.alone_since = time.monotonic()
+                    client.answers = answers
                 elif request.kind in REQUESTS:
                     self._on_request(request)
         except (OSError, EOFError, IpmclabError):

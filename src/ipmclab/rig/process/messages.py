@@ -25,6 +25,7 @@ to the clients
 ``begun``      rows go to a journal from now on: ``uuid``, ``journal``
 ``run``        a recording began: ``uuid``, ``signal``, ``purpose``, ``rate``, ``rows``, ``place``, ``of``
 ``block``      ``first_row`` and an array for each channel [SI]
+``air``        ``time``, and ``temperature`` and ``relative_humidity`` as far as they are read
 ``progress``   ``rows`` read and ``acknowledged`` (on disk)
 ``event``      something happened in a run: ``event``, ``time``, ``text``
 ``note``       something to know: ``text``

@@ -241,6 +241,7 @@ def capture(
     most_drift: float | None = None,
     longest_wait: float = LONGEST_WAIT,
     on_preload: Callable[[ZeroReading], None] | None = None,
+    on_air: Callable[[Air], None] | None = None,
     finish: Callable[[Bench], Sequence[ZeroReading]] | None = None,
     discharge: float = DISCHARGE_TIME,
 ) -> Outcome:
@@ -259,6 +260,8 @@ def capture(
         For that.
     on_preload : callable of ZeroReading, optional
         Called with each reading of the preload.
+    on_air : callable of Air, optional
+        Called with what the air around the strip is like, once a second.
     finish : callable of Bench, optional
         Called with the output at 0 V after the zeros are read again; gives further readings, such as the tare.
     discharge : float [s]
@@ -291,6 +294,7 @@ def capture(
     recording = _Recording(guarded, limits, rate, names, control or Control(), on_block, on_mark, heartbeat)
     recording.rest_rows = round(rest_after * rate)
     recording.discharge_rows = round(discharge * rate)
+    recording.on_air = on_air
     with told_to_end(bench.zero), _closing(guarded) as closed:
         guarded.open(names, rate)
         try:
@@ -366,6 +370,7 @@ class _Recording:
         self._keeper: Keeper = InMemory(rate)
         self.rest_rows = 0
         self.discharge_rows = 0
+        self.on_air: Callable[[Air], None] | None = None
         self.read = 0
         self._rows = 0
         self._next_row = 0
@@ -565,6 +570,8 @@ class _Recording:
 
     def _keep_air(self, air: Air) -> None:
         self._keeper.air(air)
+        if self.on_air is not None:
+            self.on_air(air)
         for name, value in air.values.items():
             if math.isfinite(value):
                 self._air_readings.setdefault(name, []).append(value)
