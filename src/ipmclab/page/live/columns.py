@@ -34,8 +34,8 @@ class Columns:
     >>> columns = Columns(["voltage"], rate=2.0)
     >>> columns.append(0, {"voltage": np.array([0.0, 1.0])})
     >>> columns.append(5, {"voltage": np.array([3.0])})
-    >>> time, (voltage,) = columns.snapshot()
-    >>> time.tolist(), voltage.tolist()
+    >>> time, values = columns.snapshot()
+    >>> time.tolist(), values["voltage"].tolist()
     ([0.0, 0.5, 1.0, 2.5], [0.0, 1.0, nan, 3.0])
     """
 
@@ -44,7 +44,7 @@ class Columns:
         self.rate = rate
         self.rows_seen = 0
         self.thinned = 0
-        """How often older rows were thinned: places counted before that are void."""
+        """How often older rows were thinned, or a channel was added: what was sent before that is void."""
         self._most = most
         self._lock = threading.Lock()
         self._count = 0
@@ -53,11 +53,11 @@ class Columns:
     def __len__(self) -> int:
         return self._count
 
-    def snapshot(self, first: int = 0) -> tuple[FloatArray, list[FloatArray]]:
+    def snapshot(self, first: int = 0) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Time [s] and each channel [SI] of the rows that are held, from a place on. Not to be written to."""
         with self._lock:
-            held = self._held[:, first : self._count]
-        return held[0], list(held[1:])
+            held, channels = self._held[:, first : self._count], self.channels
+        return held[0], dict(zip(channels, held[1:], strict=True))
 
     def append(self, first_row: int, values: Mapping[str, FloatArray]) -> None:
         """Take some rows; where some were missed before them, a row of NaN says so."""
@@ -65,6 +65,10 @@ class Columns:
         if not count or first_row < self.rows_seen:
             return
         with self._lock:
+            if new := tuple(name for name in values if name not in self.channels):
+                rows = np.full((len(new), self._held.shape[1]), np.nan)
+                self._held, self.channels = np.vstack([self._held, rows]), (*self.channels, *new)
+                self.thinned += 1
             if first_row > self.rows_seen:
                 self._put(np.array([self.rows_seen / self.rate]), {})
             self._put((first_row + np.arange(count)) / self.rate, values)

@@ -22,6 +22,7 @@ _LOOK: Final = 0.3
 """How often [s] a laboratory without a recorder is looked at."""
 
 _WAIT: Final = 0.25
+_AIR: Final = ("temperature", "relative_humidity")
 
 
 class Follower:
@@ -41,6 +42,7 @@ class Follower:
         self._next: Recorder | None = None
         self._left: set[Path] = set()
         self._answers = False
+        self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
         self._ended = threading.Event()
         self.state = State()
         self.columns: Columns | None = None
@@ -163,8 +165,14 @@ class Follower:
         if message.kind == "block":
             self._take_block(message)
             return
+        if message.kind == "air":
+            air = {name: float(message[name]) for name in _AIR if name in message.values}
+            self._air.update(air)
+            self.state.read(air)
+            return
         if message.kind == "run":
             self.columns = None
+            self._air.clear()
         self.state.take(message)
 
     def _take_block(self, message: Message) -> None:
@@ -177,7 +185,9 @@ class Follower:
             if first:
                 self._fill(columns, first)
             self.columns = columns
-        self.columns.append(first, message.arrays)
+        count = len(next(iter(message.arrays.values()), ()))
+        air = {name: np.full(count, value) for name, value in self._air.items()}
+        self.columns.append(first, {**message.arrays, **air})
         latest = {}
         for name, readings in message.arrays.items():
             known = readings[np.isfinite(readings)]

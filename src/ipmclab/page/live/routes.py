@@ -138,9 +138,14 @@ def _csv(bench: Bench) -> str:
     time_, values = columns.snapshot()
     from ipmclab.units import CHANNELS
 
-    names = ["time [s]", *(f"{name} [{CHANNELS[name].unit}]" for name in columns.channels)]
+    names = ["time [s]", *(f"{name} [{CHANNELS[name].unit}]" for name in values)]
     stream = io.StringIO()
     np.savetxt(
-        stream, np.column_stack([time_, *values]), delimiter=",", header=",".join(names), comments="", fmt="%.9g"
+        stream,
+        np.column_stack([time_, *values.values()]),
+        delimiter=",",
+        header=",".join(names),
+        comments="",
+        fmt="%.9g",
     )
     return stream.getvalue()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from ipmclab.page.live.columns import Columns
@@ -69,30 +69,14 @@ class View:
             return [await asyncio.to_thread(self._whole, columns, generation)]
         return self._rows(columns, generation, fresh)
 
-    def _head(self, kind: str, columns: Columns, generation: int, now: float) -> dict[str, Any]:
-        panels = [
-            {
-                "key": name,
-                "label": CHANNELS[name].name,
-                "unit": CHANNELS[name].display_unit,
-                "factor": CHANNELS[name].to_display(1.0),
-                "least": _LEAST.get(name, 0.0),
-                "series": [{"key": name, "label": CHANNELS[name].name, "colour": place % 6, "style": "line"}],
-            }
-            for place, name in enumerate(CHANNELS)
-            if name in columns.channels
-        ]
-        channels = list(columns.channels)
-        return {"kind": kind, "generation": generation, "channels": channels, "panels": panels, "now": now}
-
     def _whole(self, columns: Columns, generation: int) -> bytes:
         time, values = columns.snapshot()
         shown = within(time, self._wanted["begin"], self._wanted["end"])
         arrays: dict[str, FloatArray] = {}
-        for name, column in zip(columns.channels, values, strict=True):
+        for name, column in values.items():
             arrays[f"{name}.time"], arrays[f"{name}.value"] = thin(time[shown], column[shown], self._wanted["points"])
         end = float(time[-1]) if len(time) else 0.0
-        return pack({**self._head("whole", columns, generation, end), "end": end}, arrays)
+        return pack({**_head("whole", values, generation, end), "end": end}, arrays)
 
     def _rows(self, columns: Columns, generation: int, fresh: bool) -> list[bytes]:
         window = round(self._wanted["seconds"] * columns.rate)
@@ -104,14 +88,32 @@ class View:
         time, values = columns.snapshot(self._sent)
         count = len(time) - len(time) % bunch
         if not count:
+            self._generation = -1 if fresh else self._generation
             return []
         first, now = self._sent, float(time[-1])
         self._sent += count
         if bunch > 1:
-            time, values = envelope(time, values, bunch)
-        arrays = {"time": time, **dict(zip(columns.channels, values, strict=True))}
-        head = {**self._head("rows", columns, generation, now), "fresh": fresh, "first": first, "count": count}
-        return [pack(head, arrays)]
+            time, bunched = envelope(time, list(values.values()), bunch)
+            values = dict(zip(values, bunched, strict=True))
+        head = {**_head("rows", values, generation, now), "fresh": fresh, "first": first, "count": count}
+        return [pack(head, {"time": time, **values})]
+
+
+def _head(kind: str, channels: Iterable[str], generation: int, now: float) -> dict[str, Any]:
+    there = list(channels)
+    panels = [
+        {
+            "key": name,
+            "label": quantity.name,
+            "unit": quantity.display_unit,
+            "factor": quantity.to_display(1.0),
+            "least": _LEAST.get(name, 0.0),
+            "series": [{"key": name, "label": quantity.name, "colour": place % 6, "style": "line"}],
+        }
+        for place, (name, quantity) in enumerate(CHANNELS.items())
+        if name in there
+    ]
+    return {"kind": kind, "generation": generation, "channels": there, "panels": panels, "now": now}
 
 
 _LEAST: Final = {"voltage": 0.02, "current": 0.05, "temperature": 0.5, "relative_humidity": 1.0}
