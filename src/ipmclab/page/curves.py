@@ -26,6 +26,8 @@ MOST_BYTES: Final = 128 * 1024 * 1024
 MOST_POINTS: Final = 20_000
 """Of one curve in one answer."""
 
+_STYLES: Final = ("line", "dashed", "dotted")
+
 _CSV_ROWS: Final = 5000  # of one piece on its way to the browser
 
 
@@ -95,7 +97,7 @@ def run_panels(runs: Mapping[str, Run], channels: Sequence[str] | None = None) -
     Parameters
     ----------
     runs : mapping of label to Run
-        Their colours follow their order.
+        Their colours and styles follow their order.
     channels : sequence of str, optional
         All that any of them has without it.
     """
@@ -103,7 +105,7 @@ def run_panels(runs: Mapping[str, Run], channels: Sequence[str] | None = None) -
     panels = []
     for name in wanted:
         series = [
-            Series(f"{name}.{place}", label, _times(run, name), run.channels[name], colour=place % 8)
+            Series(f"{name}.{place}", label, _times(run, name), run.channels[name], place % 8, _STYLES[place % 3])
             for place, (label, run) in enumerate(runs.items())
             if name in run.channels
         ]

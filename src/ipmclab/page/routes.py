@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import FileResponse, JSONResponse, Response
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.curves import header_name
+from ipmclab.page.elements.file_choice import MOST_BYTES
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.wire import MEDIA, pack
 from ipmclab.page.workshop import Workshop, labels
@@ -47,6 +48,27 @@ def routes(workshop: Workshop) -> APIRouter:
         except (ValueError, TypeError, KeyError, AttributeError):
             return JSONResponse({"message": "this is no question of the page", "where": "", "repair": "reload it"}, 400)
         return Response(pack(frame.document, frame.arrays), media_type=MEDIA)
+
+    @router.post("/uploads", response_model=None)
+    async def upload(request: Request, name: str = "record") -> Response:
+        stem = header_name(name)
+        path = workshop.new_scratch(f"-{stem}")
+        size = 0
+        try:
+            with path.open("wb") as stream:
+                async for piece in request.stream():
+                    size += len(piece)
+                    if size > MOST_BYTES:
+                        raise InputError(
+                            f"the file has more than {MOST_BYTES // 2**20} MiB",
+                            code="too-large",
+                            repair="copy it into the folder of this page",
+                        )
+                    await asyncio.to_thread(stream.write, piece)
+        except InputError as error:
+            path.unlink(missing_ok=True)
+            return JSONResponse({"message": str(error)}, 413)
+        return JSONResponse({"key": path.name, "name": stem})
 
     @router.get("/runs/file", response_model=None)
     def run_file(run: str) -> Response:

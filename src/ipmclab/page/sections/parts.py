@@ -10,6 +10,7 @@ from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from ipmclab.page.commands import Step
+from ipmclab.page.elements.time_plot import Band
 
 if TYPE_CHECKING:
     from nicegui.elements.mixins.validation_element import ValidationElement
@@ -34,6 +35,8 @@ def text(words: str, *, tag: str = "p") -> TextElement:
 
 def fail_at(field: ValidationElement[Any], error: IpmclabError | str | None) -> None:
     """Show at a field what is wrong with it, or nothing."""
+    if field.validation is None:
+        field.validation = {}  # without any, an error that was shown would stay
     field.error = error if error is None or isinstance(error, str) else sentence(error)
 
 
@@ -84,6 +87,15 @@ def finding_list(findings: Sequence[Mapping[str, Any]]) -> None:
                 text(f"{one['severity']}: {where}{one['message']}", tag="span")
                 if one["repair"]:
                     text(one["repair"]).classes("lab-quiet")
+
+
+def finding_bands(findings: Sequence[Mapping[str, Any]]) -> list[Band]:
+    """Where findings are on a plot against time, each on the panel of its channel."""
+    return [
+        Band(begin, end, f"{one['severity']}: {one['code']}", one["severity"], one["channel"])
+        for one in findings
+        for begin, end in one["times"]
+    ]
 
 
 def plain_table(headings: Mapping[str, str], rows: Sequence[Mapping[str, Any]], *, caption: str) -> None:

@@ -1,12 +1,244 @@
-"""Section runs."""
+"""Runs: everything that was recorded or imported here, to find, to look at, to compare and to take along."""
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Sequence
+from typing import Any, Final
+from urllib.parse import quote, urlencode
+
 from nicegui import ui
 
+from ipmclab.errors import IpmclabError
 from ipmclab.page.context import Context
+from ipmclab.page.curves import run_panels
+from ipmclab.page.elements.run_table import Chosen, RunTable
+from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.jobs.jobs import Job, JobCancelled
+from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
+from ipmclab.page.sections.importing import build_import
+from ipmclab.page.sections.parts import card, download, finding_bands, finding_list, plain_table, text
+from ipmclab.page.workshop import Workshop, labels
+from ipmclab.store.catalogue.query import STATES, CatalogueRow
+from ipmclab.units import CHANNELS
+
+MOST_COMPARED: Final = 8
+"""Runs on one plot: so many can be told apart."""
 
 
 def build(context: Context) -> None:
     """Fill the page."""
-    ui.label(str(context.lab.root))
+    _View(context.workshop).build()
+
+
+class _View:
+    """The table with its filter, and what is chosen in it."""
+
+    def __init__(self, workshop: Workshop) -> None:
+        self._workshop = workshop
+        self._rows: list[CatalogueRow] = []
+        self._curves: str | None = None
+        self._asked = 0
+
+    def build(self) -> None:
+        client = ui.context.client
+        client.on_delete(lambda: self._workshop.curves.forget(self._curves))
+        self._opened = client.request.query_params.getlist("run")
+        with card("Runs"):
+            self._build_filter()
+            self._table = RunTable("Runs", {"show": "Show"}, self._show, opens=True)
+            self._told = text("").classes("lab-quiet").props("role=status")
+        self._import = ui.element("div").classes("lab-full")
+        with self._import:
+            build_import(self._workshop, self._imported)
+        self._import.set_visibility(False)
+        self._chosen = ui.element("div").classes("lab-column lab-full")
+        ui.timer(0.01, self._begin, once=True)
+
+    async def _begin(self) -> None:
+        """What the catalogue has, at once; then what has become of the files."""
+        await self._read_rows()
+        if self._opened:
+            self._table.choose("show", self._opened)
+            await asyncio.gather(self._show(self._table.chosen), self._refresh())
+        else:
+            await self._refresh()
+
+    async def _read_rows(self) -> None:
+        self._rows = await asyncio.to_thread(self._workshop.rows)
+        self._fill_choices()
+        self._filter_rows()
+
+    def _build_filter(self) -> None:
+        with ui.element("div").classes("lab-bar"):
+            self._text = ui.input("Search", on_change=self._filter_rows).props("dense outlined debounce=200 clearable")
+            self._sample = self._choice("Sample")
+            self._measured = self._choice("Measured")
+            self._finding = self._choice("Findings")
+            self._state = self._choice("State", {"": "any", **{state: state for state in STATES}})
+            ui.button("Look again", on_click=self._refresh).props("outline no-caps")
+            ui.button("Import a record", on_click=self._toggle_import).props("unelevated no-caps")
+        self._text.classes("lab-wide")
+        self._fill_choices()
+
+    def _choice(self, label: str, options: dict[str, str] | None = None) -> ui.select:
+        made = ui.select(options or {"": "any"}, value="", label=label, on_change=self._filter_rows)
+        made.props("dense outlined options-dense").classes("lab-choice")
+        return made
+
+    def _fill_choices(self) -> None:
+        samples = sorted({row.sample for row in self._rows if row.sample})
+        measured = [name for name in CHANNELS if any(name in row.measured for row in self._rows)]
+        codes = sorted({code for row in self._rows for code in row.codes or () if code != "fingerprint"})
+        self._sample.set_options({"": "any", **{name: name for name in samples}})
+        self._measured.set_options({"": "any", **{name: CHANNELS[name].name for name in measured}})
+        known = {"": "any or none", "none": "none", "any": "at least one", **{code: code for code in codes}}
+        self._finding.set_options(known)
+
+    def _filter_rows(self) -> None:
+        wanted = RunFilter(
+            text=self._text.value or "",
+            sample=self._sample.value or "",
+            measured=self._measured.value or "",
+            finding=self._finding.value or "",
+            state=self._state.value or "",
+        )
+        rows, count = table_rows(self._rows, wanted)
+        self._table.show(rows)
+        if not self._rows:
+            told = "No runs yet: record one under Run, or import a record."
+        else:
+            told = f"{count} of {len(self._rows)} runs"
+            if count > MOST_SHOWN:
+                told += f", the newest {MOST_SHOWN} are shown"
+        self._told.set_text(told)
+
+    async def _refresh(self) -> None:
+        """Let a worker look at the files, then show what the catalogue has."""
+        job = self._workshop.look_again()
+        while not job.is_over:
+            await asyncio.sleep(0.2)
+            if job.sentence.startswith("run "):
+                self._told.set_text(f"checking {job.sentence}")
+        try:
+            problems = (await asyncio.wrap_future(job.future)).document["problems"]
+        except JobCancelled:
+            return  # another look was asked for
+        except IpmclabError as error:
+            ui.notify(str(error), type="negative")
+            return
+        await self._read_rows()
+        if problems:
+            listed = "; ".join(f"{one['path']}: {one['message']}" for one in problems[:3])
+            self._told.set_text(f"{self._told.text}. {len(problems)} files could not be read: {listed}")
+
+    def _toggle_import(self) -> None:
+        self._import.set_visibility(not self._import.visible)
+
+    async def _imported(self, key: str) -> None:
+        await self._refresh()
+        self._table.choose("show", [key])
+        await self._show(self._table.chosen)
+
+    async def _show(self, chosen: Chosen) -> None:
+        """Draw the chosen runs."""
+        self._asked += 1
+        asked, keys = self._asked, chosen["show"]
+        names = labels(keys)
+        self._workshop.curves.forget(self._curves)
+        self._chosen.clear()
+        if not keys:
+            return
+        with self._chosen:
+            if len(keys) > MOST_COMPARED:
+                with card("Compared runs"):
+                    text(f"{len(keys)} runs are chosen; {MOST_COMPARED} can be told apart on one plot.")
+                return
+        try:
+            runs = {
+                name: await asyncio.to_thread(self._workshop.read_run, key)
+                for name, key in zip(names, keys, strict=True)
+            }
+        except IpmclabError as error:
+            with self._chosen, card("This run cannot be read"):
+                text(str(error)).classes("lab-bad").props("role=alert")
+            return
+        if asked != self._asked:
+            return
+        panels = run_panels(runs)
+        self._curves = self._workshop.curves.add(panels)
+        jobs = None
+        if len(keys) == 1:
+            path = {"run": str(self._workshop.run_path(keys[0]))}
+            jobs = (self._workshop.jobs.submit("look", path), self._workshop.jobs.submit("about", path))
+        with self._chosen, card(names[0] if len(keys) == 1 else f"{len(keys)} runs compared"):
+            plot = TimePlot(
+                names[0] if len(keys) == 1 else " and ".join(names),
+                [panel.as_dict() for panel in panels],
+                self._curves,
+                height=120 if len(panels) <= 4 else 95,
+            )
+            _downloads(keys)
+        if jobs is not None:
+            await self._tell_findings(asked, *jobs, plot, [panel.as_dict() for panel in panels])
+
+    async def _tell_findings(
+        self, asked: int, job: Job, about: Job, plot: TimePlot, panels: list[dict[str, Any]]
+    ) -> None:
+        """What the checks say of the one run that is shown: on the plot where it is, and in words."""
+        with self._chosen, card("Findings") as box:
+            text("the run is being checked").classes("lab-quiet")
+        try:
+            told = (await asyncio.wrap_future(job.future)).document
+        except JobCancelled:
+            return
+        except IpmclabError as error:
+            told = None
+            if asked == self._asked:
+                with box:
+                    text(str(error)).classes("lab-bad").props("role=alert")
+        if told is None or asked != self._asked:
+            return
+        bands = finding_bands(told["findings"])
+        plot.show(panels, self._curves, bands)
+        box.clear()
+        with box:
+            text("Findings", tag="h2")
+            finding_list(told["findings"])
+        await self._tell_about(asked, about)
+
+    async def _tell_about(self, asked: int, job: Job) -> None:
+        """What the run says of itself, and its metrics."""
+        try:
+            told = (await asyncio.wrap_future(job.future)).document
+        except (JobCancelled, IpmclabError):
+            return  # what is wrong with the run stands under its findings
+        if asked != self._asked:
+            return
+        with self._chosen, ui.element("div").classes("lab-pair"):
+            with card("About this run"):
+                plain_table(
+                    {"name": "", "value": ""},
+                    [{"name": name, "value": value} for name, value in told["facts"]],
+                    caption="About this run",
+                )
+            with card("Metrics"):
+                headings = {"channel": "channel", "name": "metric", "value": "value", "unit": "unit"}
+                plain_table({**headings, "interval": "95 %"}, told["metrics"], caption="Metrics")
+
+
+def _downloads(keys: Sequence[str]) -> None:
+    runs = urlencode([("run", key) for key in keys])
+    with ui.element("div").classes("lab-bar"):
+        if len(keys) == 1:
+            one = quote(keys[0], safe="")
+            download("netCDF", f"/runs/file?run={one}")
+            for kind in ("csv", "xlsx", "mat"):
+                download(kind.upper(), f"/runs/export?run={one}&kind={kind}")
+        for kind in ("svg", "png", "pdf"):
+            download(f"Figure {kind.upper()}", f"/runs/figure?{runs}&kind={kind}")
+        with ui.element("a").props(f'href="/identify?{runs}"').classes("lab-download"):
+            text("Identify from this" if len(keys) == 1 else "Identify from these", tag="span")
+        if len(keys) == 1:
+            with ui.element("a").props(f'href="/simulate?{runs}"').classes("lab-download"):
+                text("Simulate over it", tag="span")

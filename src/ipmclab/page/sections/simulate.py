@@ -15,14 +15,11 @@ from ipmclab.page.sections.parts import card, fail_at, step_view
 from ipmclab.page.workshop import labels
 
 
-async def build(context: Context) -> None:
+def build(context: Context) -> None:
     """Fill the page."""
     workshop = context.workshop
     asked = ui.context.client.request.query_params
     ui.add_head_html('<script defer src="/static/simulate.js"></script>')
-    rows = await asyncio.to_thread(workshop.rows)
-    keys = [row.path for row in reversed(rows) if row.path and not row.problem and row.state != "recording"]
-    runs = list(zip(keys, labels(keys), strict=True))
     state: dict[str, Any] = {"changes": {}}
     with ui.element("section").classes("lab-card lab-bar"):
         actuator = ui.input(
@@ -57,6 +54,8 @@ async def build(context: Context) -> None:
         from ipmclab import load_actuator
 
         fail_at(actuator, None)
+        keys = await asyncio.to_thread(workshop.run_keys)
+        runs = list(zip(keys, labels(keys), strict=True))
         try:
             loaded = await asyncio.to_thread(load_actuator, workshop.actuator_path(actuator.value.strip()))
         except IpmclabError as error:
@@ -82,4 +81,4 @@ async def build(context: Context) -> None:
     load.on_click(show)
     actuator.on("keydown.enter", show)
     save.on_click(keep)
-    await show()
+    ui.timer(0.01, show, once=True)

@@ -31,6 +31,7 @@ WORK: Final = "work"
 TASKS: Final[dict[str, Entry]] = {
     "simulate": Entry("simulate", SIMULATE),
     "look": Entry("look", LOOK),
+    "about": Entry("about", LOOK),
     "figure": Entry("figure", LOOK),
     "export": Entry("export", LOOK),
     "preview": Entry("preview", LOOK),

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 _SHOWN_APART: Final = 400
 """Parts of a record that can be told apart on a plot."""
 
+_WHOLE: Final = 0.9
+"""Of a record: what covers so much of it is said in words alone."""
+
 
 def read_runs(paths: Sequence[str]) -> list[Run]:
     """Read runs; one that says neither its source nor its signal is known by its file.
@@ -51,7 +54,10 @@ def finding_row(finding: Finding, run: Run | None = None) -> dict[str, Any]:
 
 
 def _times(finding: Finding, run: Run) -> list[list[float]]:
-    """From when to when a finding is [s], with what no screen could show apart put together."""
+    """From when to when a finding is [s], with what no screen could show apart put together.
+
+    Nowhere, where it concerns nearly the whole record: a mark would hide what it marks.
+    """
     last = len(run.time) - 1
     near = (run.time[-1] - run.time[0]) / _SHOWN_APART
     times: list[list[float]] = []
@@ -61,7 +67,8 @@ def _times(finding: Finding, run: Run) -> list[list[float]]:
             times[-1][1] = max(end, times[-1][1])
         else:
             times.append([begin, end])
-    return times
+    marked = sum(end - begin for begin, end in times)
+    return times if marked < _WHOLE * (run.time[-1] - run.time[0]) else []
 
 
 def comparison_arrays(key: str, one: Comparison) -> dict[str, FloatArray]:

@@ -1,4 +1,4 @@
-"""One run looked at: its facts, its findings with their times, its metrics."""
+"""One run looked at: its findings with their times."""
 
 from __future__ import annotations
 
@@ -11,27 +11,16 @@ if TYPE_CHECKING:
 
 
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
-    """Look at the file ``run``.
+    """Check the file ``run``.
 
     Raises
     ------
     InputError
         It is no run.
     """
-    from ipmclab.page.jobs.tasks.given import finding_row, read_runs, rows_of
-    from ipmclab.quality import check, measure
-    from ipmclab.report.tables import metric_rows, run_facts
+    from ipmclab.page.jobs.tasks.given import finding_row, read_runs
+    from ipmclab.quality import check
 
-    progress("reading the run")
-    (record,) = read_runs([arguments["run"]])
     progress("checking the run")
-    findings = check(record)
-    progress("measuring the run")
-    return Frame(
-        {
-            "facts": run_facts(record),
-            "findings": [finding_row(one, record) for one in findings],
-            "metrics": rows_of(metric_rows(measure(record))),
-        },
-        {},
-    )
+    (record,) = read_runs([arguments["run"]])
+    return Frame({"findings": [finding_row(one, record) for one in check(record)]}, {})
