@@ -27,6 +27,9 @@ _NOTHING: Final = 1e-9
 
 _NOTHING_OF_LAWS: Final = 1e-5  # the same where static laws are solved from row to row, which is no closed form
 
+_SHOWN: Final = 1e-6  # part of what its parameters change one by one that a combination must change, to be shown
+_SHOWN_BY_LAWS: Final = 1e-4
+
 _COMPLEX_STEP: Final = 1e-100
 _EACH_SIDE: Final = 20.0  # times the fastest pole, and a part of the slowest: how far frequencies reach
 _A_DECADE: Final = 12
@@ -183,6 +186,8 @@ def null_space(matrix: FloatArray, nothing: float = _NOTHING) -> tuple[FloatArra
 
 def sparse(null: FloatArray) -> FloatArray:
     """A basis of the same directions in which each has a parameter that no other has; unit vectors, one a row."""
+    if not null.size:
+        return null
     left = null.copy()
     for row in range(len(left)):
         left[row:] /= np.maximum(np.linalg.norm(left[row:], axis=1), 1e-300)[:, None]
@@ -200,13 +205,14 @@ def others(
 ) -> tuple[str, ...]:
     """Outputs beside these that would show a combination, in the order in which they are easy to read."""
     have = set(outputs)
+    rounding = _SHOWN if actuator.system.law_ports is None else _SHOWN_BY_LAWS
     found = []
     for output in ("current", "force", "displacement"):
         if output in have:
             continue
         matrix = sensitivity(actuator, names, [output], voltage=voltage)
         largest = float(np.linalg.norm(matrix * row, axis=1).max(initial=0.0))
-        if largest > 0.0 and float(np.linalg.norm(matrix @ row)) > 1e-6 * largest:
+        if largest > 0.0 and float(np.linalg.norm(matrix @ row)) > rounding * largest:
             found.append(output)
     return tuple(found)
 
