@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis
 from ipmclab.identify.observation import Observation
 from ipmclab.model import Actuator
 from ipmclab.run import Finding
 
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
-    from ipmclab.identify.practical import Practical
-    from ipmclab.identify.profiles import Profile
     from ipmclab.identify.left_out import LeftOut
     from ipmclab.identify.mountings import Mountings
+    from ipmclab.identify.practical import Practical
+    from ipmclab.identify.profiles import Profile
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -124,6 +125,8 @@ class Fit:
     procedure : mapping, optional
         The steps that came before it, as ``Characterisation.to_table`` gives them, where it is the joint fit of a
         procedure.
+    diagnoses : tuple of OutputDiagnosis
+        What is left of each output of each run: noise, or what follows the voltage.
     estimate : Estimate, optional
         The solved problem itself, from which profiles and samples are drawn; None in a fit that was read from a file.
     """
@@ -147,6 +150,7 @@ class Fit:
     practical: Practical | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     procedure: Mapping[str, Any] | None = None
+    diagnoses: tuple[OutputDiagnosis, ...] = ()
     estimate: Estimate | None = field(default=None, repr=False)
 
     def __str__(self) -> str:

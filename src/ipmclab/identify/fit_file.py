@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ipmclab.errors import InputError
+from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.left_out import LeftOut
 from ipmclab.identify.mountings import Mountings
@@ -95,6 +96,7 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             covariance=_covariance(table["covariance"]),
             mountings=Mountings.from_table(table["mountings"]) if "mountings" in table else None,
             left_out=tuple(LeftOut.from_table(entry) for entry in table.get("left_out", ())),
+            diagnoses=tuple(OutputDiagnosis.from_table(entry) for entry in table.get("diagnoses", ())),
             procedure=table.get("procedure"),
             practical=Practical.from_table(table["practical"]) if "practical" in table else None,
             profiles={name: Profile.from_table(entry) for name, entry in table.get("profiles", {}).items()},

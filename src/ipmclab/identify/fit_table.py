@@ -49,6 +49,7 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
         },
         **({"mountings": fit.mountings.to_table()} if fit.mountings else {}),
         "left_out": [one.to_table() for one in fit.left_out],
+        "diagnoses": [one.to_table() for one in fit.diagnoses],
         **({"procedure": dict(fit.procedure)} if fit.procedure else {}),
         **({"practical": fit.practical.to_table()} if fit.practical else {}),
         **({"profiles": {name: one.to_table() for name, one in fit.profiles.items()}} if fit.profiles else {}),

@@ -10,6 +10,7 @@ from typing import Final
 from ipmclab.errors import InputError
 from ipmclab.identify.beyond import beyond_findings
 from ipmclab.identify.build import build_fit
+from ipmclab.identify.diagnostics.diagnose import diagnose
 from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import changed
@@ -159,15 +160,16 @@ def _identify(
     _need_readings(names, records, silent)
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
+    stage("asking what the model lacks", 0.75, 0.8)
+    diagnoses, lacking = diagnose(actuator, names, result)
     stage("errors and intervals", 0.8, 1.0)
-    fit = build_fit(actuator, given, result, _used_findings(records, found) + left_out + result.findings)
+    told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
+    fit = replace(build_fit(actuator, given, result, told), diagnoses=diagnoses)
     beyond = beyond_findings(fit, records)
     if names.priors:
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, replace(names, priors={}), records), ())
         beyond += prior_findings(actuator, fit, alone)
-    if not beyond:
-        return fit
     return changed(fit, findings=(*fit.findings, *beyond))
 
 

@@ -1,0 +1,129 @@
+"""Look at what a fit leaves, and say what the model cannot explain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from ipmclab.identify.diagnostics.left import Left
+from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
+from ipmclab.identify.diagnostics.residuals import output_diagnosis
+from ipmclab.identify.diagnostics.stages import Tried, named, tried_stages
+from ipmclab.identify.estimate import Estimate
+from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.observation import READ_OUTPUTS
+from ipmclab.model import Actuator
+from ipmclab.run import Finding
+
+_SHOWS: Final = (
+    ("leak.cubic", "a current that grows faster than the voltage"),
+    ("leak.exponential", "a current that grows beyond 1.23 V"),
+    ("leak.slow", "a leak that changes while the voltage stands"),
+    ("clamp", "an early current that the electrodes do not hold back"),
+    ("line.", "a charge that spreads along the electrodes"),
+    ("branches", "a charge that comes with a time constant of its own"),
+    ("relaxation.displacement", "a displacement that relaxes back or creeps on"),
+    ("relaxation.force", "a force that relaxes back or creeps on"),
+    ("viscoelastic", "a stiffness that is not the same fast and slow"),
+    ("laser", "a strip that bends far before a laser that stands still"),
+)
+"""Stages, and what residuals show that lack them."""
+
+_FREED: Final = (("branches", "electrical"), ("leak", "leak"), ("clamp", "clamp"), ("viscoelastic", "viscoelastic"))
+"""Stages, and what is to be free with them."""
+
+
+def diagnose(
+    actuator: Actuator, names: FreeParameters, estimate: Estimate
+) -> tuple[tuple[OutputDiagnosis, ...], list[Finding]]:
+    """What is left of each output of each run, and findings where that is more than noise.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        That was given.
+    names : FreeParameters
+        That were free.
+    estimate : Estimate
+
+    Returns
+    -------
+    diagnoses : tuple of OutputDiagnosis
+        One for each output of each run.
+    findings : list of Finding
+        ``stage-missing`` where a stage that the actuator lacks would explain it, ``model-incomplete`` where it follows
+        the voltage and none would.
+    """
+    problem = estimate.correlated.problem
+    if not problem.unknowns:
+        return (), []
+    read = [output for output in READ_OUTPUTS if any(output in record.readings for record in problem.records)]
+    every = [Left.of(estimate, output) for output in read]
+    verdicts = {left.output: _verdict(left) for left in every}
+    found = []
+    for record in problem.records:
+        for left in every:
+            if left.output in record.readings:
+                alone = record.place in left.coloured_in
+                verdict = verdicts[left.output] if alone else "white"
+                found.append(output_diagnosis(estimate.correlated, record, left.output, verdict))
+    tried = tried_stages(actuator, names, every)
+    return tuple(found), _findings(actuator, every, tried)
+
+
+def _verdict(left: Left) -> Verdict:
+    if not left.coloured:
+        return "white"
+    if left.follows:
+        return "follows the voltage"
+    return "bends with the voltage" if left.bends else "hangs together"
+
+
+def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried]) -> list[Finding]:
+    chosen = named(tried)
+    if chosen:
+        return [_missing(actuator, chosen)]
+    return [_incomplete(left, tried) for left in every if left.coloured and (left.follows or left.bends)]
+
+
+def _missing(actuator: Actuator, chosen: Sequence[Tried]) -> Finding:
+    best, *others = chosen
+    output = max(best.shares, key=lambda one: best.shares[one])
+    explained = best.shares[output]
+    also = "".join(f"; as well, {_shown(one.stage)}: {one.stage}" for one in others)
+    models = " or ".join(f"{actuator.name}+{one.stage}" for one in chosen)
+    free = dict.fromkeys(group for one in chosen if (group := _group(one.stage)))
+    with_free = f" with {' or '.join(free)} free" if free else ""
+    return Finding(
+        "stage-missing",
+        "warning",
+        f"the model cannot explain what it leaves of the {output}: the residuals show {_shown(best.stage)}. A stage "
+        f"{best.stage} would take away {100.0 * explained:.0f} % of their power beyond noise{also}",
+        f"identify {models}{with_free}, and compare both by choose",
+        channel=output,
+        values={"stage": best.stage, "explained": explained, "evidence": best.evidence},
+    )
+
+
+def _incomplete(left: Left, tried: Sequence[Tried]) -> Finding:
+    how = "follows the voltage" if left.follows else "follows the voltage, not in proportion to it"
+    names = ", ".join(dict.fromkeys(one.stage for one in tried))
+    none = f", and no stage that was tried explains it ({names})" if names else ""
+    return Finding(
+        "model-incomplete",
+        "warning",
+        f"the model cannot explain what it leaves of the {left.output}: it {how} (p < 0.1 %){none}",
+        "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
+        "rest on this output may be wrong by more than their intervals say",
+        channel=left.output,
+    )
+
+
+def _shown(stage: str) -> str:
+    return next(words for prefix, words in _SHOWS if stage.startswith(prefix))
+
+
+def _group(stage: str) -> str:
+    if stage.startswith("relaxation"):
+        return "relaxation"
+    return next((group for prefix, group in _FREED if stage.startswith(prefix)), "")

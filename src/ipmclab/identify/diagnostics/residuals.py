@@ -1,0 +1,80 @@
+"""Correlations of what a fit left: with itself, and with the voltage."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
+from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
+from ipmclab.identify.observation import Record
+
+FloatArray = npt.NDArray[np.float64]
+
+_LAGS: Final = 24
+_LONGEST: Final = 0.25  # of a record
+_BAND: Final = 1.96
+
+
+def output_diagnosis(correlated: Correlated, record: Record, output: str, verdict: Verdict) -> OutputDiagnosis:
+    """Correlations of the residuals of one output of one run.
+
+    Parameters
+    ----------
+    correlated : Correlated
+    record : Record
+    output : str
+    verdict : str
+    """
+    problem = correlated.problem
+    key = record.place, output
+    piece, inside = problem.pieces[key], measured_rows(record, output)
+    white = correlated.solution.evaluation.residual[piece][inside]
+    raw = correlated.plain.residual[piece][inside] * problem.noise[key]
+    since = (record.run.time - record.run.time[0])[record.readings[output].exact]
+    # The residual is model less reading; the noise's constants are what the sensor adds to a reading.
+    raw = raw + correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
+    rows = _lags(len(white))
+    through = problem.whitenings.get(key) if isinstance(problem, CorrelatedProblem) else None
+    voltage = np.array([_earlier(record, lag)[record.readings[output].used] for lag in rows])
+    if through is not None and len(voltage):
+        voltage = through.apply(voltage)
+    return OutputDiagnosis(
+        label=record.label,
+        output=output,
+        verdict=verdict,
+        rms=float(np.sqrt(np.mean(raw * raw))) if len(raw) else 0.0,
+        scatter=record.readings[output].noise,
+        lags=tuple(float(lag / record.run.rate) for lag in rows),
+        autocorrelation=_correlations(raw, rows),
+        whitened=_correlations(white, rows),
+        with_voltage=tuple(_correlation(white, one[inside]) for one in voltage),
+        band=_BAND / max(len(white), 1) ** 0.5,
+    )
+
+
+def _lags(count: int) -> list[int]:
+    """From one row to a quarter of a record, evenly spaced as logarithms."""
+    if count < 8:
+        return []
+    return sorted({round(lag) for lag in np.geomspace(1.0, _LONGEST * count, _LAGS)})
+
+
+def _earlier(record: Record, lag: int) -> FloatArray:
+    """The voltage so many rows earlier; before the first row that of a strip at rest, or the first one."""
+    voltage = record.run.voltage
+    before = voltage[0] if record.start == "free" else 0.0
+    return np.concatenate([np.full(lag, before), voltage[: len(voltage) - lag]])
+
+
+def _correlations(values: FloatArray, lags: list[int]) -> tuple[float, ...]:
+    power = float(values @ values)
+    return tuple(float(values[lag:] @ values[: len(values) - lag]) / power if power > 0.0 else 0.0 for lag in lags)
+
+
+def _correlation(one: FloatArray, other: FloatArray) -> float:
+    size = float(np.sqrt((one @ one) * (other @ other)))
+    return float(one @ other) / size if size > 1e-300 else 0.0

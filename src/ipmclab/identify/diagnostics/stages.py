@@ -1,0 +1,124 @@
+"""Which stage the actuator lacks: each is tried, and the readings say which makes them likelier."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.identify.diagnostics.columns import of_doses
+from ipmclab.identify.diagnostics.doses import Dose, doses
+from ipmclab.identify.diagnostics.extend import Extended, afresh, from_here
+from ipmclab.identify.diagnostics.left import Left
+from ipmclab.identify.free import FreeParameters
+from ipmclab.model import Actuator
+
+_HINT: Final = 12.0  # of chi-square, from which a stage is tried
+_CLEAR: Final = 25.0  # and from which it is named
+_SHARE: Final = 0.2  # of the power beyond noise that it has to take away
+_MISFIT: Final = 1.3  # times the noise: what is left is large, and the linear look at a little of a stage no guide
+_ENOUGH: Final = 0.7  # of the power beyond noise: nothing further is tried
+_AS_WELL: Final = 10.0  # less evidence than the best one has: another stage that would do as well
+_AT_LEAST: Final = 30.0  # doses of a stage of which less than none was asked
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a stage would explain.
+
+    Parameters
+    ----------
+    stage : str
+    evidence : float
+        Twice the logarithm by which the readings of all outputs that are doubted become likelier, noise estimated anew,
+        less what a chance fit of the stage's parameters would give (Schwarz).
+    shares : mapping of output to float
+        Part of the power beyond noise that it would take away.
+    """
+
+    stage: str
+    evidence: float
+    shares: Mapping[str, float]
+
+
+def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left]) -> list[Tried]:
+    """What each stage that an actuator lacks would explain of what is left, the best first.
+
+    Empty where nothing is left but white noise, or where nothing hints at a stage.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        That was given.
+    names : FreeParameters
+        That were free.
+    every : sequence of Left
+        One for each output.
+    """
+    doubted = [left for left in every if left.coloured]
+    if not doubted:
+        return []
+    problem, theta = doubted[0].problem, doubted[0].theta
+    strip = actuator.replace(**problem.values(theta, problem.records[0].place))
+    some = doses(strip, [record.run for record in problem.records], [left.output for left in every])
+    hints = _hints(actuator, doubted, some)
+    follows = any(left.follows or left.bends for left in doubted)
+    # Noise that hangs together scatters more than its neighbours do: only what follows the voltage is no noise.
+    large = follows and any(left.squares(problem, left.here) > _MISFIT**2 * left.noise for left in doubted)
+    found: dict[str, Extended] = {}
+    for name, (worth, dose, size) in hints.items():
+        if worth > _HINT or follows:
+            extended = from_here(problem, theta, strip, dose, size if dose.both_ways else max(size, _AT_LEAST))
+            if extended is not None:
+                found[name] = extended
+    tried = _judged(doubted, found)
+    if large and not any(share > _ENOUGH for one in tried[:1] for share in one.shares.values()):
+        # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
+        for dose in {one.name: one for one in some}.values():
+            extended = afresh(problem, actuator, names, dose)
+            known = found.get(dose.name)
+            if extended is not None and (known is None or extended.cost < known.cost):
+                found[dose.name] = extended
+        tried = _judged(doubted, found)
+    return tried
+
+
+def _hints(actuator: Actuator, doubted: Sequence[Left], some: Sequence[Dose]) -> dict[str, tuple[float, Dose, float]]:
+    """For each stage the dose that would lower chi-square most under the noise, by how much, and its size."""
+    best: dict[str, tuple[float, Dose, float]] = {}
+    for left in doubted:
+        mine = [one for one in some if left.output in one.outputs]
+        mine, rows = of_doses(left.problem, left.theta, actuator, mine, left.output)
+        if not mine:
+            continue
+        evidence = left.evidence(rows)
+        for dose, gain, size in zip(mine, *evidence.alone(left.shapes), strict=True):
+            worth = abs(gain) if dose.both_ways else gain
+            if dose.name not in best or worth > best[dose.name][0]:
+                best[dose.name] = float(worth), dose, float(size)
+    return best
+
+
+def _judged(doubted: Sequence[Left], found: Mapping[str, Extended]) -> list[Tried]:
+    own = sum(left.deviance() for left in doubted)
+    readings = sum(left.readings for left in doubted)
+    tried = []
+    for name, extended in found.items():
+        here = extended.solution.evaluation
+        added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
+        gain = own - sum(left.deviance(extended.problem, here) for left in doubted)
+        shares = {}
+        for left in doubted:
+            squares = left.squares(left.problem, left.here)
+            beyond = max(squares - left.noise, 0.01 * squares)
+            shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
+        if math.isfinite(gain):
+            tried.append(Tried(name, gain - max(added, 1) * math.log(readings), shares))
+    return sorted(tried, key=lambda one: -one.evidence)
+
+
+def named(tried: Sequence[Tried]) -> list[Tried]:
+    """The stages to name: the best one, if it is clear, and those that would do as well."""
+    clear = [one for one in tried if one.evidence > _CLEAR and max(one.shares.values()) > _SHARE]
+    return [one for one in clear if one.evidence > clear[0].evidence - _AS_WELL]
