@@ -82,7 +82,8 @@ class Uncertain:
             return "not determined"
         if not 0.0 < error < math.inf:
             return f"{shown(value, 5)} {unit}".rstrip()
-        digits = max(2, math.floor(math.log10(abs(value) / error)) + 2) if value else 2
+        last = math.floor(math.log10(error)) - 1  # the place of the second digit of the error
+        digits = max(2, math.floor(math.log10(abs(value))) - last + 1) if value else 2
         return f"{shown(value, digits)} ± {shown(error, 2)} {unit}".rstrip()
 
 

@@ -165,7 +165,7 @@ def _ways(x: FloatArray) -> npt.NDArray[np.intp]:
         if direction == 0.0:
             if abs(x[k] - x[extreme]) > back:
                 direction, extreme = math.copysign(1.0, x[k] - x[extreme]), k
-        elif (x[k] - x[extreme]) * direction >= 0.0:
+        elif (x[k] - x[extreme]) * direction > 0.0:
             extreme = k
         elif (x[extreme] - x[k]) * direction > back:
             number += 1

@@ -1,0 +1,106 @@
+"""Young's modulus from a push: closed forms, drawn errors, and pushes that are wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ipmclab import InputError
+from ipmclab.identify.procedure.amounts import exact
+from ipmclab.identify.procedure.push import Push, modulus, stiffness
+
+KNOWN = {f"geometry.{name}": exact(value) for name, value in (("width", 5e-3), ("thickness", 0.245e-3))}
+POSITION = exact(21e-3)
+K = 2.8782  # N/m: that of the thesis's numbers, 1.45e9 x 5e-3 x (0.245e-3)^3 / (4 x (21e-3)^3)
+IN_AND_OUT = np.concatenate([np.linspace(0.0, 0.5e-3, 11), np.linspace(0.5e-3, 0.0, 11)])
+
+
+def codes(push: Push) -> list[str]:
+    return [finding.code for finding in stiffness(push)[1]]
+
+
+def test_equation_4_11() -> None:
+    step = modulus(Push(IN_AND_OUT, K * IN_AND_OUT + 4e-3), POSITION, KNOWN)  # with a preload
+    assert step.results["beam.modulus"].amount.value == pytest.approx(1.45e9, rel=1e-4)
+    assert step.also["f/δ"].amount.value == pytest.approx(K)
+    assert not step.findings
+
+
+def test_the_slope_lies_within_its_uncertainty() -> None:
+    rng = np.random.default_rng(20261121)
+    off = []
+    for _ in range(400):
+        slope, findings = stiffness(Push(IN_AND_OUT, K * IN_AND_OUT + 2e-5 * rng.standard_normal(22)))
+        off.append((slope.value - K) / slope.uncertainty)
+        assert not {one.code for one in findings} - {"push-hysteresis", "push-not-straight"}
+    assert np.mean(np.abs(off) < 1.96) > 0.925
+    assert np.std(off) > 0.7  # and not because it is told too wide
+
+
+def test_a_clean_push_is_seldom_called_bad() -> None:
+    rng = np.random.default_rng(20261121)
+    found = [codes(Push(IN_AND_OUT, K * IN_AND_OUT + 1e-5 * rng.standard_normal(22))) for _ in range(300)]
+    assert sum(bool(one) for one in found) < 9
+
+
+def test_friction_shows_as_a_loop() -> None:
+    rng = np.random.default_rng(20261121)
+    friction = np.where(np.arange(22) < 11, 5e-5, -5e-5)
+    slope, findings = stiffness(Push(IN_AND_OUT, K * IN_AND_OUT + friction + 5e-6 * rng.standard_normal(22)))
+    (finding,) = findings
+    assert finding.code == "push-hysteresis"
+    assert finding.values["width"] == pytest.approx(1e-4, rel=0.1)
+    # Each way has its own level, so that the slope does not take up the loop.
+    assert slope.value == pytest.approx(K, rel=0.02)
+
+
+def test_creep_makes_the_way_out_steeper_and_the_slope_less_sure() -> None:
+    out = np.arange(22) >= 11
+    force = np.where(out, 1.3 * K * IN_AND_OUT - 0.15 * K * 0.5e-3, K * IN_AND_OUT)
+    slope, findings = stiffness(Push(IN_AND_OUT, force))
+    assert "push-hysteresis" in [one.code for one in findings]
+    assert slope.parts["hysteresis of the push"] == pytest.approx(0.15 * K, rel=0.05)
+    assert slope.interval[0] < K < slope.interval[1]
+
+
+def test_before_contact_the_force_says_nothing() -> None:
+    rng = np.random.default_rng(20261121)
+    travel = np.concatenate([np.linspace(0.0, 1e-3, 41), np.linspace(1e-3, 0.0, 41)])
+    force = K * np.maximum(travel - 0.42e-3, 0.0) + 5e-6 * rng.standard_normal(82)
+    slope, findings = stiffness(Push(travel, force))
+    (finding,) = [one for one in findings if one.code == "push-without-contact"]
+    assert 28 <= finding.count <= 40
+    assert abs(slope.value - K) < 3.0 * slope.uncertainty
+    assert slope.uncertainty < 0.02 * K
+
+
+def test_a_push_that_bends_is_told() -> None:
+    force = K * IN_AND_OUT * (1.0 + 400.0 * IN_AND_OUT)
+    assert "push-not-straight" in codes(Push(IN_AND_OUT, force))
+
+
+def test_a_push_one_way_and_a_push_too_far() -> None:
+    travel = np.linspace(0.0, 5e-3, 20)
+    step = modulus(Push(travel, K * travel), POSITION, KNOWN)
+    assert {"push-one-way", "push-too-far"} <= {one.code for one in step.findings}
+
+
+def test_the_scales_count() -> None:
+    slope, _ = stiffness(Push(IN_AND_OUT, K * IN_AND_OUT, calibration=0.02))
+    assert slope.uncertainty / slope.value == pytest.approx(0.02, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("travel", "force", "code"),
+    [
+        ([0.0, 1e-4, 2e-4], [0.0, 1e-4, 2e-4], "too-few-readings"),
+        ([1e-4] * 6, [0.0] * 6, "bad-value"),
+        ([0.0, 1e-4, 2e-4, 3e-4, np.nan], [0.0, 1e-4, 2e-4, 3e-4, 4e-4], "bad-value"),
+        (IN_AND_OUT, -K * IN_AND_OUT, "out-of-range"),
+    ],
+)
+def test_what_is_no_push(travel, force, code) -> None:
+    with pytest.raises(InputError) as error:
+        stiffness(Push(np.array(travel), np.array(force)))
+    assert error.value.code == code
+    assert error.value.repair
