@@ -37,7 +37,7 @@ class Cure:
     Parameters
     ----------
     name : str
-        ``measure`` and a parameter, or ``record`` and an output.
+        ``measure`` and a parameter, ``record`` and an output, or ``raise voltage``.
     sentence : str
     """
 
@@ -61,6 +61,8 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     coupling = any(name.startswith("coupling.") for name in names)
     known = "" if coupling else " (the coupling is known)"
     found += [Cure(f"record {output}", f"add a {output} run{known}") for output in outputs]
+    if not found and moved and all(name.startswith("leak.") for name in moved):
+        found.append(Cure("raise voltage", "record at several voltages above the threshold of the leak"))
     return tuple(found)
 
 

@@ -1,0 +1,62 @@
+"""What ``ipmclab identify`` and ``ipmclab report`` say of how well runs tell parameters apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ipmclab
+from ipmclab.identify.fit_file import read_fit
+from tests.cli.conftest import Command
+
+SEED = 20261121
+SHEET = "circuit.sheet_resistance"
+
+
+@pytest.fixture
+def step(tmp_path: Path) -> Path:
+    """A step with 0.1 mA of noise on its current."""
+    clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=20.0, rate=50.0)
+    assert clean.current is not None
+    noise = 1e-4 * np.random.default_rng(SEED).standard_normal(len(clean))
+    run = ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero")
+    ipmclab.write_run(run, tmp_path / "step.nc")
+    return tmp_path / "step.nc"
+
+
+def test_what_current_alone_leaves_open_is_never_a_number(command: Command, step: Path) -> None:
+    words = ("identify", "friend-2", step.name, "--free", f"electrical,{SHEET}", "--out", "six.toml")
+    outcome = command(*words, "--json")
+    assert outcome.status == 0, outcome.err
+    document = outcome.document["fit"]
+    assert document["rank"] == 5
+    assert {one["standard_error"] for one in document["parameters"].values()} == {None}
+    assert set(document["collinearity"].values()) == {None}
+    assert document["undetermined"][0]["cures"] == [f"measure {SHEET}", "record force", "record displacement"]
+    # Behind a series resistance that is too large there is no branch: it is bounded from above, and from there alone.
+    assert document["profiles"][SHEET]["is_open"] == [True, False]
+    printed = command(*words, "--force")
+    assert printed.status == 0, printed.err
+    said = " ".join(printed.out.split())
+    assert "measure the sheet resistance (four probes), add a force run" in said
+    assert "±" not in said
+    rows = [line.split() for line in printed.out.splitlines()]
+    assert [row[1] for row in rows if row[:1] == [SHEET] and "not" not in row] == ["below"]
+
+
+def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path) -> None:
+    outcome = command("identify", "friend-2", step.name, "--free", "electrical", "--out", "fitted.toml")
+    assert outcome.status == 0, outcome.err
+    assert "collinearity" in outcome.out
+    fit = read_fit(step.parent / "fitted.toml")
+    assert set(fit.profiles) == set(fit.parameters)
+    assert fit.practical is not None
+    for name, profile in fit.profiles.items():
+        low, high = fit.parameters[name].interval
+        assert profile.interval == pytest.approx((low, high), rel=0.02)
+    assert command("report", "fitted.toml", "--runs", step.name, "--out", "r.html").status == 0
+    page = (step.parent / "r.html").read_text("utf-8")
+    assert "How well these runs tell the parameters apart" in page
+    assert 'id="profiles-title"' in page
