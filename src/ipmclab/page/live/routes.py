@@ -140,12 +140,6 @@ def _csv(bench: Bench) -> str:
 
     names = ["time [s]", *(f"{name} [{CHANNELS[name].unit}]" for name in values)]
     stream = io.StringIO()
-    np.savetxt(
-        stream,
-        np.column_stack([time_, *values.values()]),
-        delimiter=",",
-        header=",".join(names),
-        comments="",
-        fmt="%.9g",
-    )
+    table = np.column_stack([time_, *values.values()])
+    np.savetxt(stream, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     return stream.getvalue()

@@ -16,10 +16,10 @@ WORDS: Final = {
     "idle": "no experiment is running",
     "starting": "the recorder starts",
     "planned": "the plan waits for your start",
-    "preparing": "between two runs, output at 0 V",
+    "preparing": "output at 0 V",
     "asking": "waits for the operator, output at 0 V",
     "recording": "recording",
-    "ended": "the experiment has ended, output at 0 V",
+    "ended": "output at 0 V",
     "lost": "the recorder is gone",
 }
 """What the bench may be doing, and how that is said."""

@@ -108,13 +108,24 @@ def _head(kind: str, channels: Iterable[str], generation: int, now: float) -> di
             "unit": quantity.display_unit,
             "factor": quantity.to_display(1.0),
             "least": _LEAST.get(name, 0.0),
-            "series": [{"key": name, "label": quantity.name, "colour": place % 6, "style": "line"}],
+            "small": name in ("temperature", "relative_humidity"),
+            "series": [{"key": name, "label": quantity.name, "colour": _COLOURS[name], "style": "line"}],
         }
-        for place, (name, quantity) in enumerate(CHANNELS.items())
+        for name, quantity in CHANNELS.items()
         if name in there
     ]
     return {"kind": kind, "generation": generation, "channels": there, "panels": panels, "now": now}
 
+
+_COLOURS: Final = {
+    "voltage": 0,
+    "current": 1,
+    "displacement": 2,
+    "force": 3,
+    "applied_voltage": 6,
+    "temperature": 4,
+    "relative_humidity": 5,
+}
 
 _LEAST: Final = {"voltage": 0.02, "current": 0.05, "temperature": 0.5, "relative_humidity": 1.0}
 """The least span of an axis, in display units: noise must not fill it."""

@@ -178,21 +178,21 @@ const LabPlot = (() => {
         const axis = { stroke: () => ink("muted"), grid, ticks: grid, font: "11px system-ui", labelFont: "12px system-ui" };
         const options = {
           width: Math.max(this.panels.clientWidth, 200),
-          height: this.options.height + (last ? 34 : 0),
+          height: this.heightOf(place),
           legend: { show: false },
-          padding: [8, 12, 0, 0],
+          padding: [18, 12, 0, 0],
           cursor: { sync, drag: { x: true, y: false, setScale: false }, points: { size: 5 }, y: false },
           scales: { x: { time: false }, y: { range: (_, low, high) => this.range(panel, low, high) } },
           axes: [
             { ...axis, size: last ? 24 : 8, values: (plot, splits) => this.xValues(plot, splits, last), incrs: this.options.x.power ? [1] : undefined,
               label: last ? `${this.options.x.label} [${this.options.x.unit}]` : undefined, labelSize: 18, ticks: { ...grid, size: last ? 5 : 0 } },
-            { ...axis, size: 52, space: 20, label: panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, labelSize: 18 },
+            { ...axis, size: 52, space: 20 },
           ],
           series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
           hooks: {
             setSelect: [(plot) => this.selected(plot)],
             setCursor: [(plot) => this.moved(plot)],
-            drawAxes: [(plot) => this.drawBands(plot)],
+            drawAxes: [(plot) => this.drawBands(plot), (plot) => this.drawName(plot, panel)],
           },
         };
         const plot = new uPlot(options, [[], ...panel.series.map(() => [])], this.panels);
@@ -246,7 +246,7 @@ const LabPlot = (() => {
     resize() {
       const width = Math.max(this.panels.clientWidth, 200);
       this.plots.forEach((plot, place) => {
-        const height = this.options.height + (place === this.plots.length - 1 ? 34 : 0);
+        const height = this.heightOf(place);
         if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
       });
     }
@@ -466,6 +466,23 @@ const LabPlot = (() => {
       const left = plot.valToPos(this.at, "x");
       this.plots.forEach((one) => one.setCursor({ left, top: 10 }, false));
       this.tell();
+    }
+
+    heightOf(place) {
+      const own = this.options.panels[place].small ? Math.min(76, this.options.height) : this.options.height;
+      return own + (place === this.options.panels.length - 1 ? 34 : 0);
+    }
+
+    // Above the panel: beside the axis a long name would not fit a low one.
+    drawName(plot, panel) {
+      const { ctx, bbox } = plot;
+      ctx.save();
+      ctx.font = `600 ${11 * devicePixelRatio}px system-ui`;
+      ctx.fillStyle = ink("muted");
+      ctx.textAlign = "left";
+      ctx.textBaseline = "bottom";
+      ctx.fillText(panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, bbox.left, bbox.top - 4 * devicePixelRatio);
+      ctx.restore();
     }
 
     drawBands(plot) {
