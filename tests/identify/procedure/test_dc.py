@@ -92,6 +92,16 @@ def test_two_states_of_a_strip_are_told() -> None:
     assert "states-differ" in [one.code for one in step.findings]
 
 
+def test_a_current_that_is_only_the_drift_of_its_zero() -> None:
+    run = held(125.0)
+    gone = replace(run, current=run.current - run.current[-1] * (run.time > 5.0) - 1.7e-4 * (run.time / 125.0))
+    step = dc_resistance([("step", gone)], KNOWN)
+    assert not step.done
+    (finding,) = step.findings
+    assert finding.code == "no-dc-current"
+    assert "the dc resistance is above some" in finding.repair
+
+
 def test_above_electrolysis() -> None:
     assert "steady-above-electrolysis" in [
         one.code for one in dc_resistance([("step", held(125.0, amplitude=2.0))], KNOWN).findings

@@ -97,9 +97,9 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
             repair="give a run with a step that is held, and with its current",
         )
     volts = float(np.median(run.voltage[record.edges[-1] :]))
-    if not volts or not steady.value or steady.value / volts <= 0:
+    if not volts:
         raise InputError(
-            f"at {volts:g} V it settles towards {1e3 * steady.value:g} mA: that is no resistance",
+            "its voltage ends at 0 V: no current flows there",
             code="no-steady-state",
             where=label,
             repair="give a run whose voltage is held away from 0 V",
@@ -107,6 +107,8 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
     edge = int(record.edges[-1])
     held = float(run.time[-1] - run.time[edge])
     limit, reach = _limit(run, edge, _HALF, last.value)
+    if limit / volts <= reach / abs(volts):
+        return None, (_no_current(label, volts, limit, reach),)
     findings: list[Finding] = []
     others = [
         _limit(run, edge, _TAIL, last.value),
@@ -190,7 +192,7 @@ def _no_limit(label: str, held: float, limit: float, away: Sequence[float]) -> F
         f"its last half settles towards {1e3 * limit:.4g} mA, another part towards {1e3 * away[0]:.4g} mA: something "
         "slower follows"
         if away
-        else "that is too short to show towards what"
+        else "nothing shows towards what"
     )
     return Finding(
         "not-steady",
@@ -199,6 +201,20 @@ def _no_limit(label: str, held: float, limit: float, away: Sequence[float]) -> F
         f"hold the voltage for {max(4.0 * held, 4.0 * _SHORTEST):.2g} s or longer",
         "current",
         values={"held": held},
+    )
+
+
+def _no_current(label: str, volts: float, limit: float, reach: float) -> Finding:
+    """The steady current is zero as far as the record tells."""
+    least = abs(volts) / (abs(limit) + reach)
+    return Finding(
+        "no-dc-current",
+        "warning",
+        f"{label}: at {volts:.3g} V the current settles towards {1e3 * limit:.3g} mA, within {1e3 * reach:.2g} mA: "
+        "that is zero, or the zero of its sensor has moved",
+        f"the dc resistance is above some {least:.2g} ohm; look at the current at 0 V before and after the step",
+        "current",
+        values={"limit": limit, "least": least},
     )
 
 
