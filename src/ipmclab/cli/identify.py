@@ -96,6 +96,8 @@ def identify(
 
 def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
+    from ipmclab.identify.diagnostics.output_diagnosis import WORDS
+
     known = fit.actuator.parameters()
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
     rows = []
@@ -121,17 +123,19 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
     print_identifiability(fit)
+    left = {(one.label, one.output): WORDS[one.verdict] for one in fit.diagnoses}
     noise = [
         [
             observation.label,
             CHANNELS[output].name,
             read(sigma, CHANNELS[output], digits=3),
             str(observation.samples[output]),
+            left.get((observation.label, output), ""),
         ]
         for observation in fit.observations
         for output, sigma in observation.noise.items()
     ]
-    print_table(["run", "output", "residual", "samples"], noise)
+    print_table(["run", "output", "residual", "samples", "what is left"], noise)
     print_many_runs(fit)
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
     shown = [finding for finding in fit.findings if every_finding or finding.severity != "info"]
@@ -186,5 +190,6 @@ def fit_document(fit: Fit) -> dict[str, Any]:
         ],
         **many_runs_document(fit),
         **identifiability_document(fit),
+        "diagnoses": [one.to_table() for one in fit.diagnoses],
         "findings": [finding_document(finding) for finding in fit.findings],
     }

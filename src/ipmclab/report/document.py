@@ -21,6 +21,7 @@ from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
 from ipmclab.quality import check, measure
 from ipmclab.report import tables
+from ipmclab.report.diagnoses import diagnoses_part
 from ipmclab.report.figures.frequency import frequency_figure
 from ipmclab.report.figures.prediction import prediction_figure
 from ipmclab.report.figures.residuals import autocorrelation_figure
@@ -145,6 +146,7 @@ def html(
             *(_fit_picture(*each) for each in zip(range(len(runs)), runs, labels, fitted, strict=True)),
             *_shapes(fit.actuator, list(zip(runs, labels, fitted, strict=True)), "fit-shape"),
         ],
+        diagnoses=diagnoses_part(fit),
         frequency=_frequency_part(models, runs),
         procedure=_procedure_part(fit),
         many_runs=many_runs_part(fit),

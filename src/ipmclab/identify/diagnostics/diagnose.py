@@ -7,7 +7,7 @@ from typing import Final
 
 from ipmclab.identify.diagnostics.left import Left
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
-from ipmclab.identify.diagnostics.residuals import output_diagnosis
+from ipmclab.identify.diagnostics.residuals import imitated, output_diagnosis
 from ipmclab.identify.diagnostics.stages import Tried, named, tried_stages
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.free import FreeParameters
@@ -60,13 +60,14 @@ def diagnose(
     read = [output for output in READ_OUTPUTS if any(output in record.readings for record in problem.records)]
     every = [Left.of(estimate, output) for output in read]
     verdicts = {left.output: _verdict(left) for left in every}
+    basis = imitated(estimate.correlated)
     found = []
     for record in problem.records:
         for left in every:
             if left.output in record.readings:
                 alone = record.place in left.coloured_in
                 verdict = verdicts[left.output] if alone else "white"
-                found.append(output_diagnosis(estimate.correlated, record, left.output, verdict))
+                found.append(output_diagnosis(estimate.correlated, record, left.output, verdict, basis))
     tried = tried_stages(actuator, names, every)
     return tuple(found), _findings(actuator, every, tried)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -77,7 +77,7 @@ class Left:
         if coloured and all(shape.terms.is_white for shape in shapes.values()):
             # No noise was found, or one that contradicted the model: here the model is what is doubted.
             shapes = choose_noise(System(problem, here, pieces))
-        return cls(output, problem, solution.theta, here, pieces, shapes, coloured)
+        return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured)
 
     @property
     def coloured(self) -> bool:
@@ -132,3 +132,13 @@ class Left:
         without, _ = evidence.deviance([], self.shapes)
         with_all, _ = evidence.deviance(range(len(ways)), self.shapes)
         return float(chdtrc(len(ways), max(without - with_all, 0.0)))
+
+
+def _drifting(pieces: Sequence[Piece], shapes: Mapping[Key, Shape]) -> dict[Key, Shape]:
+    """The noise of each piece with every constant that it may have: a sensor that drifts is no missing stage."""
+    found = {}
+    for piece in pieces:
+        offset, trend = piece.allowed
+        shape = shapes[piece.key]
+        found[piece.key] = replace(shape, terms=replace(shape.terms, offset=offset, trend=trend))
+    return found

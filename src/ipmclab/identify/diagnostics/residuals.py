@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.pieces import directions_of
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
 from ipmclab.identify.observation import Record
 
@@ -19,7 +20,9 @@ _LONGEST: Final = 0.25  # of a record
 _BAND: Final = 1.96
 
 
-def output_diagnosis(correlated: Correlated, record: Record, output: str, verdict: Verdict) -> OutputDiagnosis:
+def output_diagnosis(
+    correlated: Correlated, record: Record, output: str, verdict: Verdict, basis: FloatArray
+) -> OutputDiagnosis:
     """Correlations of the residuals of one output of one run.
 
     Parameters
@@ -28,6 +31,8 @@ def output_diagnosis(correlated: Correlated, record: Record, output: str, verdic
     record : Record
     output : str
     verdict : str
+    basis : float array, shape (n_residual, n_directions)
+        As ``imitated`` gives it.
     """
     problem = correlated.problem
     key = record.place, output
@@ -40,8 +45,10 @@ def output_diagnosis(correlated: Correlated, record: Record, output: str, verdic
     rows = _lags(len(white))
     through = problem.whitenings.get(key) if isinstance(problem, CorrelatedProblem) else None
     voltage = np.array([_earlier(record, lag)[record.readings[output].used] for lag in rows])
-    if through is not None and len(voltage):
-        voltage = through.apply(voltage)
+    if len(rows):
+        voltage = through.apply(voltage) if through is not None else voltage
+        own = basis[piece]
+        voltage = voltage - (voltage @ own) @ own.T
     return OutputDiagnosis(
         label=record.label,
         output=output,
@@ -68,6 +75,13 @@ def _earlier(record: Record, lag: int) -> FloatArray:
     voltage = record.run.voltage
     before = voltage[0] if record.start == "free" else 0.0
     return np.concatenate([np.full(lag, before), voltage[: len(voltage) - lag]])
+
+
+def imitated(correlated: Correlated) -> FloatArray:
+    """What the free parameters can do to the residuals: orthonormal columns, shape (n_residual, n_directions)."""
+    here = correlated.solution.evaluation
+    directions = directions_of(here)
+    return np.asarray(np.linalg.qr(here.jacobian @ directions)[0])
 
 
 def _correlations(values: FloatArray, lags: list[int]) -> tuple[float, ...]:
