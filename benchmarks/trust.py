@@ -151,6 +151,8 @@ class Tally:
         )
 
 
+_TITLE = "Intervals under noise that is not white"
+
 HEAD = (
     "| problem | noise | trials | 95 % interval holds the truth, determined: pooled (least to most of one parameter) | "
     "bound below 40 % | of these determined, least | median width / bound's | naive interval | processor time | |\n"
@@ -211,7 +213,9 @@ def main() -> None:
         for noise in options.noises.split(","):
             lines.append(run_trials(CASES[case], noise, options.trials).row(case, noise))
             print(lines[-1], flush=True)
-    finish("trust", "Intervals under noise that is not white", "\n".join(lines), [], record=options.record, gate=False)
+            if options.record:  # hours of work: each row as it is done
+                finish("trust", _TITLE, "\n".join(lines), [], record=True, gate=False)
+    finish("trust", _TITLE, "\n".join(lines), [], record=options.record, gate=False)
 
 
 if __name__ == "__main__":
