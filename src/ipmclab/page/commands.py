@@ -24,7 +24,12 @@ class Step:
 
 
 def identify_step(
-    actuator: str, runs: Sequence[str], free: Sequence[str], per_run: Sequence[str] = (), out: str = "fitted.toml"
+    actuator: str,
+    runs: Sequence[str],
+    free: Sequence[str],
+    per_run: Sequence[str] = (),
+    prior: Sequence[str] = (),
+    out: str = "fitted.toml",
 ) -> Step:
     """Identify.
 
@@ -35,9 +40,11 @@ def identify_step(
     "ipmclab identify friend-2 'runs/a b.nc' --free electrical --out fitted.toml"
     """
     command = ["ipmclab", "identify", actuator, *runs, "--free", ",".join(free)]
-    if per_run:
-        command += ["--per-run", ",".join(per_run)]
-    own = f", per_run={list(per_run)!r}" if per_run else ""
+    own = ""
+    for option, name, names in (("--per-run", "per_run", per_run), ("--prior", "prior", prior)):
+        if names:
+            command += [option, ",".join(names)]
+            own += f", {name}={list(names)!r}"
     python = (
         "import ipmclab\n\n"
         f"runs = [ipmclab.read_run(path) for path in {list(runs)!r}]\n"

@@ -114,6 +114,37 @@ def run_panels(runs: Mapping[str, Run], channels: Sequence[str] | None = None) -
     return panels
 
 
+def compared_panels(arrays: Mapping[str, FloatArray], models: Mapping[str, str], *, residuals: bool) -> list[Panel]:
+    """Measured against one or several models, each output with what is left over below it.
+
+    Parameters
+    ----------
+    arrays : mapping of ``PREFIX.OUTPUT.measured`` (``.model``, ``.residual``, ``.time``) to float array [SI]
+    models : mapping of prefix to label
+        The measured curve is that of the first.
+    residuals : bool
+    """
+    first = next(iter(models))
+    panels = []
+    for name, quantity in CHANNELS.items():
+        if f"{first}.{name}.measured" not in arrays:
+            continue
+        series = [Series(f"{name}.measured", "measured", *_curve(arrays, first, name, "measured"), 7)]
+        left = []
+        for place, (prefix, label) in enumerate(models.items()):
+            look: dict[str, Any] = {"colour": place % 6, "style": _STYLES[place % 3]}
+            series.append(Series(f"{name}.{place}", label, *_curve(arrays, prefix, name, "model"), **look))
+            left.append(Series(f"{name}.{place}.left", label, *_curve(arrays, prefix, name, "residual"), **look))
+        panels.append(Panel.of(name, quantity, series))
+        if residuals:
+            panels.append(Panel.of(f"{name}.left", quantity, left, "measured − model"))
+    return panels
+
+
+def _curve(arrays: Mapping[str, FloatArray], prefix: str, output: str, what: str) -> tuple[FloatArray, FloatArray]:
+    return arrays[f"{prefix}.{output}.time"], arrays[f"{prefix}.{output}.{what}"]
+
+
 def _times(run: Run, channel: str) -> FloatArray:
     slow = run.time_environment
     return run.time if slow is None or len(run.channels[channel]) == len(run.time) else slow

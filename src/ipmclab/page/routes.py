@@ -101,7 +101,7 @@ def routes(workshop: Workshop) -> APIRouter:
         card = workshop.fit(key)
         if card is None or not card.file.is_file():
             raise HTTPException(404, "this fit is no longer kept")
-        return FileResponse(card.file, media_type="application/toml", filename=f"{header_name(card.name)}.toml")
+        return FileResponse(card.file, media_type="application/toml", filename=f"{header_name(card.asked.name)}.toml")
 
     return router
 

@@ -8,17 +8,17 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from ipmclab.errors import InputError
 from ipmclab.page.curves import CurveStore
+from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job, Jobs
 from ipmclab.page.lab import Lab
 
 if TYPE_CHECKING:
-    from ipmclab.page.commands import Step
     from ipmclab.run import Run
     from ipmclab.store.catalogue.catalogue import Catalogue
     from ipmclab.store.catalogue.query import CatalogueRow
@@ -26,39 +26,57 @@ if TYPE_CHECKING:
 _KEPT_ROWS: Final = 2_000_000
 """Rows of runs that stay in memory for the next zoom."""
 
-FITS: Final = "fits"
 
-
-@dataclass
-class FitCard:
-    """One fit of this session: what was asked, its job, and what is shown of it.
+@dataclass(frozen=True)
+class FitRequest:
+    """What a fit is asked for.
 
     Parameters
     ----------
     name : str
-        As people call it; the file's name once it is saved.
+        As people are going to call it.
     actuator : str
-        What it started from.
-    runs, free, per_run : sequence of str
-    file : Path
-        The fitted actuator; beside the lab until it is saved.
-    job : Job
-    step : Step
-        The same as a command and as Python.
+        What it starts from, as the page names it.
+    runs, held : tuple of str
+        Runs to identify from, and runs to predict.
+    free, per_run, prior : tuple of str
     """
 
     name: str
     actuator: str
     runs: tuple[str, ...]
     free: tuple[str, ...]
-    per_run: tuple[str, ...]
+    per_run: tuple[str, ...] = ()
+    prior: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+
+
+@dataclass
+class FitCard:
+    """One fit of this session: what was asked, its job, and what came of it.
+
+    Parameters
+    ----------
+    asked : FitRequest
+    file : Path
+        The fitted actuator, beside the lab.
+    job : Job
+    key : str
+        As the page names it where an actuator is chosen.
+    saved : str or None
+        The file in the lab that it was saved as.
+    """
+
+    asked: FitRequest
     file: Path
     job: Job
-    step: Step
-    key: str = field(default_factory=lambda: secrets.token_hex(4))
+    key: str
     saved: str | None = None
-    document: dict[str, Any] = field(default_factory=dict)
-    curves: str | None = None
+
+    @property
+    def frame(self) -> Frame | None:
+        """What is shown of it; None where it is not done."""
+        return self.job.future.result() if self.job.is_over and self.job.state == "done" else None
 
 
 class Workshop:
@@ -155,7 +173,7 @@ class Workshop:
 
     def actuators(self) -> dict[str, str]:
         """Actuators that can be chosen: what is loaded, and what it is called."""
-        return {**{name: name for name in self.library()}, **{name: name for name in self.own_actuators()}}
+        return {name: name for name in [*self.library(), *self.own_actuators()]}
 
     @staticmethod
     def library() -> list[str]:
@@ -201,6 +219,86 @@ class Workshop:
                 repair="choose one of the list",
             )
         return name
+
+    def identify(self, asked: FitRequest) -> FitCard:
+        """Let a worker identify; the fit stays until the server ends, whatever the browser does.
+
+        Raises
+        ------
+        InputError
+            An actuator or a run that is not there.
+        """
+        file = self.new_scratch(".toml")
+        arguments = {
+            "actuator": self.actuator_path(asked.actuator),
+            "runs": [str(self.run_path(key)) for key in asked.runs],
+            "labels": labels(asked.runs),
+            "free": asked.free,
+            "per_run": asked.per_run,
+            "prior": asked.prior,
+            "out": str(file),
+        }
+        made = FitCard(asked, file, self.jobs.submit("identify", arguments, title=asked.name), secrets.token_hex(4))
+        self.fits.append(made)
+        return made
+
+    def save_fit(self, card: FitCard, name: str) -> str:
+        """Write a fit as an actuator of the lab; its path below the root.
+
+        Raises
+        ------
+        InputError
+            No plain file name, or one that is there already.
+        """
+        path = self.lab.new_file(name, ".toml")
+        if path.exists():
+            raise InputError(
+                f"{path.name} exists already", code="file-exists", where="name", repair="choose another name"
+            )
+        path.write_text(card.file.read_text(encoding="utf-8"), encoding="utf-8")
+        card.saved = self.lab.below(path)
+        return card.saved
+
+    def fitted_files(self) -> list[str]:
+        """Fitted actuators of the lab, by their path below the root."""
+        return [name for name in self.own_actuators() if "[fit]" in self.lab.path(name).read_text(encoding="utf-8-sig")]
+
+    def runs_of_fit(self, name: str) -> tuple[list[str], list[str]]:
+        """The runs that a fit was made from, as the lab has them, and the labels of those that it lacks.
+
+        Parameters
+        ----------
+        name : str
+            A fit of this session by its key, or a fitted file of the lab.
+
+        Raises
+        ------
+        InputError
+            No fitted actuator.
+        """
+        import tomllib
+
+        path = Path(self.actuator_path(name))
+        try:
+            used = tomllib.loads(path.read_text(encoding="utf-8-sig"))["fit"]["runs"]
+            wanted = [(str(one["content_sha256"]), str(one["label"])) for one in used]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise InputError(
+                "this is no fitted actuator", code="not-a-fit", where="fit", repair="choose what identify wrote"
+            ) from error
+        there = {row.content_sha256: row.path for row in self.rows() if row.path and not row.problem}
+        found = [path for sha, _ in wanted if (path := there.get(sha)) is not None]
+        return found, [label for sha, label in wanted if sha not in there]
+
+    def reports(self) -> list[str]:
+        """The reports of the lab, the newest first."""
+        found = sorted(self.lab.root.glob("*.html"), key=lambda path: path.stat().st_mtime, reverse=True)
+        return [path.name for path in found if path.is_file()]
+
+    def models(self) -> dict[str, str]:
+        """What can predict: fits of this session by their keys, then actuators; and what each is called."""
+        fits = {card.key: card.asked.name for card in reversed(self.fits) if card.frame is not None}
+        return {**fits, **{name: name for name in [*self.own_actuators(), *self.library()]}}
 
     def fit(self, key: str) -> FitCard | None:
         """A fit of this session."""

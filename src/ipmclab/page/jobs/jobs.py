@@ -65,7 +65,7 @@ class Job:
     @property
     def is_over(self) -> bool:
         """Whether nothing more will come of it."""
-        return self.state in ("done", "failed", "cancelled")
+        return self.future.done()
 
     @property
     def seconds(self) -> float:

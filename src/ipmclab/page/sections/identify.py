@@ -1,12 +1,263 @@
-"""Section identify."""
+"""Identify: from runs to a model of the strip, with what is known and what is not, and what it predicts."""
 
 from __future__ import annotations
 
+import asyncio
+from typing import Any, Final
+
 from nicegui import ui
 
+from ipmclab.errors import IpmclabError
+from ipmclab.page.commands import identify_step
 from ipmclab.page.context import Context
+from ipmclab.page.elements.run_table import Chosen, RunTable
+from ipmclab.page.run_table import RunFilter, table_rows
+from ipmclab.page.sections.fit_view import FitView
+from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
+from ipmclab.page.sections.prediction import PredictionView
+from ipmclab.page.workshop import FitCard, FitRequest
+
+_GROUPS: Final = ("electrical", "coupling", "leak", "relaxation", "viscoelastic", "clamp")
+_PERIOD: Final = 0.25  # s between looks at the jobs
 
 
 def build(context: Context) -> None:
     """Fill the page."""
-    ui.label(str(context.lab.root))
+    _View(context).build()
+
+
+class _View:
+    """The form, the jobs, and the fit that is shown."""
+
+    def __init__(self, context: Context) -> None:
+        self._workshop = context.workshop
+        self._shown: FitCard | None = None
+        self._told: dict[str, tuple[Any, ...]] = {}
+        self._rows: list[dict[str, Any]] = []
+
+    def build(self) -> None:
+        client = ui.context.client
+        self._opened = client.request.query_params.getlist("run")
+        with card("Runs"):
+            self._table = RunTable(
+                "Runs to identify from, and runs to predict",
+                {"fit": "Fit", "held": "Predict"},
+                self._chose,
+                columns=("file", "recorded", "sample", "signal", "measured", "duration", "findings"),
+            )
+            self._count = text("").classes("lab-quiet").props("role=status")
+        with ui.element("div").classes("lab-columns"):
+            with ui.element("div").classes("lab-column"):
+                self._build_form()
+                self._build_jobs()
+                self._build_step()
+            with ui.element("div").classes("lab-column"):
+                self._fit = FitView(self._workshop, self._refill)
+                self._fit.build()
+                self._prediction = PredictionView(self._workshop, lambda: self._table.chosen["held"])
+                self._prediction.build()
+        client.on_delete(self._fit.forget)
+        client.on_delete(self._prediction.forget)
+        ui.timer(0.01, self._begin, once=True)
+
+    def _build_form(self) -> None:
+        with card("Model"):
+            self._actuator = ui.input(
+                "Actuator, also with stages: friend-2+leak.cubic",
+                value="friend-2",
+                autocomplete=list(self._workshop.actuators()),
+                on_change=self._read_names,
+            ).props("dense outlined debounce=300")
+            self._free = self._names("Free parameters", ["electrical"])
+            self._per_run = self._names("Free for each run by itself", [])
+            self._prior = self._names("Known beforehand, as the actuator states it", [])
+            self._name = ui.input("Name of the fit", value=self._next_name()).props("dense outlined")
+            self._message = text("").classes("lab-bad").props("role=alert")
+            ui.button("Identify", on_click=self._identify).props("unelevated no-caps")
+
+    def _build_step(self) -> None:
+        with card("The same without the page"):
+            self._step = step_view()
+
+    def _names(self, label: str, value: list[str]) -> ui.select:
+        made = ui.select(value, value=value, label=label, multiple=True, on_change=self._tell_step)
+        made.props("dense outlined options-dense use-chips")
+        return made
+
+    def _build_jobs(self) -> None:
+        with card("Fits of this session"):
+            self._jobs = ui.element("div").classes("lab-column")
+            self._none = text("None yet.").classes("lab-quiet")
+        ui.timer(_PERIOD, self._look_at_jobs)
+
+    def _next_name(self) -> str:
+        return f"fit {len(self._workshop.fits) + 1}"
+
+    async def _begin(self) -> None:
+        self._rows = [row for row in (await asyncio.to_thread(self._table_rows)) if row["key"]]
+        self._table.show(self._rows)
+        if self._opened:
+            self._table.choose("fit", self._opened)
+        self._chose(self._table.chosen)
+        await self._read_names()
+        done = [one for one in self._workshop.fits if one.frame is not None]
+        if done:
+            self._show(done[-1])
+        if not self._rows:
+            self._count.set_text("No runs yet: record one under Run, or import one under Runs.")
+
+    def _table_rows(self) -> list[dict[str, Any]]:
+        return table_rows(self._workshop.rows(), RunFilter())[0]
+
+    def _chose(self, chosen: Chosen) -> None:
+        fit, held = len(chosen["fit"]), len(chosen["held"])
+        self._count.set_text(f"{fit} to identify from, {held} to predict")
+        self._tell_step()
+
+    async def _read_names(self) -> None:
+        """The parameters of the actuator, to be freed by name."""
+        from ipmclab import load_actuator
+
+        fail_at(self._actuator, None)
+        try:
+            path = self._workshop.actuator_path((self._actuator.value or "").strip())
+            actuator = await asyncio.to_thread(load_actuator, path)
+        except IpmclabError as error:
+            fail_at(self._actuator, error)
+            return
+        known = actuator.parameters()
+        there = {name.split(".")[0] for name in known}
+        groups = [name for name in _GROUPS if name in there or name == "electrical"]
+        names = [name for name, one in known.items() if one.transform != "count"]
+        sensors = [f"observation.{what}.{output}" for what in ("offset", "drift") for output in _OUTPUTS]
+        for field, options in (
+            (self._free, [*groups, *names, *sensors]),
+            (self._per_run, names),
+            (self._prior, names),
+        ):
+            field.set_options(options, value=[name for name in field.value if name in options])
+        self._tell_step()
+
+    def _request(self) -> FitRequest:
+        chosen = self._table.chosen
+        return FitRequest(
+            name=(self._name.value or "").strip() or self._next_name(),
+            actuator=(self._actuator.value or "").strip(),
+            runs=tuple(chosen["fit"]),
+            free=tuple(self._free.value),
+            per_run=tuple(self._per_run.value),
+            prior=tuple(self._prior.value),
+            held=tuple(chosen["held"]),
+        )
+
+    def _tell_step(self) -> None:
+        asked = self._request()
+        self._step(
+            identify_step(
+                asked.actuator, asked.runs or ("RUN.nc",), asked.free or ("NAMES",), asked.per_run, asked.prior
+            )
+        )
+
+    def _identify(self) -> None:
+        self._message.set_text("")
+        for field in (self._free, self._per_run, self._prior):
+            fail_at(field, None)
+        asked = self._request()
+        if not asked.runs:
+            self._message.set_text("Choose a run to identify from: the box “Fit” in the table.")
+            return
+        if not (asked.free or asked.per_run):
+            fail_at(self._free, "nothing is free; choose a group such as electrical, or parameters")
+            return
+        try:
+            self._shown = self._workshop.identify(asked)
+        except IpmclabError as error:
+            self._message.set_text(str(error))
+            return
+        self._name.value = self._next_name()
+        self._look_at_jobs()
+
+    def _look_at_jobs(self) -> None:
+        """Draw the list of fits anew where something happened, and show the one that was waited for."""
+        fits = self._workshop.fits
+        now = {one.key: (one.job.state, one.job.is_over, one.saved) for one in fits}
+        if now == self._told:
+            self._tell_progress()
+            return
+        before, self._told = self._told, now
+        self._draw_jobs()
+        shown = self._shown
+        if shown is not None and shown.job.is_over and shown.key in before and not before[shown.key][1]:
+            self._show(shown)
+
+    def _draw_jobs(self) -> None:
+        self._bars: dict[str, tuple[Any, Any]] = {}
+        self._none.set_visibility(not self._workshop.fits)
+        self._jobs.clear()
+        with self._jobs:
+            for one in reversed(self._workshop.fits):
+                self._draw_job(one)
+        self._tell_progress()
+
+    def _draw_job(self, one: FitCard) -> None:
+        with ui.element("div").classes("lab-job"):
+            with ui.element("div").classes("lab-title"):
+                text(one.asked.name, tag="strong")
+                if not one.job.is_over:
+                    button = ui.button("Cancel", on_click=lambda: self._workshop.jobs.cancel(one.job))
+                    button.props("outline no-caps dense")
+                elif one.frame is not None:
+                    ui.button("Show", on_click=lambda: self._show(one)).props("outline no-caps dense")
+            if not one.job.is_over:
+                bar = ui.element("progress").props(f'max=1 aria-label="Progress of {one.asked.name}"')
+                self._bars[one.key] = (bar, text("").classes("lab-quiet").props("role=status"))
+            else:
+                text(_outcome(one)).classes("lab-bad" if one.job.state == "failed" else "lab-quiet")
+
+    def _tell_progress(self) -> None:
+        for one in self._workshop.fits:
+            if one.key in self._bars and not one.job.is_over:
+                bar, label = self._bars[one.key]
+                if one.job.fraction is not None:
+                    bar.props(f"value={one.job.fraction:.3f}")
+                waits = "waiting for the fit before" if one.job.state == "waiting" else one.job.sentence
+                label.set_text(f"{waits} ({one.job.seconds:.0f} s)" if waits else "")
+
+    def _show(self, one: FitCard) -> None:
+        self._shown = one
+        error = one.job.error
+        if error is not None:
+            field = next((found for word, found in self._fields() if error.where.startswith(word)), None)
+            if field is not None:
+                fail_at(field, error)
+            else:
+                self._message.set_text(f"{one.asked.name}: {error}")
+            return
+        if one.frame is None:
+            return
+        self._fit.show(one)
+        self._prediction.offer(one)
+
+    def _fields(self) -> list[tuple[str, Any]]:
+        return [("free", self._free), ("per_run", self._per_run), ("prior", self._prior)]
+
+    def _refill(self) -> None:
+        """A fit was saved: it can be chosen as an actuator."""
+        self._actuator.set_autocomplete(list(self._workshop.actuators()))
+        self._prediction.refill()
+
+
+_OUTPUTS: Final = ("current", "displacement", "force")
+
+
+def _outcome(one: FitCard) -> str:
+    error = one.job.error
+    if error is not None:
+        return f"failed: {error.where + ': ' if error.where else ''}{sentence(error)}"
+    if one.frame is None:
+        return "cancelled"
+    told = one.frame.document
+    open_ones = sum(not row["determined"] for row in told["parameters"])
+    known = f"{told['free'] - open_ones} of {told['free']} parameters determined"
+    saved = f", saved as {one.saved}" if one.saved else ""
+    return f"{'' if told['converged'] else 'did not converge, '}{known}, {one.job.seconds:.1f} s{saved}"

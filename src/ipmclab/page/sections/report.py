@@ -1,12 +1,154 @@
-"""Section report."""
+"""Report: everything about a fit in one file, made here, opened here, and taken along."""
 
 from __future__ import annotations
 
+import asyncio
+from datetime import datetime
+from typing import Final
+from urllib.parse import quote
+
 from nicegui import ui
 
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.page.commands import report_step
 from ipmclab.page.context import Context
+from ipmclab.page.jobs.jobs import JobCancelled
+from ipmclab.page.sections.parts import card, download, fail_at, step_view, text
+from ipmclab.page.workshop import Workshop, labels
+
+_NEXT: Final = 0.25  # s between looks at the job
 
 
 def build(context: Context) -> None:
     """Fill the page."""
-    ui.label(str(context.lab.root))
+    _View(context.workshop).build()
+
+
+class _View:
+    def __init__(self, workshop: Workshop) -> None:
+        self._workshop = workshop
+
+    def build(self) -> None:
+        asked = ui.context.client.request.query_params.get("fit")
+        with ui.element("div").classes("lab-columns"):
+            with ui.element("div").classes("lab-column"), card("Make a report"):
+                fits = self._fits()
+                self._fit = ui.select(fits, value=asked if asked in fits else None, label="Fit", on_change=self._choose)
+                self._fit.props("dense outlined options-dense")
+                self._runs = text("").classes("lab-quiet")
+                self._unseen = ui.select({}, value=[], label="Runs to predict", multiple=True, on_change=self._tell)
+                self._unseen.props("dense outlined options-dense use-chips")
+                self._name = ui.input("File name", value="report", on_change=self._tell)
+                self._name.props("dense outlined suffix=.html debounce=300")
+                self._over = ui.switch("replace a report of this name", value=False)
+                self._make = ui.button("Make the report", on_click=self._write).props("unelevated no-caps")
+                self._progress = text("").classes("lab-quiet").props("role=status")
+                self._message = text("").classes("lab-bad").props("role=alert")
+                if not fits:
+                    self._message.set_text("No fit yet: make one under Identify.")
+            with ui.element("div").classes("lab-column"):
+                with card("Reports of this folder"):
+                    self._list = ui.element("ul").classes("lab-reports")
+                with card("The same without the page"):
+                    self._step = step_view()
+        self._used: list[str] = []
+        self._show_reports()
+        ui.timer(0.01, self._choose, once=True)
+
+    def _fits(self) -> dict[str, str]:
+        session = {one.key: one.asked.name for one in reversed(self._workshop.fits) if one.frame is not None}
+        return {**session, **{name: name for name in self._workshop.fitted_files()}}
+
+    async def _choose(self) -> None:
+        """Find the runs that the fit was made from."""
+        fail_at(self._fit, None)
+        self._used = []
+        if not self._fit.value:
+            return
+        try:
+            self._used, missing = await asyncio.to_thread(self._workshop.runs_of_fit, self._fit.value)
+        except IpmclabError as error:
+            fail_at(self._fit, error)
+            return
+        if missing:
+            fail_at(
+                self._fit,
+                f"it was made from {', '.join(missing)}, which this folder lacks; copy the run files into it, "
+                "and look again under Runs",
+            )
+        self._runs.set_text(f"made from {', '.join(labels(self._used))}" if self._used else "")
+        keys = [key for key in await asyncio.to_thread(self._workshop.run_keys) if key not in self._used]
+        one = self._workshop.fit(self._fit.value)
+        held = [key for key in one.asked.held if key in keys] if one is not None else []
+        self._unseen.set_options(dict(zip(keys, labels(keys), strict=True)), value=held)
+        self._tell()
+
+    def _tell(self) -> None:
+        if not self._fit.value:
+            return
+        one = self._workshop.fit(self._fit.value)
+        file = self._fit.value if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
+        self._step(report_step(file, self._used, self._unseen.value, f"{self._stem()}.html"))
+
+    def _stem(self) -> str:
+        return (self._name.value or "").strip().removesuffix(".html") or "report"
+
+    async def _write(self) -> None:
+        self._message.set_text("")
+        fail_at(self._name, None)
+        if not self._fit.value:
+            fail_at(self._fit, "choose a fit")
+            return
+        if self._fit.error:
+            return
+        try:
+            path = self._workshop.lab.new_file(self._name.value or "", ".html")
+            if path.exists() and not self._over.value:
+                raise InputError(
+                    f"{path.name} exists already",
+                    code="file-exists",
+                    repair="choose another name, or allow replacing it",
+                )
+        except IpmclabError as error:
+            fail_at(self._name, error)
+            return
+        step = report_step(self._fit.value, self._used, self._unseen.value, path.name)
+        arguments = {
+            "fit": self._workshop.actuator_path(self._fit.value),
+            "runs": [str(self._workshop.run_path(key)) for key in self._used],
+            "validation": [str(self._workshop.run_path(key)) for key in self._unseen.value],
+            "out": str(path),
+            "command": step.command,
+            "overwrite": bool(self._over.value),
+        }
+        job = self._workshop.jobs.submit("report", arguments, title=path.name)
+        self._make.disable()
+        try:
+            while not job.is_over:
+                self._progress.set_text(f"{job.sentence or job.state} ({job.seconds:.0f} s)")
+                await asyncio.sleep(_NEXT)
+            await asyncio.wrap_future(job.future)
+            self._progress.set_text(f"wrote {path.name}")
+        except JobCancelled:
+            self._progress.set_text("cancelled")
+        except IpmclabError as error:
+            self._progress.set_text("")
+            self._message.set_text(str(error))
+        finally:
+            self._make.enable()
+        self._show_reports()
+
+    def _show_reports(self) -> None:
+        self._list.clear()
+        with self._list:
+            names = self._workshop.reports()
+            if not names:
+                with ui.element("li"):
+                    text("None yet.", tag="span").classes("lab-quiet")
+            for name in names:
+                with ui.element("li").classes("lab-title"):
+                    with ui.element("a").props(f'href="/reports/{quote(name)}" target=_blank rel=noopener'):
+                        text(name, tag="span")
+                    written = datetime.fromtimestamp((self._workshop.lab.root / name).stat().st_mtime)
+                    text(f"{written:%Y-%m-%d %H:%M}", tag="span").classes("lab-quiet")
+                    download("Download", f"/reports/{quote(name)}?save=true")

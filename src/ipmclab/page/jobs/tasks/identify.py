@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Identify ``actuator`` from the files ``runs`` (``labels``); the fit is written to ``out``.
 
-    ``free`` and ``per_run`` are lists of names.
+    ``free``, ``per_run`` and ``prior`` are lists of names.
 
     Raises
     ------
@@ -36,6 +36,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         runs,
         free=arguments["free"],
         per_run=arguments.get("per_run") or (),
+        prior=arguments.get("prior") or (),
         labels=arguments["labels"],
         progress=progress,
     )

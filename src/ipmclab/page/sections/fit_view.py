@@ -1,0 +1,150 @@
+"""What is shown of a fit: what is known, the parameters, measured against model, findings, and how to keep it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+from urllib.parse import urlencode
+
+from nicegui import ui
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.commands import identify_step
+from ipmclab.page.curves import compared_panels
+from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.sections.parts import card, download, fail_at, finding_list, plain_table, step_view, text
+from ipmclab.page.workshop import FitCard, Workshop
+
+_PARAMETERS: Final = {
+    "symbol": "",
+    "name": "parameter",
+    "value": "value",
+    "unit": "unit",
+    "interval": "95 % interval",
+    "next_mounting": "next mounting",
+    "remark": "",
+}
+_OUTPUTS: Final = {
+    "run": "run",
+    "output": "output",
+    "fit": "fit",
+    "rmse": "RMSE",
+    "noise": "noise",
+    "samples": "samples",
+}
+
+
+class FitView:
+    """A fit in full.
+
+    Parameters
+    ----------
+    workshop : Workshop
+    on_saved : callable
+        Called when it was saved.
+    """
+
+    def __init__(self, workshop: Workshop, on_saved: Callable[[], None]) -> None:
+        self._workshop = workshop
+        self._on_saved = on_saved
+        self._curves: str | None = None
+
+    def build(self) -> None:
+        """Make room for it."""
+        self._box = ui.element("div").classes("lab-column")
+        with self._box, card("Fit"):
+            text("Choose runs, a model and what is free; then Identify.").classes("lab-quiet")
+
+    def forget(self) -> None:
+        """Its curves are shown no more."""
+        self._workshop.curves.forget(self._curves)
+
+    def show(self, one: FitCard) -> None:
+        """Show a fit that is done."""
+        assert one.frame is not None
+        told = one.frame.document
+        self._box.clear()
+        with self._box:
+            with card(one.asked.name):
+                for words, is_bad in known_in_words(told):
+                    text(words).classes("lab-bad" if is_bad else "")
+                plain_table(_shown(told["parameters"]), told["parameters"], caption="Parameters")
+                self._build_keep(one)
+            with card("Measured against model"):
+                self._build_plot(one)
+                plain_table(_OUTPUTS, told["outputs"], caption="How each output was met")
+            with card("Findings"):
+                finding_list(told["findings"])
+            with card("The same without the page"), ui.element("details"):
+                text("command and Python", tag="summary")
+                asked = one.asked
+                step_view()(identify_step(asked.actuator, asked.runs, asked.free, asked.per_run, asked.prior))
+
+    def _build_plot(self, one: FitCard) -> None:
+        assert one.frame is not None
+        frame = one.frame
+        labels = [run["label"] for run in frame.document["runs"]]
+        plot: TimePlot | None = None
+
+        def draw(place: int) -> tuple[list[dict[str, Any]], str]:
+            panels = compared_panels(frame.arrays, {str(place): "model"}, residuals=True)
+            self.forget()
+            self._curves = self._workshop.curves.add(panels)
+            return [panel.as_dict() for panel in panels], self._curves
+
+        if len(labels) > 1:
+            options = dict(enumerate(labels))
+            choice = ui.select(options, value=0, label="Run").props("dense outlined options-dense")
+            choice.on_value_change(lambda: plot.show(*draw(choice.value)) if plot is not None else None)
+        plot = TimePlot(f"{one.asked.name} measured against model", *draw(0), height=110)
+
+    def _build_keep(self, one: FitCard) -> None:
+        with ui.element("div").classes("lab-bar"):
+            name = ui.input("Save as an actuator", value=one.asked.name.replace(" ", "-"))
+            name.props("dense outlined suffix=.toml")
+            name.classes("lab-wide")
+
+            def save() -> None:
+                fail_at(name, None)
+                try:
+                    below = self._workshop.save_fit(one, name.value or "")
+                except IpmclabError as error:
+                    fail_at(name, error)
+                    return
+                ui.notify(f"wrote {below}", type="positive")
+                self._on_saved()
+
+            ui.button("Save", on_click=save).props("unelevated no-caps")
+            download("TOML", f"/fits/{one.key}")
+            for label, address in (
+                ("Simulate with it", f"/simulate?{urlencode({'actuator': one.key})}"),
+                ("Report on it", f"/report?{urlencode({'fit': one.key})}"),
+            ):
+                with ui.element("a").props(f'href="{address}"').classes("lab-download"):
+                    text(label, tag="span")
+
+
+def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:
+    """What a fit knows, sentence by sentence, and whether each calls for caution."""
+    open_ones = [row["name"] for row in told["parameters"] if not row["determined"]]
+    found: list[tuple[str, bool]] = []
+    if not told["converged"]:
+        found.append((f"It did not converge: {told['message']}. These numbers are not a model.", True))
+    if open_ones:
+        verb, listed = "is" if len(open_ones) == 1 else "are", ", ".join(open_ones)
+        words = f"{len(open_ones)} of {told['free']} parameters {verb} not determined by these runs: {listed}."
+        found.append((words, True))
+    else:
+        found.append((f"All {told['free']} free parameters are determined by these runs.", False))
+    found += [(words, True) for words in told["undetermined"]]
+    return found
+
+
+def _shown(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """The columns of the table of parameters, without those that say nothing."""
+    return {
+        key: heading
+        for key, heading in _PARAMETERS.items()
+        if heading or key == "symbol" or any(row.get(key) for row in rows)
+        if key != "next_mounting" or any(row.get(key, "–") != "–" for row in rows)
+    }

@@ -1,0 +1,149 @@
+"""Models side by side: what each predicts of runs from their voltage alone."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from nicegui import ui
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.commands import validate_step
+from ipmclab.page.curves import compared_panels
+from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.jobs.jobs import JobCancelled
+from ipmclab.page.sections.parts import card, fail_at, finding_list, plain_table, step_view, text
+from ipmclab.page.workshop import FitCard, Workshop
+
+MOST_MODELS: Final = 6
+"""On one plot: so many can be told apart."""
+
+_SCORES: Final = {
+    "output": "output",
+    "run": "run",
+    "model": "model",
+    "fit": "fit",
+    "rmse": "RMSE",
+    "of_range": "of range",
+    "max_error": "largest error",
+    "inside": "in its band",
+    "remark": "",
+}
+
+
+class PredictionView:
+    """Models held against runs that they may never have seen.
+
+    Parameters
+    ----------
+    workshop : Workshop
+    runs : callable
+        Gives the runs to predict.
+    """
+
+    def __init__(self, workshop: Workshop, runs: Callable[[], Sequence[str]]) -> None:
+        self._workshop = workshop
+        self._runs = runs
+        self._curves: str | None = None
+        self._asked = 0
+
+    def build(self) -> None:
+        """Make the form."""
+        with card("Models side by side, on runs to predict"):
+            with ui.element("div").classes("lab-bar"):
+                self._models = ui.select(self._workshop.models(), value=[], label="Models", multiple=True)
+                self._models.props("dense outlined options-dense use-chips").classes("lab-wide")
+                ui.button("Predict", on_click=self._predict).props("unelevated no-caps")
+            self._message = text("").props("role=status").classes("lab-quiet")
+            self._box = ui.element("div").classes("lab-column")
+
+    def forget(self) -> None:
+        """Its curves are shown no more."""
+        self._workshop.curves.forget(self._curves)
+
+    def refill(self) -> None:
+        """The models may have become more."""
+        self._models.set_options(self._workshop.models())
+
+    def offer(self, one: FitCard) -> None:
+        """Compare a fit with what is compared already; at once where it has runs to predict."""
+        self.refill()
+        if one.key not in self._models.value:
+            self._models.value = [*self._models.value, one.key]
+        if self._runs():
+            ui.timer(0.01, self._predict, once=True)
+
+    async def _predict(self) -> None:
+        self._message.set_text("")
+        fail_at(self._models, None)
+        chosen, runs = list(self._models.value), list(self._runs())
+        if not runs:
+            self._message.set_text("Choose runs to predict: the box “Predict” in the table.")
+            return
+        if not 1 <= len(chosen) <= MOST_MODELS:
+            fail_at(self._models, f"choose 1 to {MOST_MODELS} models")
+            return
+        known = self._workshop.models()
+        names = [known[key] for key in chosen]
+        self._asked += 1
+        asked = self._asked
+        self._message.set_text("predicting")
+        try:
+            arguments = {
+                "models": [self._workshop.actuator_path(key) for key in chosen],
+                "names": names,
+                "runs": [str(self._workshop.run_path(key)) for key in runs],
+            }
+            job = self._workshop.jobs.submit("validate", arguments, title="prediction")
+            frame = await asyncio.wrap_future(job.future)
+        except JobCancelled:
+            return
+        except IpmclabError as error:
+            self._message.set_text(str(error))
+            return
+        if asked == self._asked:
+            self._message.set_text("")
+            self._show(frame, names)
+            with self._box, ui.element("details"):
+                text("command and Python", tag="summary")
+                files = [self._file(key) for key in chosen]
+                step_view()(validate_step(files, runs))
+
+    def _file(self, key: str) -> str:
+        """A model as a command names it: a fit of this session only once it is saved."""
+        one = self._workshop.fit(key)
+        return key if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
+
+    def _show(self, frame: Frame, names: Sequence[str]) -> None:
+        told = frame.document
+        plot: TimePlot | None = None
+
+        def draw(place: int) -> tuple[list[dict[str, Any]], str]:
+            models = {f"{model}.{place}": name for model, name in enumerate(names)}
+            panels = compared_panels(frame.arrays, models, residuals=True)
+            self.forget()
+            self._curves = self._workshop.curves.add(panels)
+            return [panel.as_dict() for panel in panels], self._curves
+
+        self._box.clear()
+        with self._box:
+            seen = [
+                f"{name} was identified from {run}: that score shows the fit, not a prediction."
+                for name, used in zip(names, told["used"], strict=True)
+                for run, one in zip(told["runs"], used, strict=True)
+                if one
+            ]
+            for words in seen:
+                text(words).classes("lab-bad")
+            rows = [{**row, "run": row["run"] if not row["pooled"] else "all runs"} for row in told["scores"]]
+            known = {key: heading for key, heading in _SCORES.items() if any(row.get(key) for row in rows)}
+            plain_table(known, rows, caption="Scores")
+            if len(told["runs"]) > 1:
+                choice = ui.select(dict(enumerate(told["runs"])), value=0, label="Run")
+                choice.props("dense outlined options-dense")
+                choice.on_value_change(lambda: plot.show(*draw(choice.value)) if plot is not None else None)
+            plot = TimePlot("Prediction", *draw(0), height=110)
+            if told["findings"]:
+                finding_list(told["findings"])
