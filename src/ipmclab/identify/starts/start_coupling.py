@@ -21,6 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
 _MINIMA: Final = 2
+_HOPELESS: Final = 100.0  # times the least cost, where poles that stand apart have it: no start leads below those
 _AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex ones are tried: where poles meet
 
 
@@ -47,7 +48,7 @@ def coupling_starts(
     separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
     if slow["displacement"] == slow["force"] == 0:
         every = moving if separate else seen
-        found = _from(every, all_minima(every.series, 2, sensors(every))[:_MINIMA])
+        found = _from(every, _worth_it(all_minima(every.series, 2, sensors(every))))
         stiffness = _stiffness(_best(moving), pressing.series) if separate else 1.0
         return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
     starts = []
@@ -61,6 +62,14 @@ def coupling_starts(
                 values |= slow_values(actuator, other.output, of_other) | _modulus(actuator, stiffness, separate)
             starts.append(values)
     return starts
+
+
+def _worth_it(minima: Sequence[PoleFit]) -> list[PoleFit]:
+    """The minima of real poles that are tried: where the best ones meet, complex ones may lie beside any of them."""
+    best = minima[0]
+    if best.poles[0] / best.poles[1] < _MEETING:
+        return list(minima[:_MINIMA])
+    return [found for found in minima[:_MINIMA] if found.cost < _HOPELESS * best.cost]
 
 
 def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
