@@ -211,9 +211,8 @@ def test_a_leak_below_its_threshold_says_nothing_of_itself() -> None:
     leaking = with_stages(FRIEND, "leak.exponential")
     below = identifiability(leaking, free="electrical,leak", voltage=1.0)
     assert below.rank == 5
-    assert {max(d.coefficients, key=lambda n, d=d: abs(d.coefficients[n])) for d in below.directions} == {
-        f"leak.exponential.{name}" for name in ("current_density", "threshold", "voltage_scale")
-    }
+    told = {name for one in below.directions for name, part in one.coefficients.items() if abs(part) > 0.5}
+    assert told == {f"leak.exponential.{name}" for name in ("current_density", "threshold", "voltage_scale")}
     assert all("above the threshold" in direction.sentence for direction in below.directions)
     assert identifiability(leaking, free="electrical,leak", voltage=3.0).is_complete
 

@@ -64,7 +64,7 @@ def test_where_the_likelihood_is_a_parabola_the_profile_gives_the_same_interval(
 
 
 def test_a_series_resistance_is_bounded_by_what_stands_behind_it_and_open_below() -> None:
-    """Behind a series resistance of 1/Y(infinity), which current shows, no branch remains; behind smaller ones some do."""
+    """Behind a series resistance of 1/Y(infinity), which current shows, no branch is left; behind less, some are."""
     found = profile(identify(FRIEND, [record(), record("sine 1 V 0.1 Hz")], free=["electrical", SHEET]), [SHEET])
     (one,) = found.profiles.values()
     assert one.is_open == (True, False)
