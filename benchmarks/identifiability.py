@@ -63,7 +63,8 @@ def with_force(trials: int) -> str:
     low, middle, high = np.quantile(ratios, [0.0, 0.5, 1.0])
     return (
         f"Force added and the coupling known, {trials} fits: rank 6 and nothing open in {right}; width of the "
-        f"intervals over the Cramer-Rao bound's {middle:.3f} in the middle, {low:.3f} to {high:.3f} over all {len(ratios)}."
+        f"intervals over the Cramer-Rao bound's {middle:.3f} in the middle, {low:.3f} to {high:.3f} over all "
+        f"{len(ratios)}."
     )
 
 
