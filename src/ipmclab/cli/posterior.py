@@ -98,7 +98,8 @@ def print_posterior(posterior: Posterior) -> None:
         print_paragraph(f"Not sampled, because the runs do not show it: {', '.join(posterior.left_out)}.")
     if any(one.at_bound for one in posterior.parameters.values()):
         print_paragraph(
-            "What reaches its bound is ended by that bound, not by the runs: its interval says what was taken as possible."
+            "What reaches its bound is ended by it, not by the runs: its interval says what was taken as possible"
+            " beforehand."
         )
     print_paragraph(
         f"The chains agree after {posterior.steps} steps of each walker, of which the later half was kept; "

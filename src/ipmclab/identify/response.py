@@ -81,6 +81,8 @@ def lumped_derivatives(branches: int, values: Mapping[str, float], names: Sequen
 
     Shape (2 + 2 n_branch, n_name).
     """
+    if not names:
+        return np.zeros((2 + 2 * branches, 0))
     steps = np.array([1e-30 * max(abs(values[name]), 1e-12) for name in names])
     # All steps at once: each parameter is an array that has moved in its own column only.
     moved: dict[str, Any] = dict(values)

@@ -14,7 +14,8 @@ from ipmclab.identify.posterior.packages import bayes_package
 FloatArray = npt.NDArray[np.float64]
 
 LARGEST_R_HAT: Final = 1.01
-"""Rank-normalised split R-hat (Vehtari et al. 2021)."""
+"""Rank-normalised split R-hat (Vehtari et al. 2021) of the ensembles, the walkers of each taken together, as they are too
+many and each too short for an R-hat of their own (Margossian et al. 2024)."""
 
 LEAST_SIZE: Final = 1000.0
 """Effective samples, of the bulk and of the tails: an end of a 95 % interval is then known to 0.09 of the deviation."""
@@ -65,13 +66,15 @@ class Judgement:
         return not self.complaints
 
 
-def judge(chains: FloatArray, names: Sequence[str]) -> Judgement:
+def judge(chains: FloatArray, names: Sequence[str], ensembles: int) -> Judgement:
     """Judge chains.
 
     Parameters
     ----------
     chains : float array, shape (n_chain, n_draw, n_entry)
+        Those of an ensemble one after the other.
     names : sequence of str
+    ensembles : int
     """
     arviz, emcee = bayes_package("arviz"), bayes_package("emcee")
     found = {}
@@ -79,14 +82,12 @@ def judge(chains: FloatArray, names: Sequence[str]) -> Judgement:
         one = chains[:, :, number]
         time = float(emcee.autocorr.integrated_time(one.T, quiet=True, tol=0, has_walkers=True)[0])
         found[name] = Convergence(
-            r_hat=float(arviz.rhat(one)),
+            r_hat=float(arviz.rhat(_together(one, ensembles))),
             bulk=float(arviz.ess(one)),
             tail=float(arviz.ess(one, method="tail")),
             autocorrelation_time=time,
         )
-    draws = chains.shape[1]
-    # The kept half was walked after another of the same length, and the time is estimated over all walkers.
-    lengths = draws / max(one.autocorrelation_time for one in found.values())
+    lengths = chains.shape[1] / max(one.autocorrelation_time for one in found.values())
     complaints = []
     name = max(found, key=lambda key: found[key].r_hat if np.isfinite(found[key].r_hat) else np.inf)
     if not found[name].r_hat <= LARGEST_R_HAT:
@@ -101,3 +102,9 @@ def judge(chains: FloatArray, names: Sequence[str]) -> Judgement:
             f"the chains are {lengths:.0f} autocorrelation times of {name} long (at least {LEAST_LENGTHS:.0f})"
         )
     return Judgement(found, lengths, tuple(complaints))
+
+
+def _together(chains: FloatArray, ensembles: int) -> FloatArray:
+    """The walkers of each ensemble as one chain, step by step, shape (n_ensemble, n_draw)."""
+    apart = chains.reshape(ensembles, -1, chains.shape[1])
+    return np.swapaxes(apart, 1, 2).reshape(ensembles, -1)

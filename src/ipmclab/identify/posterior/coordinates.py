@@ -71,6 +71,8 @@ class Valley:
         both = np.concatenate([floor, across.reshape(len(lengths), -1)], axis=1)
         self._path = CubicSpline(lengths, both)
         self._slope = self._path.derivative()
+        at_fit = np.column_stack([self._slope(0.0)[:count], self._path(0.0)[count:].reshape(self._shape)])
+        self._sign = float(np.linalg.slogdet(at_fit)[0])
         self.middle = np.concatenate([[0.0], np.zeros(count - 1), rest])
         spread = min(self._ends[1] - self._ends[0], 2.0 * WIDEST) / 4.0
         self.root = np.diag([spread, *np.ones(count - 1), *np.full(len(rest), width)])
@@ -87,12 +89,7 @@ class Valley:
         sign, logarithm = np.linalg.slogdet(np.column_stack([along, across]))
         vector = np.concatenate([here[:count] + across @ away, point[count:]])
         # Where neighbouring cross sections meet, the valley is wider than its bend.
-        return vector, float(logarithm) if sign == self._sign(here, slope) else -math.inf
-
-    def _sign(self, here: FloatArray, slope: FloatArray) -> float:
-        count = self._shape[0]
-        floor = np.column_stack([slope[:count], here[count:].reshape(self._shape)])
-        return float(np.linalg.slogdet(floor)[0])
+        return vector, float(logarithm) if sign == self._sign else -math.inf
 
 
 Coordinates = Straight | Valley

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -26,6 +27,7 @@ FloatArray = npt.NDArray[np.float64]
 _MATTERS: Final = 0.1  # of what noise moves all readings together: a fixed value that moves them less is taken as exact
 _NOISE_WIDTH: Final = 0.2  # the same of the numbers that shape the noise
 _AT_FLOOR: Final = 1.01
+_SECOND: Final = re.compile(r"\.1\.")
 _RECTANGLE: Final = 3.0**0.5
 
 
@@ -56,10 +58,11 @@ class _Noise:
     def log_density(self, residual: FloatArray, entries: FloatArray) -> float:
         measured = residual[self.inside]
         beyond = residual[~self.inside]
-        found = -0.5 * float(beyond @ beyond)
+        found: float = -0.5 * float(beyond @ beyond)
         if self.known:
             return found - 0.5 * float(measured @ measured)
-        logarithm, constants_ = 0.0, self.held.shape[1]
+        logarithm: float = 0.0
+        constants_ = self.held.shape[1]
         if self.terms.shapes or constants_:
             columns = np.column_stack([self.held, measured])
             white, logarithm = whitened(state_space(self.terms, entries), columns, self.steps)
@@ -76,7 +79,7 @@ class _Noise:
         # Every partial autocorrelation in (-1, 1) is, and every size of a walk or of white noise.
         order = self.terms.order
         of_shape = entries[order:].sum() - 2.0 * np.log(np.cosh(entries[:order])).sum()
-        return found + float(of_shape)
+        return float(found + of_shape)
 
 
 class Density:
@@ -133,6 +136,7 @@ class Density:
         self._centres, self._deviations = _priors(self.unknowns, ranges=False)
         self._range_middles, self._range_widths = _priors(self.unknowns, ranges=True)
         self._order = Order(self._values(here))
+        self._may_swap = any(_SECOND.search(name) for name in self._values(here))
 
     def __call__(self, vector: FloatArray) -> float:
         """The logarithm of the density; minus infinity outside the bounds."""
@@ -142,10 +146,10 @@ class Density:
         if (np.abs(theta - self._range_middles) > _RECTANGLE * self._range_widths).any():
             return -math.inf
         # Branches and modes keep their names: the fastest is the fastest in every sample.
-        if Order(self._values(theta)) != self._order:
+        if self._may_swap and Order(self._values(theta)) != self._order:
             return -math.inf
         away = (theta - self._centres) / self._deviations
-        found = -0.5 * float(away @ away)
+        found: float = -0.5 * float(away @ away)
         for key, residual in self.problem.residuals(theta).items():
             noise = self._noise[key]
             found += noise.log_density(residual, vector[noise.place])

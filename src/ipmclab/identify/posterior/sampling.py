@@ -18,10 +18,10 @@ from ipmclab.identify.progress import stage, tick
 FloatArray = npt.NDArray[np.float64]
 
 ENSEMBLES: Final = 2
-_LEAST_WALKERS: Final = 24
+_LEAST_WALKERS: Final = 20
 _WALKERS_EACH: Final = 3  # for each entry of the vector
-_LEARN: Final = 200  # steps after which the independent proposals are taken from the walkers, twice
-_CHUNK: Final = 200
+_LEARN: Final = 2  # how often the independent proposals are taken from where the walkers were last
+_CHUNK: Final = 100  # steps between two looks
 _APART: Final = 1.5  # first draws scatter that much wider than the curvature says
 _TAILS: Final = 5.0  # degrees of freedom of the independent proposals
 _TRIES: Final = 200
@@ -141,13 +141,13 @@ def sample(
     while True:
         for number, (sampler, proposal) in enumerate(zip(samplers, proposals, strict=True)):
             states[number] = sampler.run_mcmc(states[number], _CHUNK, skip_initial_state_check=True)
-            if done < 2 * _LEARN:
+            if done < _LEARN * _CHUNK:
                 proposal.learn(sampler.get_chain(discard=done + _CHUNK // 2, flat=True))
         done += _CHUNK
-        if done < 2 * (2 * _LEARN):
+        if done < 2 * _LEARN * _CHUNK or done % (2 * _CHUNK):
             continue
         kept = _kept(samplers, done, lambda sampler, begin: sampler.get_blobs(discard=begin)["vector"])
-        judgement = judge(kept[:, :, : len(names)], names)
+        judgement = judge(kept[:, :, : len(names)], names, ENSEMBLES)
         if judgement.agrees or done >= steps:
             logarithm = _kept(samplers, done, lambda sampler, begin: sampler.get_log_prob(discard=begin))
             accepted = float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers]))

@@ -111,7 +111,7 @@ def _alone(panel: Any, axis: _Axis, fit: Fit | None) -> None:
     panel.set_ylim(0.0, top)
     fitted = None if fit is None else fit.parameters.get(axis.one.name)
     if fitted is not None:
-        ends = np.clip(np.multiply(fitted.interval, axis.factor), *axis.ends)
+        ends = np.clip(axis.factor * np.array(fitted.interval), axis.ends[0], axis.ends[1])
         panel.plot(ends, [0.93 * top] * 2, color=COLOURS["vermillion"], linewidth=1.4, label="fit, 95 %")
         panel.plot([fitted.value * axis.factor], [0.93 * top], "o", color=COLOURS["vermillion"], markersize=3.0)
 
