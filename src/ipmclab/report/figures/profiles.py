@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from ipmclab.report.figures.layout import panel_grid
 from ipmclab.report.style import COLOURS, LINES, label_text, style
+from ipmclab.report.wording import spelled_unit
 
 if TYPE_CHECKING:
     from ipmclab.identify import Fit
@@ -52,7 +53,7 @@ def profiles_figure(fit: Fit) -> Figure:
             unit = base.quantity.display_unit if base is not None else fit.parameters[name].unit
             _draw(panel, one, fit.parameters[name].value, factor, log=base is not None and base.transform == "log")
             panel.set_title(label_text(name, longest=34), fontsize=7.5)
-            panel.set_xlabel(unit or "no unit", labelpad=1.5)
+            panel.set_xlabel(spelled_unit(unit) or "no unit", labelpad=1.5)
         highest = _HIGHEST * max(one.threshold for one in fit.profiles.values())
         grid[0, 0].set_ylim(0.0, highest)
         for panel in grid[:, 0]:
