@@ -10,6 +10,7 @@ from typing import Final
 from ipmclab.errors import InputError
 from ipmclab.identify.beyond import beyond_findings
 from ipmclab.identify.build import build_fit
+from ipmclab.identify.consistency.of_fit import with_cross_checks
 from ipmclab.identify.diagnostics.diagnose import diagnose
 from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
@@ -115,11 +116,11 @@ def identify(
 
     with telling(progress):
         if len(places_of_mountings(given)) < 2:
-            return of_these(range(len(given)))
+            return with_cross_checks(of_these(range(len(given))), given)
         with part("all mountings", 0.0, 0.5):
             fit = of_these(range(len(given)))
         with part("each mounting", 0.5, 1.0):
-            return with_mountings(fit, given, of_these)
+            return with_cross_checks(with_mountings(fit, given, of_these), given)
 
 
 def _identify(

@@ -80,7 +80,7 @@ def cross_check(
     facts : sequence of Fact, optional
         Numbers that do not come from these runs, such as ``published_facts(2)`` or a push test.
     sample : Sample, optional
-        What the strip is made of, where the actuator does not say.
+        What the strip is made of, where the actuator does not say; else the runs are asked, if they agree.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def cross_check(
     dry-mass-against-layers
     capacitance-out-of-range
     """
-    known = Known(actuator, sample, fit)
+    known = Known(actuator, sample or actuator.sample or _told_by(runs), fit)
     own = known.sample.id if known.sample else None
     mine = {place for place, run in enumerate(runs) if own in (None, _sample_of(run) or own)}
     together = [one for one in compared_runs(runs) if {one.values["first"], one.values["second"]} <= mine]
@@ -121,6 +121,12 @@ def cross_check(
         *prefix_of_facts(every),
         *sine_against_step(known, every),
     )
+
+
+def _told_by(runs: Sequence[Run]) -> Sample | None:
+    """The sample that the runs name: None where they name none, or more than one."""
+    named = [run.metadata.sample for run in runs if run.metadata.sample is not None]
+    return named[0] if named and all(one == named[0] for one in named) else None
 
 
 def _sample_of(run: Run) -> str | None:
