@@ -29,7 +29,7 @@ def print_identifiability(fit: Fit) -> None:
         )
         unit = base.quantity.display_unit if base is not None else fit.parameters[name].unit
         index = fit.practical.collinearity.get(name, math.inf)
-        rows.append([name, said, unit, significant(index, 3) if math.isfinite(index) else "no end"])
+        rows.append([name, said, unit, significant(index, 3) if math.isfinite(index) else "infinite"])
     if rows:
         print_table(["profile of the likelihood", "95 % interval", "unit", "collinearity"], rows)
     worst = next((one for one in fit.practical.sets if one.index >= COLLINEAR), None)

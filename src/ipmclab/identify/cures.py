@@ -58,9 +58,10 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     """
     moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > _MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in _MEASURED.items() if name in moved]
-    coupling = any(name.startswith("coupling.") for name in names)
-    known = "" if coupling else " (the coupling is known)"
-    found += [Cure(f"record {output}", f"add a {output} run{known}") for output in outputs]
+    known = "" if any(name.startswith("coupling.") for name in names) else " (the coupling is known)"
+    for output in outputs:
+        said = f"add a {output} run" if output == outputs[0] else f"a {output} run"
+        found.append(Cure(f"record {output}", said + (known if output == outputs[-1] else "")))
     if not found and moved and all(name.startswith("leak.") for name in moved):
         found.append(Cure("raise voltage", "record at several voltages above the threshold of the leak"))
     return tuple(found)

@@ -140,13 +140,23 @@ def _null_direction(
     names = [unknown.name for unknown in unknowns]
     plain = _direction(names, row, np.inf, records)
     moved = [name for name in names if abs(plain.coefficients[name]) > _MOVED]
-    if any(name.startswith("observation.") for name in moved):
+    if any(name.startswith("observation.") for name in moved) or _at_bounds(unknowns, moved, actuator):
         return plain
     cures = cures_of(names, row, _shown_by(unknowns, row, records, actuator))
     if not cures:
         return plain
     what = plain.sentence.split("; ")[0]
     return replace(plain, sentence=f"{what}; {said_of(cures, moved)}", cures=tuple(cure.name for cure in cures))
+
+
+def _at_bounds(unknowns: Sequence[Unknown], moved: Sequence[str], actuator: Actuator) -> bool:
+    """Whether one of these went to the end of its range, where other measurements say nothing of it either."""
+    return any(
+        min(entry - unknown.limits[0], unknown.limits[1] - entry) < _MOVED
+        for unknown in unknowns
+        if unknown.log and unknown.name in moved and unknown.base in actuator.parameter_values
+        for entry in [unknown.entry(actuator[unknown.base])]
+    )
 
 
 def _shown_by(

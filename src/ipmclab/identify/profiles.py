@@ -81,7 +81,8 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
     fit : Fit
         What ``identify`` returned.
     names : iterable of str, optional
-        Some of its parameters; all where left out.
+        Some of its parameters; all of the actuator's where left out. What belongs to one run (a delay, a zero) is
+        followed where it is named.
     progress : function of (str, float), optional
         Told what is being done, and the fraction that is done.
 
@@ -106,7 +107,7 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
     """
     from ipmclab.identify.fit_table import changed
 
-    wanted = list(fit.parameters) if names is None else list(names)
+    wanted = [name for name in fit.parameters if not name.startswith("observation.")] if names is None else list(names)
     for name in wanted:
         if name not in fit.parameters:
             raise InputError(
