@@ -278,9 +278,9 @@ class Workshop:
         """
         import tomllib
 
-        path = Path(self.actuator_path(name))
+        file = Path(self.actuator_path(name))
         try:
-            used = tomllib.loads(path.read_text(encoding="utf-8-sig"))["fit"]["runs"]
+            used = tomllib.loads(file.read_text(encoding="utf-8-sig"))["fit"]["runs"]
             wanted = [(str(one["content_sha256"]), str(one["label"])) for one in used]
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError(

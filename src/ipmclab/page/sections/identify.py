@@ -10,6 +10,7 @@ from nicegui import ui
 from ipmclab.errors import IpmclabError
 from ipmclab.page.commands import identify_step
 from ipmclab.page.context import Context
+from ipmclab.page.elements.free_table import FreeTable
 from ipmclab.page.elements.run_table import Chosen, RunTable
 from ipmclab.page.run_table import RunFilter, table_rows
 from ipmclab.page.sections.fit_view import FitView
@@ -17,7 +18,6 @@ from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
 from ipmclab.page.workshop import FitCard, FitRequest
 
-_GROUPS: Final = ("electrical", "coupling", "leak", "relaxation", "viscoelastic", "clamp")
 _PERIOD: Final = 0.25  # s between looks at the jobs
 
 
@@ -68,9 +68,7 @@ class _View:
                 autocomplete=list(self._workshop.actuators()),
                 on_change=self._read_names,
             ).props("dense outlined debounce=300")
-            self._free = self._names("Free parameters", ["electrical"])
-            self._per_run = self._names("Free for each run by itself", [])
-            self._prior = self._names("Known beforehand, as the actuator states it", [])
+            self._free = FreeTable(self._tell_step)
             self._name = ui.input("Name of the fit", value=self._next_name()).props("dense outlined")
             self._message = text("").classes("lab-bad").props("role=alert")
             ui.button("Identify", on_click=self._identify).props("unelevated no-caps")
@@ -78,11 +76,6 @@ class _View:
     def _build_step(self) -> None:
         with card("The same without the page"):
             self._step = step_view()
-
-    def _names(self, label: str, value: list[str]) -> ui.select:
-        made = ui.select(value, value=value, label=label, multiple=True, on_change=self._tell_step)
-        made.props("dense outlined options-dense use-chips")
-        return made
 
     def _build_jobs(self) -> None:
         with card("Fits of this session"):
@@ -125,28 +118,18 @@ class _View:
         except IpmclabError as error:
             fail_at(self._actuator, error)
             return
-        known = actuator.parameters()
-        there = {name.split(".")[0] for name in known}
-        groups = [name for name in _GROUPS if name in there or name == "electrical"]
-        names = [name for name, one in known.items() if one.transform != "count"]
-        sensors = [f"observation.{what}.{output}" for what in ("offset", "drift") for output in _OUTPUTS]
-        for field, options in (
-            (self._free, [*groups, *names, *sensors]),
-            (self._per_run, names),
-            (self._prior, names),
-        ):
-            field.set_options(options, value=[name for name in field.value if name in options])
+        self._free.offer(actuator)
         self._tell_step()
 
     def _request(self) -> FitRequest:
-        chosen = self._table.chosen
+        chosen, free = self._table.chosen, self._free.chosen
         return FitRequest(
             name=(self._name.value or "").strip() or self._next_name(),
             actuator=(self._actuator.value or "").strip(),
             runs=tuple(chosen["fit"]),
-            free=tuple(self._free.value),
-            per_run=tuple(self._per_run.value),
-            prior=tuple(self._prior.value),
+            free=tuple(free["free"]),
+            per_run=tuple(free["per_run"]),
+            prior=tuple(free["prior"]),
             held=tuple(chosen["held"]),
         )
 
@@ -160,14 +143,13 @@ class _View:
 
     def _identify(self) -> None:
         self._message.set_text("")
-        for field in (self._free, self._per_run, self._prior):
-            fail_at(field, None)
+        self._free.complain("")
         asked = self._request()
         if not asked.runs:
             self._message.set_text("Choose a run to identify from: the box “Fit” in the table.")
             return
         if not (asked.free or asked.per_run):
-            fail_at(self._free, "nothing is free; choose a group such as electrical, or parameters")
+            self._free.complain("Nothing is free: choose a group such as electrical, or parameters.")
             return
         try:
             self._shown = self._workshop.identify(asked)
@@ -227,9 +209,8 @@ class _View:
         self._shown = one
         error = one.job.error
         if error is not None:
-            field = next((found for word, found in self._fields() if error.where.startswith(word)), None)
-            if field is not None:
-                fail_at(field, error)
+            if error.where.startswith(("free", "per_run", "prior")):
+                self._free.complain(sentence(error))
             else:
                 self._message.set_text(f"{one.asked.name}: {error}")
             return
@@ -238,16 +219,10 @@ class _View:
         self._fit.show(one)
         self._prediction.offer(one)
 
-    def _fields(self) -> list[tuple[str, Any]]:
-        return [("free", self._free), ("per_run", self._per_run), ("prior", self._prior)]
-
     def _refill(self) -> None:
         """A fit was saved: it can be chosen as an actuator."""
         self._actuator.set_autocomplete(list(self._workshop.actuators()))
         self._prediction.refill()
-
-
-_OUTPUTS: Final = ("current", "displacement", "force")
 
 
 def _outcome(one: FitCard) -> str:

@@ -104,7 +104,7 @@ def plain_table(headings: Mapping[str, str], rows: Sequence[Mapping[str, Any]], 
     with scroll, ui.element("table").classes("lab-table"):
         with ui.element("thead"), ui.element("tr"):
             for heading in headings.values():
-                text(heading, tag="th").props("scope=col")
+                text(heading, tag="th" if heading else "td").props("scope=col" if heading else "")
         with ui.element("tbody"):
             for row in rows:
                 with ui.element("tr"):

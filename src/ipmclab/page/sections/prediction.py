@@ -11,10 +11,11 @@ from nicegui import ui
 from ipmclab.errors import IpmclabError
 from ipmclab.page.commands import validate_step
 from ipmclab.page.curves import compared_panels
+from ipmclab.page.elements.checks import Checks
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import JobCancelled
-from ipmclab.page.sections.parts import card, fail_at, finding_list, plain_table, step_view, text
+from ipmclab.page.sections.parts import card, finding_list, plain_table, step_view, text
 from ipmclab.page.workshop import FitCard, Workshop
 
 MOST_MODELS: Final = 6
@@ -53,8 +54,8 @@ class PredictionView:
         """Make the form."""
         with card("Models side by side, on runs to predict"):
             with ui.element("div").classes("lab-bar"):
-                self._models = ui.select(self._workshop.models(), value=[], label="Models", multiple=True)
-                self._models.props("dense outlined options-dense use-chips").classes("lab-wide")
+                self._models = Checks("Models", self._workshop.models())
+                self._models.classes("lab-wide")
                 ui.button("Predict", on_click=self._predict).props("unelevated no-caps")
             self._message = text("").props("role=status").classes("lab-quiet")
             self._box = ui.element("div").classes("lab-column")
@@ -65,25 +66,23 @@ class PredictionView:
 
     def refill(self) -> None:
         """The models may have become more."""
-        self._models.set_options(self._workshop.models())
+        self._models.offer(self._workshop.models())
 
     def offer(self, one: FitCard) -> None:
         """Compare a fit with what is compared already; at once where it has runs to predict."""
-        self.refill()
-        if one.key not in self._models.value:
-            self._models.value = [*self._models.value, one.key]
+        self._models.offer(self._workshop.models(), list(dict.fromkeys([*self._models.chosen, one.key])))
         if self._runs():
             ui.timer(0.01, self._predict, once=True)
 
     async def _predict(self) -> None:
         self._message.set_text("")
-        fail_at(self._models, None)
-        chosen, runs = list(self._models.value), list(self._runs())
+        self._models.complain("")
+        chosen, runs = list(self._models.chosen), list(self._runs())
         if not runs:
             self._message.set_text("Choose runs to predict: the box “Predict” in the table.")
             return
         if not 1 <= len(chosen) <= MOST_MODELS:
-            fail_at(self._models, f"choose 1 to {MOST_MODELS} models")
+            self._models.complain(f"Choose 1 to {MOST_MODELS} models.")
             return
         known = self._workshop.models()
         names = [known[key] for key in chosen]
@@ -144,6 +143,6 @@ class PredictionView:
                 choice = ui.select(dict(enumerate(told["runs"])), value=0, label="Run")
                 choice.props("dense outlined options-dense")
                 choice.on_value_change(lambda: plot.show(*draw(choice.value)) if plot is not None else None)
-            plot = TimePlot("Prediction", *draw(0), height=110)
+            plot = TimePlot("Predicted runs", *draw(0), height=110)
             if told["findings"]:
                 finding_list(told["findings"])

@@ -10,8 +10,9 @@ from urllib.parse import quote
 from nicegui import ui
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.page.commands import report_step
+from ipmclab.page.commands import Step, report_step
 from ipmclab.page.context import Context
+from ipmclab.page.elements.checks import Checks
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.sections.parts import card, download, fail_at, step_view, text
 from ipmclab.page.workshop import Workshop, labels
@@ -36,8 +37,7 @@ class _View:
                 self._fit = ui.select(fits, value=asked if asked in fits else None, label="Fit", on_change=self._choose)
                 self._fit.props("dense outlined options-dense")
                 self._runs = text("").classes("lab-quiet")
-                self._unseen = ui.select({}, value=[], label="Runs to predict", multiple=True, on_change=self._tell)
-                self._unseen.props("dense outlined options-dense use-chips")
+                self._unseen = Checks("Runs to predict", {}, self._tell)
                 self._name = ui.input("File name", value="report", on_change=self._tell)
                 self._name.props("dense outlined suffix=.html debounce=300")
                 self._over = ui.switch("replace a report of this name", value=False)
@@ -80,18 +80,18 @@ class _View:
         keys = [key for key in await asyncio.to_thread(self._workshop.run_keys) if key not in self._used]
         one = self._workshop.fit(self._fit.value)
         held = [key for key in one.asked.held if key in keys] if one is not None else []
-        self._unseen.set_options(dict(zip(keys, labels(keys), strict=True)), value=held)
+        self._unseen.offer(dict(zip(keys, labels(keys), strict=True)), held)
         self._tell()
 
     def _tell(self) -> None:
-        if not self._fit.value:
-            return
+        if self._fit.value:
+            self._step(self._told_step())
+
+    def _told_step(self) -> Step:
         one = self._workshop.fit(self._fit.value)
         file = self._fit.value if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
-        self._step(report_step(file, self._used, self._unseen.value, f"{self._stem()}.html"))
-
-    def _stem(self) -> str:
-        return (self._name.value or "").strip().removesuffix(".html") or "report"
+        stem = (self._name.value or "").strip().removesuffix(".html") or "report"
+        return report_step(file, self._used, self._unseen.chosen, f"{stem}.html")
 
     async def _write(self) -> None:
         self._message.set_text("")
@@ -112,13 +112,12 @@ class _View:
         except IpmclabError as error:
             fail_at(self._name, error)
             return
-        step = report_step(self._fit.value, self._used, self._unseen.value, path.name)
         arguments = {
             "fit": self._workshop.actuator_path(self._fit.value),
             "runs": [str(self._workshop.run_path(key)) for key in self._used],
-            "validation": [str(self._workshop.run_path(key)) for key in self._unseen.value],
+            "validation": [str(self._workshop.run_path(key)) for key in self._unseen.chosen],
             "out": str(path),
-            "command": step.command,
+            "command": self._told_step().command,
             "overwrite": bool(self._over.value),
         }
         job = self._workshop.jobs.submit("report", arguments, title=path.name)

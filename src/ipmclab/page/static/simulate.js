@@ -58,7 +58,7 @@ const LabSimulate = (() => {
     constructor(host) {
       this.host = host;
       this.at = 0;
-      this.picture = svg("svg", { role: "img", class: "lab-strip" });
+      this.picture = svg("svg", { role: "img", class: "lab-strip", "aria-label": "The strip from the side" });
       this.time = make("input", { type: "range", min: 0, max: 1, value: 0 });
       this.time.setAttribute("aria-label", "Time of the picture");
       this.time.addEventListener("input", () => this.show(Number(this.time.value)));
@@ -197,7 +197,7 @@ const LabSimulate = (() => {
         make("section", { className: "lab-card" },
           make("div", { className: "lab-title" }, make("h2", {}, "Frequency response"), this.outputChoice()), frequency),
       );
-      this.host.classList.add("lab-columns");
+      this.host.classList.add("lab-simulator");
       this.host.replaceChildren(left, right);
       this.stack = new LabPlot.Stack(time, { name: "Simulated response", panels: [], height: 125 });
       this.strip = new Strip(strip);

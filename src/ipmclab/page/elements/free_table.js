@@ -1,0 +1,59 @@
+// Which parameters a fit may move: groups, and one by one; which of them each run has for itself, and which are known beforehand.
+export default {
+  template: `
+    <div class="lab-free">
+      <fieldset><legend>Free groups</legend>
+        <label v-for="group in options.groups"><input type="checkbox" :checked="mine.free.includes(group)" @change="pick('free', group, $event)"> {{ group }}</label>
+      </fieldset>
+      <details>
+        <summary>One by one: {{ told }}</summary>
+        <div class="lab-scroll" tabindex="0" role="region" aria-label="Parameters one by one">
+          <table class="lab-table">
+            <thead><tr><th scope="col">parameter</th><th scope="col">is</th><th scope="col">known beforehand</th></tr></thead>
+            <tbody>
+              <tr v-for="one in options.parameters" :class="{'lab-chosen': state(one.name) !== 'fixed'}">
+                <td>{{ one.name }}<br><span class="lab-quiet">{{ one.value }}</span></td>
+                <td><select :aria-label="one.name + ' is'" :value="state(one.name)" @change="set(one.name, $event.target.value)">
+                  <option value="fixed">{{ one.group && mine.free.includes(one.group) ? 'free, with ' + one.group : 'fixed' }}</option>
+                  <option value="free">free</option><option value="each" v-if="one.value">free for each run</option>
+                </select></td>
+                <td><input type="checkbox" v-if="one.value" :aria-label="one.name + ' is known beforehand'" :checked="mine.prior.includes(one.name)"
+                  @change="pick('prior', one.name, $event)"></td>
+              </tr>
+            </tbody>
+          </table>
+        </div>
+      </details>
+      <p v-if="message" role="alert" class="lab-bad">{{ message }}</p>
+    </div>`,
+  props: { options: Object, message: String, chosen: Object },
+  data() {
+    return { mine: JSON.parse(JSON.stringify(this.chosen)) };
+  },
+  watch: {
+    chosen: { deep: true, handler(now) { this.mine = JSON.parse(JSON.stringify(now)); } },
+  },
+  computed: {
+    told() {
+      const names = [...this.mine.free.filter((name) => name.includes(".")), ...this.mine.per_run.map((name) => `${name} of each run`)];
+      return names.length ? names.join(", ") : "nothing more";
+    },
+  },
+  methods: {
+    state(name) {
+      return this.mine.per_run.includes(name) ? "each" : this.mine.free.includes(name) ? "free" : "fixed";
+    },
+    set(name, state) {
+      this.mine.free = this.mine.free.filter((one) => one !== name);
+      this.mine.per_run = this.mine.per_run.filter((one) => one !== name);
+      if (state === "free") this.mine.free.push(name);
+      if (state === "each") this.mine.per_run.push(name);
+      this.$emit("chosen", this.mine);
+    },
+    pick(role, name, event) {
+      this.mine[role] = this.mine[role].filter((one) => one !== name);
+      if (event.target.checked) this.mine[role].push(name);
+      this.$emit("chosen", this.mine);
+    },
+  },
+};

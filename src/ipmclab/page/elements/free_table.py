@@ -1,0 +1,88 @@
+"""Which parameters a fit may move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui.element import Element
+
+if TYPE_CHECKING:
+    from nicegui.events import GenericEventArguments
+
+    from ipmclab.model import Actuator
+
+_GROUPS: Final = ("electrical", "coupling", "leak", "relaxation", "viscoelastic", "clamp")
+_SENSORS: Final = tuple(
+    f"observation.{what}.{output}" for what in ("offset", "drift") for output in ("current", "displacement", "force")
+)
+
+Roles = dict[str, list[str]]
+
+
+class FreeTable(Element, component="free_table.js"):
+    """Groups and parameters to choose from.
+
+    Parameters
+    ----------
+    on_chosen : callable
+        Called when the choice changed.
+    """
+
+    def __init__(self, on_chosen: Callable[[], None]) -> None:
+        super().__init__()
+        self._props["options"] = {"groups": ["electrical"], "parameters": []}
+        self._props["chosen"] = {"free": ["electrical"], "per_run": [], "prior": []}
+        self._props["message"] = ""
+
+        def told(event: GenericEventArguments) -> None:
+            self.chosen.update({role: [str(name) for name in event.args[role]] for role in self.chosen})
+            self.complain("")
+            on_chosen()
+
+        self.on("chosen", told)
+
+    @property
+    def chosen(self) -> Roles:
+        """Names that are ``free``, free ``per_run``, and known beforehand (``prior``)."""
+        found: Roles = self._props["chosen"]
+        return found
+
+    def offer(self, actuator: Actuator) -> None:
+        """The parameters of an actuator; what it lacks is chosen no longer."""
+        known = {name: one for name, one in actuator.parameters().items() if one.transform != "count"}
+        there = {name.split(".")[0] for name in known}
+        groups = [name for name in _GROUPS if name in there or name == "electrical"]
+        rows: list[dict[str, Any]] = [
+            {
+                "name": name,
+                "value": f"{one.quantity.to_display(one.value):.5g} {one.quantity.display_unit}".strip(),
+                "group": group_of(name, groups),
+            }
+            for name, one in known.items()
+        ]
+        rows += [{"name": name, "value": "", "group": ""} for name in _SENSORS]
+        self._props["options"] = {"groups": groups, "parameters": rows}
+        names = {*groups, *known, *_SENSORS}
+        self._props["chosen"] = {role: [one for one in those if one in names] for role, those in self.chosen.items()}
+        self.update()
+
+    def complain(self, message: str) -> None:
+        """Say what is wrong with the choice."""
+        if message != self._props["message"]:
+            self._props["message"] = message
+            self.update()
+
+
+def group_of(name: str, groups: Sequence[str]) -> str:
+    """The group that frees a parameter too; none for one that is freed by its own name alone.
+
+    Examples
+    --------
+    >>> group_of("circuit.branches.0.resistivity", ["electrical"]), group_of("beam.modulus", ["electrical"])
+    ('electrical', '')
+    """
+    if name == "circuit.dc_resistivity" or name.startswith("circuit.branches."):
+        return "electrical"
+    stage = name.split(".")[0]
+    return stage if stage in groups and name != "leak.cubic.linear" else ""
