@@ -16,7 +16,7 @@ from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.free import FreeParameters, parse_free
-from ipmclab.identify.mountings import places_of_mountings, with_mountings
+from ipmclab.identify.mountings import differ, each_mounting, places_of_mountings, with_mountings
 from ipmclab.identify.observation import (
     READ_OUTPUTS,
     Record,
@@ -109,18 +109,21 @@ def identify(
         words if isinstance(words, str) else tuple(words) for words in (free, per_run, per_mounting, prior)
     )
 
-    def of_these(places: Sequence[int]) -> Fit:
+    def of_these(places: Sequence[int], *, diagnosed: bool = False) -> Fit:
         own = None if labels is None else [labels[place] for place in places]
         these = [given[place] for place in places]
-        return _identify(actuator, these, free, per_run, per_mounting, prior, own)
+        return _identify(actuator, these, free, per_run, per_mounting, prior, own, diagnosed=diagnosed)
 
+    every = range(len(given))
     with telling(progress):
         if len(places_of_mountings(given)) < 2:
-            return with_cross_checks(of_these(range(len(given))), given)
-        with part("all mountings", 0.0, 0.5):
-            fit = of_these(range(len(given)))
-        with part("each mounting", 0.5, 1.0):
-            return with_cross_checks(with_mountings(fit, given, of_these), given)
+            return with_cross_checks(of_these(every, diagnosed=True), given)
+        with part("each mounting", 0.0, 0.5):
+            each = each_mounting(given, of_these)
+        with part("all mountings", 0.5, 1.0):
+            # Where mountings differ, what one value for all leaves asks for no stage.
+            fit = of_these(every, diagnosed=not differ(each, actuator))
+        return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 
 
 def _identify(
@@ -131,6 +134,8 @@ def _identify(
     per_mounting: str | Iterable[str],
     prior: str | Iterable[str],
     labels: Sequence[str] | None,
+    *,
+    diagnosed: bool,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
@@ -162,7 +167,7 @@ def _identify(
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
     stage("asking what the model lacks", 0.75, 0.8)
-    diagnoses, lacking = diagnose(actuator, names, result)
+    diagnoses, lacking = diagnose(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
     told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
     fit = replace(build_fit(actuator, given, result, told), diagnoses=diagnoses)

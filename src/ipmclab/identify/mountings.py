@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import IpmclabError
 from ipmclab.identify.fit_table import changed
+from ipmclab.identify.observation import label_of
 from ipmclab.identify.progress import part
 from ipmclab.identify.random_effect import FEWEST, random_effect
 from ipmclab.identify.unknowns import Unknown, actuator_unknown
@@ -16,6 +17,7 @@ from ipmclab.run import Finding, Run
 
 if TYPE_CHECKING:
     from ipmclab.identify.fit import Fit, FittedParameter
+    from ipmclab.model import Actuator
 
 _SURELY: Final = 1e-3
 _ENDING: Final = "[mounting "
@@ -113,26 +115,28 @@ def places_of_mountings(runs: Sequence[Run]) -> dict[str, tuple[int, ...]]:
     return {name: tuple(places) for name, places in found.items()}
 
 
-def with_mountings(fit: Fit, runs: Sequence[Run], refit: Callable[[tuple[int, ...]], Fit]) -> Fit:
-    """A fit with the interval of the next mounting, from a fit of each mounting by itself.
+def each_mounting(runs: Sequence[Run], refit: Callable[[tuple[int, ...]], Fit]) -> tuple[Mounting, ...]:
+    """Every mounting of a strip fitted by itself; nothing where the runs are of one mounting, or of several strips.
 
     Parameters
     ----------
-    fit : Fit
-        Of all runs together.
     runs : sequence of Run
-        Its runs.
     refit : function of a tuple of int
         Fits the runs at these places alone.
     """
     places = places_of_mountings(runs)
     several = len({run.metadata.sample.id for run in runs if run.metadata.sample is not None}) > 1
     if len(places) < 2 or several:
-        return fit
+        return ()
     each = []
     for number, (name, of_these) in enumerate(places.items()):
         with part(f"mounting {name}", number / len(places), (number + 1) / len(places)):
-            each.append(_alone(fit, name, of_these, refit))
+            each.append(_alone(name, tuple(label_of(runs[place], place) for place in of_these), of_these, refit))
+    return tuple(each)
+
+
+def with_mountings(fit: Fit, each: Sequence[Mounting]) -> Fit:
+    """A fit of all runs together with the interval of the next mounting."""
     unknowns = _unknowns(fit)
     between: dict[str, float] = {}
     unlikely: dict[str, float] = {}
@@ -142,12 +146,12 @@ def with_mountings(fit: Fit, runs: Sequence[Run], refit: Callable[[tuple[int, ..
         own = [name for name in fit.parameters if name == base or name.startswith(f"{base}{_ENDING}")]
         values, errors = _estimates(fit, entry, own, each)
         if len(values) < 2:
-            unknown[base] = _too_few(len(places), len(values))
+            unknown[base] = _too_few(len(each), len(values))
             continue
         found = random_effect(values, errors)
         unlikely[base] = found.unlikely
         if found.next_one is None:
-            unknown[base] = _too_few(len(places), len(values))
+            unknown[base] = _too_few(len(each), len(values))
             continue
         between[base] = found.between
         low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
@@ -187,8 +191,9 @@ def _too_few(mountings: int, determined: int) -> str:
     return f"cannot be known: {determined} of {mountings} mountings determine it by themselves, and it takes {FEWEST}"
 
 
-def _alone(fit: Fit, name: str, places: tuple[int, ...], refit: Callable[[tuple[int, ...]], Fit]) -> Mounting:
-    labels = tuple(fit.observations[place].label for place in places)
+def _alone(
+    name: str, labels: tuple[str, ...], places: tuple[int, ...], refit: Callable[[tuple[int, ...]], Fit]
+) -> Mounting:
     try:
         own = refit(places)
     except IpmclabError:  # too few readings, or not of every output: it says nothing by itself
@@ -226,10 +231,22 @@ def _estimates(
     return [entry.entry(value) for value, _ in seen], [error / entry.chain(value) for value, error in seen]
 
 
+def differ(each: Sequence[Mounting], actuator: Actuator) -> dict[str, float]:
+    """The shared parameters in which mountings differ by more than their errors, and how unlikely that is."""
+    known = actuator.parameters()
+    found = {}
+    for base in dict.fromkeys(name for one in each for name in one.values if name in known):
+        entry = actuator_unknown(known[base], None)
+        seen = [(one.values[base], one.errors[base]) for one in each if math.isfinite(one.errors.get(base, math.inf))]
+        if len(seen) > 1:
+            entries, errors = zip(*((entry.entry(v), error / entry.chain(v)) for v, error in seen), strict=True)
+            found[base] = random_effect(entries, errors).unlikely
+    return {base: unlikely for base, unlikely in found.items() if unlikely < _SURELY / len(found)}
+
+
 def _findings(fit: Fit, told: Mountings) -> list[Finding]:
     """That one value for all mountings is an average of what differs."""
-    shared = [base for base in told.unlikely if base in fit.parameters]
-    apart = {base: told.unlikely[base] for base in shared if told.unlikely[base] < _SURELY / len(shared)}
+    apart = differ(told.each, fit.actuator)
     if not apart:
         return []
     sizes = {base: told.between[base] for base in apart if base in told.between}
