@@ -42,8 +42,8 @@ def test_what_current_alone_leaves_open_is_never_a_number(command: Command, step
     said = " ".join(printed.out.split())
     assert "measure the sheet resistance (four probes), add a force run" in said
     assert "±" not in said
-    rows = [line.split() for line in printed.out.splitlines()]
-    assert [row[1] for row in rows if row[:1] == [SHEET] and "not" not in row] == ["below"]
+    rows = {line.split()[0]: line for line in printed.out.splitlines() if line.startswith("circuit.")}
+    assert "profile: below 1.3" in rows[SHEET]
 
 
 def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path) -> None:

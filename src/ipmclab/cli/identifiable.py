@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.cli.output import print_paragraph, print_table, significant
+from ipmclab.cli.output import print_paragraph, significant
 
 if TYPE_CHECKING:
     from ipmclab.identify import Fit
 
+_VISIBLE: Final = 0.1  # of the width of an interval
 
-def print_identifiability(fit: Fit) -> None:
-    """Print the profile's interval and the collinearity of each parameter, and the sets that nearly change places."""
-    if fit.practical is None:
-        return
+
+def collinearity(fit: Fit, name: str) -> str:
+    """How many times larger the error of a parameter is because the others are free, as a table shows it."""
+    index = fit.practical.collinearity.get(name, math.inf) if fit.practical is not None else math.inf
+    return significant(index, 3) if math.isfinite(index) else "-"
+
+
+def profile_remark(fit: Fit, name: str, factor: float) -> str:
+    """What the profile says of a parameter, where that is not what its interval says."""
+    one = fit.profiles.get(name)
+    if one is None or all(one.is_open):
+        return ""
+    low, high = one.interval
+    least, most = fit.parameters[name].interval
+    below, above = one.is_open
+    same = (below or abs(low - least) <= _VISIBLE * (most - least)) and (
+        above or abs(high - most) <= _VISIBLE * (most - least)
+    )
+    if same and math.isfinite(most - least):
+        return ""
+    ends = [significant(factor * number, 4) for number in (low, high)]
+    said = f"below {ends[1]}" if below else f"above {ends[0]}" if above else f"{ends[0]} to {ends[1]}"
+    return f"profile: {said}"
+
+
+def print_collinear(fit: Fit) -> None:
+    """Print the smallest set of parameters that nearly change places, if any do."""
     from ipmclab.identify.practical import COLLINEAR
 
-    known = fit.actuator.parameters()
-    rows = []
-    for name, one in fit.profiles.items():
-        base = known.get(name.partition("[")[0])
-        factor = base.quantity.to_display(1.0) if base is not None else 1.0
-        low, high = (significant(factor * number, 5) for number in one.interval)
-        below, above = one.is_open
-        said = (
-            "open" if below and above else f"below {high}" if below else f"above {low}" if above else f"{low} to {high}"
-        )
-        unit = base.quantity.display_unit if base is not None else fit.parameters[name].unit
-        index = fit.practical.collinearity.get(name, math.inf)
-        rows.append([name, said, unit, significant(index, 3) if math.isfinite(index) else "infinite"])
-    if rows:
-        print_table(["profile of the likelihood", "95 % interval", "unit", "collinearity"], rows)
-    worst = next((one for one in fit.practical.sets if one.index >= COLLINEAR), None)
+    sets = fit.practical.sets if fit.practical is not None else ()
+    worst = next((one for one in sets if one.index >= COLLINEAR), None)
     if worst is not None:
         *most, last = worst.names
         size = f"to one part in {worst.index:.2g}" if math.isfinite(worst.index) else "altogether"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import check_output, read_runs
-from ipmclab.cli.identifiable import identifiability_document, print_identifiability
+from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, profile_remark
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
 from ipmclab.cli.output import (
@@ -108,6 +108,10 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         digits = _digits(value, high - low)
         following = parameter.interval_next_mounting
         ends = [significant(factor * end, 3) for end in following] if following else ["-"]
+        remarks = [
+            "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else "",
+            profile_remark(fit, name, factor),
+        ]
         rows.append(
             [
                 name,
@@ -115,14 +119,15 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
                 f"{significant(low, digits)} to {significant(high, digits)}",
                 *([" to ".join(ends)] if next_known else []),
                 base.quantity.display_unit if base is not None else parameter.unit,
-                "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else "",
+                collinearity(fit, name),
+                "; ".join(remark for remark in remarks if remark),
             ]
         )
     intervals = ["95 % interval", *(["next mounting"] if next_known else [])]
-    print_table(["parameter", "value", *intervals, "unit", ""], rows)
+    print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
-    print_identifiability(fit)
+    print_collinear(fit)
     left = {(one.label, one.output): WORDS[one.verdict] for one in fit.diagnoses}
     noise = [
         [
