@@ -59,6 +59,8 @@ def test_the_better_known_counts_more_and_the_common_part_stays() -> None:
 
 def test_as_people_read_it() -> None:
     assert Uncertain(1.3333, {"a": 0.0208}).said("ohm/sq") == "1.333 ± 0.021 ohm/sq"
+    assert Uncertain(1.3333, {"a": 0.0196}).said("ohm/sq") == "1.333 ± 0.020 ohm/sq"
+    assert Uncertain(6.79e-9, {"a": 1.2e-10}).said("m/V/s") == "6.79e-09 ± 1.2e-10 m/V/s"
     assert Uncertain(1.45e9, {"a": 0.11e9}).said("MPa", 1e6) == "1450 ± 110 MPa"
     assert Uncertain(1.0, {"a": math.inf}).said("V") == "not determined"
     assert Uncertain(1.0, {"a": 3.0}).interval[0] == 0.0

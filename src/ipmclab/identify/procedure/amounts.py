@@ -18,6 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 
 NORMAL_95: Final = 1.96
 _STEP: Final = 1e-5  # of a value, over which a derivative is taken
+_MOST_PLACES: Final = 6  # after the decimal point
 _NOTHING: Final = 1e-9  # of a variance
 _APART: Final = "#"  # what follows it numbers the parts of one source, which a reader wants as one
 
@@ -82,8 +83,10 @@ class Uncertain:
             return "not determined"
         if not 0.0 < error < math.inf:
             return f"{shown(value, 5)} {unit}".rstrip()
-        last = math.floor(math.log10(error)) - 1  # the place of the second digit of the error
-        digits = max(2, math.floor(math.log10(abs(value))) - last + 1) if value else 2
+        places = 1 - math.floor(math.log10(error))  # of the second digit of the error
+        if 0 <= places <= _MOST_PLACES:
+            return f"{value:.{places}f} ± {error:.{places}f} {unit}".rstrip()
+        digits = max(2, math.floor(math.log10(abs(value))) + places + 1) if value else 2
         return f"{shown(value, digits)} ± {shown(error, 2)} {unit}".rstrip()
 
 

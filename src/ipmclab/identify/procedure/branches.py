@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from ipmclab.identify.consistency.cross_check import CHECKS
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.identify import identify
 from ipmclab.identify.procedure import dc
@@ -16,8 +17,9 @@ from ipmclab.units import PERMITTIVITY, RESISTIVITY
 
 TITLE: Final = "branches from the current"
 
-_LEFT_OUT: Final = frozenset({"exact-fixed-value", "undetermined"})
-"""What a fit says of values that it was told as exact; here their uncertainty is counted afterwards."""
+_LEFT_OUT: Final = frozenset({"exact-fixed-value", "undetermined", *CHECKS})
+"""What a fit says of values that it was told as exact, whose uncertainty is counted afterwards here, and of facts held
+against each other, of which a step does not know all yet: the joint fit does."""
 
 
 def fit_findings(fit: Fit, wanted: Sequence[str]) -> tuple[Finding, ...]:
@@ -30,11 +32,13 @@ def fit_findings(fit: Fit, wanted: Sequence[str]) -> tuple[Finding, ...]:
     )
 
 
-def branches(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], count: int) -> Step:
+def branches(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], count: int) -> Step:
     """Resistivity and permittivity of every branch, with the sheet and the dc resistance held at what was measured.
 
     Parameters
     ----------
+    name : str
+        Of the strip.
     runs : sequence of (label, Run)
     known : mapping of dotted name to Uncertain
         Dimensions, sheet and contact resistance; the dc resistivity is found here where it is left out.
@@ -46,17 +50,15 @@ def branches(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], co
     wanted = names if told else (dc.NAME, *names)
     how = f"least squares on the current of {', '.join(label for label, _ in runs)}"
     how += " with R_e and R_dc as measured (Friend, eqs 4.3 to 4.6)" if told else " with R_e as measured, R_dc free too"
-    actuator = actuator_of("procedure", known, count)
+    actuator = actuator_of(name, known, count)
     fit = identify(actuator, [run for _, run in runs], free=wanted, labels=[label for label, _ in runs])
-    held = {name: amount for name, amount in known.items() if name not in wanted and not name.startswith("beam.")}
+    held = {key: amount for key, amount in known.items() if key not in wanted and not key.startswith("beam.")}
     amounts = amounts_of_fit(fit, held, {}, "noise of the current").determined
     parameters = actuator.parameters()
     results = {
-        name: Result(
-            amounts[name], PERMITTIVITY if name.endswith("permittivity") else RESISTIVITY, parameters[name].symbol
-        )
-        for name in wanted
-        if name in amounts
+        key: Result(amounts[key], PERMITTIVITY if key.endswith("permittivity") else RESISTIVITY, parameters[key].symbol)
+        for key in wanted
+        if key in amounts
     }
     worst = max(results.values(), key=lambda one: one.amount.uncertainty / one.amount.value, default=None)
     return Step(

@@ -21,29 +21,31 @@ STATIC: Final = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0
 """d(0) = K_d Z_d/P_2d: known also where the zero is not seen."""
 
 
-def coupling(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], branches: int) -> Step:
+def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], branches: int) -> Step:
     """K_d, Z_d, P_1d and P_2d from the force, with everything else held at what was measured (Friend, eqs 4.9, 4.12).
 
     Parameters
     ----------
+    name : str
+        Of the strip.
     runs : sequence of (label, Run)
         With the blocked force; motion at L_s counts too where a run has it.
     known : mapping of dotted name to Uncertain
         Everything but the coupling.
     branches : int
     """
-    actuator = actuator_of("procedure", known, branches)
+    actuator = actuator_of(name, known, branches)
     fit = identify(actuator, [run for _, run in runs], free=NAMES, labels=[label for label, _ in runs])
     found = amounts_of_fit(fit, known, {}, "noise of the force")
     static, sure = found.product(STATIC), found.determined
     parameters = actuator.parameters()
     results = {
-        name: Result(
-            sure.get(name, Uncertain(fit.parameters[name].value, {"noise of the force": math.inf})),
-            parameters[name].quantity,
-            parameters[name].symbol,
+        key: Result(
+            sure.get(key, Uncertain(fit.parameters[key].value, {"noise of the force": math.inf})),
+            parameters[key].quantity,
+            parameters[key].symbol,
         )
-        for name in NAMES
+        for key in NAMES
     }
     is_known = static.uncertainty <= DETERMINED * static.value
     return Step(

@@ -177,7 +177,7 @@ def follow_procedure(
             by_hand.append(dc.NAME)
         if procedure.branches:
             tell("branches", 0.1)
-            keep(branches(procedure.branches, known, procedure.branch_count))
+            keep(branches(procedure.name, procedure.branches, known, procedure.branch_count))
     keep(_density(procedure, known))
     keep(_modulus(procedure, known))
     by_hand.append(push_step.NAME)
@@ -185,7 +185,7 @@ def follow_procedure(
     together: Joint | None = None
     if procedure.coupling and all(name in known for name in needed):
         tell("coupling", 0.3)
-        keep(coupling(procedure.coupling, known, procedure.branch_count))
+        keep(coupling(procedure.name, procedure.coupling, known, procedure.branch_count))
         if all_at_once and steps["branches"].done and steps["coupling"].done:
             tell("all runs at once", 0.5)
             together = joint(procedure.name, procedure.runs, known, by_hand, procedure.branch_count, procedure.sample)
