@@ -46,6 +46,7 @@ _HEADER: Final = """
   <button type="button" id="lab-zero" title="Emergency: the output to 0 V now">ZERO</button>
 </header>
 <div id="lab-lost" role="alert" hidden><span></span></div>
+<h1 class="lab-hidden">{title}</h1>
 """
 
 
@@ -57,5 +58,5 @@ def frame(section: str) -> None:
     )
     ui.page_title(f"{SECTIONS[section]} · ipmclab")
     ui.add_head_html(HEAD)
-    ui.add_body_html(_HEADER.format(links=links))
+    ui.add_body_html(_HEADER.format(links=links, title=html.escape(SECTIONS[section])))
     ui.query(".nicegui-content").classes("lab-content")

@@ -79,6 +79,7 @@ const LabPlot = (() => {
       this.shown = 0;
       this.frame = 0;
       this.rest = 0;
+      this.turn = 0;
       this.lastDrawn = null;
       this.build();
       this.observer = new ResizeObserver(() => this.resize());
@@ -101,6 +102,7 @@ const LabPlot = (() => {
     build() {
       const { name } = this.options;
       this.host.classList.add("lab-stack");
+      this.host.classList.toggle("lab-live", Boolean(this.options.live));
       this.bar = document.createElement("div");
       this.bar.className = "lab-stack-bar";
       this.panels = document.createElement("div");
@@ -168,6 +170,7 @@ const LabPlot = (() => {
     makePlots() {
       this.plots.forEach((plot) => plot.destroy());
       this.panels.replaceChildren();
+      this.turn = 0;
       this.data = new Map();
       const sync = { key: `lab-${Math.random()}`, setSeries: false, scales: ["x", null] };
       const count = this.options.panels.length;
@@ -278,18 +281,21 @@ const LabPlot = (() => {
 
     draw(begin, end) {
       const before = performance.now();
-      this.plots.forEach((plot, place) => {
-        const curves = this.data.get(this.options.panels[place].key);
-        const same = curves.every(([time]) => time === curves[0][0]);
-        const data = same
-          ? [curves[0][0], ...curves.map(([, values]) => gaps(values))]
-          : uPlot.join(curves.map(([time, values]) => [time, gaps(values)]), curves.map(() => [2]));
-        plot.batch(() => {
-          plot.setData(data, false);
-          plot.setScale("x", { min: begin, max: end });
-        });
-      });
+      this.plots.forEach((_, place) => this.drawPanel(place, begin, end));
       this.rest = performance.now() + 3 * (performance.now() - before);
+    }
+
+    drawPanel(place, begin, end) {
+      const plot = this.plots[place];
+      const curves = this.data.get(this.options.panels[place].key);
+      const same = curves.every(([time]) => time === curves[0][0]);
+      const data = same
+        ? [curves[0][0], ...curves.map(([, values]) => gaps(values))]
+        : uPlot.join(curves.map(([time, values]) => [time, gaps(values)]), curves.map(() => [2]));
+      plot.batch(() => {
+        plot.setData(data, false);
+        plot.setScale("x", { min: begin, max: end });
+      });
     }
 
     xValues(plot, splits, last) {
@@ -390,8 +396,15 @@ const LabPlot = (() => {
       }
       this.dirty = false;
       if (this.wholeRun) {
+        // One panel a frame: the cursor stays at the pace of the screen.
         const [begin, end] = this.zoom ?? [0, Math.max(this.end, 1)];
-        this.draw(begin, end);
+        this.drawPanel(this.turn, begin, end);
+        this.turn = (this.turn + 1) % this.plots.length;
+        if (this.turn) {
+          this.dirty = true;
+          this.frame = requestAnimationFrame(() => this.animate());
+          return;
+        }
       } else if (this.time) {
         const time = this.time.view;
         for (const panel of this.options.panels) this.show(panel.key, [[time, this.columns.get(panel.key).view]]);

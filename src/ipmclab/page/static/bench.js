@@ -1,0 +1,224 @@
+// What the bench does, on the page Run: numbers, plan, steps to tick, questions, and what steers it.
+// It is drawn from the document that the live link brings, and steers by plain POSTs: it needs nothing else.
+"use strict";
+
+(() => {
+  const make = (tag, attributes = {}, ...children) => {
+    const element = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) {
+      if (value === false || value === null || value === undefined) continue;
+      if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+      else if (name === "class") element.className = value;
+      else element.setAttribute(name, value === true ? "" : value);
+    }
+    element.append(...children.filter((child) => child !== null && child !== undefined));
+    return element;
+  };
+  const CHANNELS = {
+    voltage: ["voltage", "V", 1, 3],
+    current: ["current", "mA", 1e3, 2],
+    displacement: ["displacement", "mm", 1e3, 3],
+    force: ["force", "mN", 1e3, 3],
+    temperature: ["temperature", "°C", 1, 1],
+    relative_humidity: ["relative humidity", "%", 1, 1],
+  };
+  const duration = (seconds) => {
+    const whole = Math.round(seconds);
+    if (whole < 120) return `${whole} s`;
+    const minutes = Math.floor(whole / 60);
+    if (minutes < 120) return `${minutes} min${whole % 60 ? ` ${whole % 60} s` : ""}`;
+    return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+  };
+  // "3.5 V for 0.02 s, then zero" is shown whole under what the guard watches.
+  const limit = (text) => (!text ? "" : text.startsWith("not watched") ? "not watched" : `limit ${text.split(/ for |, /)[0]}`);
+  const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString();
+  const size = (bytes) => (bytes >= 1e9 ? `${(bytes / 1e9).toPrecision(3)} GB` : `${(bytes / 1e6).toPrecision(3)} MB`);
+
+  // Draw a part anew only where what it shows has changed: a button that is about to be pressed stays where it is.
+  const drawn = new Map();
+  function part(id, shown, draw) {
+    const element = document.getElementById(id);
+    if (!element) return;
+    const key = JSON.stringify(shown);
+    if (drawn.get(id)?.key === key && drawn.get(id).element === element) return;
+    drawn.set(id, { key, element });
+    const focused = element.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    element.replaceChildren(...[draw(shown)].flat().filter(Boolean));
+    if (focused) element.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+  }
+
+  async function ask(what, values) {
+    const { ok, message } = await lab.post(what, values);
+    const said = document.getElementById("lab-run-said");
+    if (!said) return;
+    said.textContent = message;
+    said.classList.toggle("lab-bad", !ok);
+  }
+  const button = (text, what, values = {}, more = {}) =>
+    make("button", { type: "button", class: "lab-button", "data-key": text, onclick: () => ask(what, values), ...more }, text);
+
+  function numbers(state) {
+    const names = Object.keys(CHANNELS).filter((name) => name in state.latest);
+    const limits = state.plan?.limits ?? {};
+    part("lab-numbers", { names, limits }, () =>
+      names.length
+        ? names.map((name) =>
+            make(
+              "div",
+              { class: "lab-number" },
+              make("span", { class: "lab-number-name" }, CHANNELS[name][0]),
+              make("b", { id: `lab-now-${name}` }, "–"),
+              make("span", { class: "lab-quiet", title: limits[name] ?? "" }, limit(limits[name])),
+            ),
+          )
+        : [make("p", { class: "lab-quiet" }, "Readings stand here while a run is recorded.")],
+    );
+    for (const name of names) {
+      const [, unit, factor, digits] = CHANNELS[name];
+      const value = state.latest[name];
+      const text = value === null ? "no reading" : `${(value * factor).toFixed(digits).replace(/^-(0\.?0*)$/, "$1")} ${unit}`;
+      const element = document.getElementById(`lab-now-${name}`);
+      if (element && element.textContent !== text) element.textContent = text;
+    }
+    const bar = document.getElementById("lab-progress-bar");
+    if (bar) {
+      const { run, progress } = state;
+      bar.hidden = !run;
+      if (run) {
+        bar.querySelector("progress").max = run.rows;
+        bar.querySelector("progress").value = progress?.rows ?? 0;
+        bar.querySelector("span").textContent =
+          `${run.signal} (${run.purpose === "fingerprint" ? "fingerprint" : `run ${run.place} of ${run.of}`}): ` +
+          (progress ? `${duration(Math.max(0, (run.rows - progress.rows) / run.rate))} left, ` +
+            `${progress.acknowledged} of ${run.rows} rows on disk` : "begins");
+      }
+    }
+  }
+
+  function question(state) {
+    const { question, mine, held } = state;
+    part("lab-question", { question, mine, held }, () => {
+      if (!question) return [];
+      const { number, text, choices, step } = question;
+      const answer = (value) => ask("answer", { number, value });
+      const allowed = mine || !held;
+      const ways =
+        choices.length === 1
+          ? [make("label", { class: "lab-tick" },
+              make("input", { type: "checkbox", "data-key": "tick", disabled: !allowed, onchange: () => answer(choices[0]) }),
+              `${choices[0]}`)]
+          : choices.map((choice) =>
+              make("button", { type: "button", class: "lab-button", "data-key": choice, disabled: !allowed,
+                onclick: () => answer(choice) }, choice));
+      return make("div", { class: "lab-question", role: "group", "aria-label": `Step ${step}` },
+        make("strong", {}, step), make("p", {}, text), make("div", { class: "lab-row" }, ...ways),
+        allowed ? null : make("p", { class: "lab-quiet" }, "Who holds the bench answers this."));
+    });
+  }
+
+  function steps(state) {
+    part("lab-steps", state.steps, (all) => {
+      const marks = { done: "✓", now: "▶", open: "○", ended: "■" };
+      const words = { done: "done", now: "now", open: "to do", ended: "ended here" };
+      return all.map((step) =>
+        make("li", { "data-state": step.state, "aria-current": step.state === "now" ? "step" : null },
+          make("span", { class: "lab-mark", role: "img", "aria-label": words[step.state] }, marks[step.state]),
+          make("span", {}, make("b", {}, step.name), ` ${step.text}`),
+          make("span", { class: "lab-quiet" }, step.seconds ? duration(step.seconds) : step.asks ? "by hand" : "")));
+    });
+    const list = document.getElementById("lab-steps");
+    const now = list?.querySelector('[aria-current="step"]');
+    if (now && now !== steps.last) list.scrollTop = now.offsetTop - list.offsetTop - 40;
+    steps.last = now;
+  }
+
+  function plan(state) {
+    const { plan, bench } = state;
+    part("lab-plan", { plan, bench, text: state.text }, () => {
+      if (!plan) return make("p", { class: "lab-quiet" }, state.text);
+      const short = `at least ${duration(plan.seconds)}, ${plan.rows} rows, ${size(plan.bytes_needed)} of ${size(plan.bytes_free)} free`;
+      return [
+        make("h2", {}, plan.title),
+        make("p", { class: "lab-quiet" }, `sample ${plan.sample} on ${plan.rig}; ${short}`),
+        ...plan.remarks.map((remark) => make("p", { class: "lab-remark" }, remark)),
+      ];
+    });
+    part("lab-watched", plan?.limits ?? {}, (limits) => [
+      make("summary", {}, "What the guard watches"),
+      make("ul", {}, ...Object.entries(limits).map(([name, text]) =>
+        make("li", {}, `${name.replace("_", " ")}: ${text}`)))]);
+  }
+
+  function steering(state) {
+    const { bench, mine, held, watching } = state;
+    part("lab-steer", { bench, mine, held }, () => {
+      const may = mine || !held ? {} : { disabled: true };
+      const after = { rest: "lab-row" };
+      if (bench === "planned")
+        return make("div", { class: after.rest }, button("Start", "start", {}, { ...may, class: "lab-button lab-primary" }),
+          button("Do not begin", "stop", {}, may));
+      if (["preparing", "asking", "recording", "starting"].includes(bench)) {
+        const text = make("input", { type: "text", "aria-label": "Text of a mark", placeholder: "mark", "data-key": "mark-text", maxlength: "500" });
+        return make("div", { class: after.rest },
+          button("Stop and keep", "stop", {}, may), button("Abort", "abort", {}, may), text,
+          make("button", { type: "button", class: "lab-button", "data-key": "mark", ...may,
+            onclick: () => { ask("mark", { text: text.value }); text.value = ""; } }, "Mark"));
+      }
+      return [];
+    });
+    part("lab-seat", { mine, held, watching }, () => {
+      const others = watching > 1 ? ` ${watching} browsers watch.` : "";
+      if (mine) return [make("span", {}, `You hold the bench.${others}`), button("Release", "release")];
+      if (held) return [make("span", {}, `Somebody else holds the bench: you watch, and ZERO is yours too.${others}`)];
+      return [make("span", {}, `Nobody holds the bench.${others}`), button("Take it", "hold")];
+    });
+  }
+
+  function told(state) {
+    part("lab-notes", state.notes, (notes) =>
+      [...notes].reverse().slice(0, 30).map((note) => make("li", {}, make("time", { class: "lab-quiet" }, clock(note.at)), ` ${note.text}`)));
+    part("lab-recorded", state.recorded, (runs) =>
+      runs.map((run) => {
+        const codes = [...new Set(run.findings.filter((one) => one.severity !== "info").map((one) => one.code))];
+        const name = run.path.split(/[\\/]/).pop();
+        return make("li", {}, make("b", {}, run.signal), ` ${run.purpose}, ${run.state}`,
+          run.state_reason ? make("span", { class: "lab-bad" }, ` (${run.state_reason})`) : null,
+          make("div", { class: "lab-quiet" }, `${name}: ${codes.join(", ") || "nothing found"}`));
+      }));
+    part("lab-outcome", { ended: state.ended, bench: state.bench, text: state.text }, ({ ended, bench }) => {
+      if (bench === "lost") return make("p", { class: "lab-bad", role: "alert" }, state.text);
+      if (!ended) return [];
+      const failed = ended.error;
+      return [
+        make("p", { class: failed ? "lab-bad" : "", role: failed ? "alert" : "status" },
+          failed ? `${failed.where ? `${failed.where}: ` : ""}${failed.message}` : { done: "Done.", stop: "Stopped; what was recorded is kept.",
+            declined: "Not begun." }[ended.how] ?? "Ended."),
+        failed?.repair ? make("p", {}, failed.repair) : null,
+      ];
+    });
+  }
+
+  let shown = null;
+  function show(state) {
+    shown = state;
+    if (!document.getElementById("lab-progress")) return;
+    document.documentElement.dataset.bench = state.bench;
+    plan(state);
+    question(state);
+    steering(state);
+    steps(state);
+    numbers(state);
+    told(state);
+    for (const id of ["lab-notes-card", "lab-recorded-card"]) {
+      const card = document.getElementById(id);
+      if (card) card.hidden = !(id === "lab-notes-card" ? state.notes : state.recorded).length;
+    }
+  }
+  lab.listen(show);
+  // The page is put together after this script: draw once its places are there.
+  const waiting = setInterval(() => {
+    if (!document.getElementById("lab-progress")) return;
+    clearInterval(waiting);
+    if (shown) show(shown);
+  }, 50);
+})();
