@@ -35,7 +35,7 @@ def posterior(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of all pairs.")
     ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Most steps of each walker.")] = 5000,
+    steps: Annotated[int, typer.Option(help="Most steps of each walker.")] = 5000,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

@@ -14,8 +14,8 @@ from ipmclab.identify.posterior.packages import bayes_package
 FloatArray = npt.NDArray[np.float64]
 
 LARGEST_R_HAT: Final = 1.01
-"""Rank-normalised split R-hat (Vehtari et al. 2021) of the ensembles, the walkers of each taken together, as they are too
-many and each too short for an R-hat of their own (Margossian et al. 2024)."""
+"""Rank-normalised split R-hat (Vehtari et al. 2021) of the ensembles, the walkers of each taken together: they are too
+many, and each too short, for an R-hat of their own (Margossian et al. 2024)."""
 
 LEAST_SIZE: Final = 1000.0
 """Effective samples, of the bulk and of the tails: an end of a 95 % interval is then known to 0.09 of the deviation."""

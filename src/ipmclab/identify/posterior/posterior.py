@@ -20,7 +20,7 @@ from ipmclab.identify.posterior.convergence import Convergence, Judgement
 from ipmclab.identify.posterior.coordinates import Straight
 from ipmclab.identify.posterior.density import Density
 from ipmclab.identify.posterior.packages import bayes_package
-from ipmclab.identify.posterior.sampling import Chains, sample
+from ipmclab.identify.posterior.sampling import LEAST_STEPS, Chains, sample
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.model.parameters import Parameter
@@ -112,7 +112,7 @@ class Posterior:
         return arviz.from_dict(
             posterior=dict(self.samples),
             sample_stats={"lp": self.log_density},
-            attrs={
+            posterior_attrs={
                 "actuator": self.actuator,
                 "inference_library": "ipmclab",
                 "inference_library_version": __version__,
@@ -153,7 +153,7 @@ def sample_posterior(fit: Fit, *, seed: int = SEED, steps: int = STEPS, progress
     Raises
     ------
     InputError
-        A fit that was read from a file, a number of steps below 1, packages that are not installed.
+        A fit that was read from a file, fewer than 400 steps, packages that are not installed.
     IpmclabError
         The chains do not agree: nothing is reported of them.
 
@@ -177,9 +177,9 @@ def sample_posterior(fit: Fit, *, seed: int = SEED, steps: int = STEPS, progress
             where="fit",
             repair="identify again, and sample that fit",
         )
-    if steps < 1:
+    if steps < LEAST_STEPS:
         raise InputError(
-            f"{steps} steps are none", code="out-of-range", where="steps", repair=f"give for example {STEPS}"
+            f"{steps} steps are too few", code="out-of-range", where="steps", repair=f"give {LEAST_STEPS} or more"
         )
     for package in ("emcee", "arviz"):
         bayes_package(package)

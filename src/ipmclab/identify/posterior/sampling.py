@@ -22,6 +22,9 @@ _LEAST_WALKERS: Final = 20
 _WALKERS_EACH: Final = 3  # for each entry of the vector
 _LEARN: Final = 2  # how often the independent proposals are taken from where the walkers were last
 _CHUNK: Final = 100  # steps between two looks
+LEAST_STEPS: Final = 2 * _LEARN * _CHUNK
+"""Before them the later half of the chains still holds steps with which the proposals were learnt."""
+
 _APART: Final = 1.5  # first draws scatter that much wider than the curvature says
 _TAILS: Final = 5.0  # degrees of freedom of the independent proposals
 _TRIES: Final = 200
@@ -144,7 +147,7 @@ def sample(
             if done < _LEARN * _CHUNK:
                 proposal.learn(sampler.get_chain(discard=done + _CHUNK // 2, flat=True))
         done += _CHUNK
-        if done < 2 * _LEARN * _CHUNK or done % (2 * _CHUNK):
+        if done < LEAST_STEPS or done % (2 * _CHUNK):
             continue
         kept = _kept(samplers, done, lambda sampler, begin: sampler.get_blobs(discard=begin)["vector"])
         judgement = judge(kept[:, :, : len(names)], names, ENSEMBLES)
