@@ -11,6 +11,7 @@ white, and an autoregression of 0.9 about an unknown offset. Seed 20261121.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -84,6 +85,7 @@ def run_trials(noise: float, trials: int) -> Tally:
             tally.ranks[name].append(float(np.mean(posterior.samples[name] < truth[name])))
             one, fitted = posterior.parameters[name], fit.parameters[name]
             tally.widths.append((one.interval[1] - one.interval[0]) / (fitted.interval[1] - fitted.interval[0]))
+        print(tally.row(f"so far, {noise:g}"), file=sys.stderr, flush=True)
     return tally
 
 
