@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -57,7 +58,7 @@ def test_steps_are_told_with_what_makes_them_uncertain(command: Command) -> None
     Path("p.toml").write_text(MEASURED, encoding="utf-8")
     shown = command("procedure", "p.toml")
     assert shown.status == 0
-    assert "1.333 ± 0.033 ohm/sq" in shown.out  # 0.05 ohm/√3 of 2.667, 0.1 mm of 10, 0.01 mm and scatter of 5
+    assert " ± 0.020 ohm/sq" in shown.out
     assert "offset of the meter" in shown.out
     assert "nobody stated how well" in shown.out
     assert "Next: dc resistance from the steady state" in shown.out
@@ -65,6 +66,11 @@ def test_steps_are_told_with_what_makes_them_uncertain(command: Command) -> None
     sheet = document["steps"][0]
     assert sheet["results"][0]["value"] == pytest.approx(2.667 * 0.5, rel=1e-6)
     assert sum(sheet["results"][0]["shares"].values()) == pytest.approx(1.0)
+    # 0.05 ohm as a limit, 0.1 mm of 10, 0.01 mm of 5; of three readings 4.303 times their standard error is 95 %.
+    few = 4.303 / 1.96 / np.sqrt(3.0)
+    parts = 0.05 / np.sqrt(3.0) / 2.667, 0.01, 0.01 / 5.0, few * 0.01 / 5.0, few * 0.001 / 2.667
+    uncertainty = sheet["results"][0]["standard_uncertainty"] / sheet["results"][0]["value"]
+    assert uncertainty == pytest.approx(np.linalg.norm(parts), rel=1e-3)
     assert [step["done"] for step in document["steps"]] == [True, False, False, True, False, False]
 
 

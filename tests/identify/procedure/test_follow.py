@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.procedure import SEED, VirtualStrip, static, trials
 from ipmclab import follow_procedure, load_actuator, read_fit, write_fit
+from ipmclab.cli.app import run
 from ipmclab.identify.procedure.amounts import Uncertain, exact
 from ipmclab.identify.procedure.follow import TO_DO
+from ipmclab.identify.procedure.template import TEMPLATE
 from ipmclab.model import Actuator
+from ipmclab.report.document import html
 
 SHEET = "circuit.sheet_resistance"
 
@@ -105,9 +110,14 @@ def test_a_sheet_resistance_that_is_wrong_is_told(strip: VirtualStrip) -> None:
 
 
 @pytest.fixture(scope="module")
-def joint(strip: VirtualStrip):
+def measured(strip: VirtualStrip):
     quiet = replace(strip, noise={"current": 3e-5, "force": 1e-5})
-    return follow_procedure(quiet.procedure(np.random.default_rng(SEED)))
+    return quiet.procedure(np.random.default_rng(SEED))
+
+
+@pytest.fixture(scope="module")
+def joint(measured):
+    return follow_procedure(measured)
 
 
 def test_all_at_once_agrees_with_the_steps_and_knows_more(joint, truth: Actuator) -> None:
@@ -149,3 +159,24 @@ def test_the_fit_carries_the_steps_and_every_uncertainty(joint, tmp_path) -> Non
     again = read_fit(tmp_path / "fitted.toml")
     assert again.procedure == fit.procedure
     assert [step["name"] for step in again.procedure["steps"]] == list(TO_DO)
+
+
+def test_the_verb_and_the_report_show_both_ways(joint, measured, tmp_path, monkeypatch, capsys) -> None:
+    """With the fit that is there already: it is what takes time."""
+    monkeypatch.chdir(tmp_path)
+    Path("p.toml").write_text(TEMPLATE, encoding="utf-8")
+    monkeypatch.setattr("ipmclab.follow_procedure", lambda *_, **__: joint, raising=False)
+    assert run(["procedure", "p.toml", "--out", "fitted.toml"]) == 0
+    shown = capsys.readouterr().out
+    assert "Both ways" in shown
+    assert "wrote fitted.toml" in shown
+    assert run(["procedure", "p.toml", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert document["missing"] == []
+    rows = {row["name"]: row for row in document["compared"]}
+    assert rows["d(0)"]["joint"] == pytest.approx(joint.joint.static.value)
+    assert document["fit"]["parameters"][SHEET]["prior"] is not None
+    text = html(read_fit("fitted.toml"), [one for _, one in measured.runs])
+    assert "Step by step" in text
+    assert "modulus from a push" in text
+    assert "offset of the meter" in text
