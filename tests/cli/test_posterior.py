@@ -1,0 +1,60 @@
+"""``ipmclab posterior`` as its user runs it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ipmclab.identify.posterior import convergence
+from ipmclab.identify.posterior.packages import bayes_package
+
+
+@pytest.fixture
+def run(command, tmp_path: Path) -> str:
+    words = ("--signal", "step 1 V", "--duration", "5 s", "--rate", "20 Hz", "--out", "step.nc")
+    assert command("simulate", "friend-2", *words).status == 0
+    return "step.nc"
+
+
+def test_it_writes_samples_and_says_how_the_chains_did(command, run: str, tmp_path: Path) -> None:
+    done = command(
+        *("posterior", "friend-1-measured", run, "--free", "circuit.dc_resistivity,coupling.gain"),
+        *("--prior", "coupling.gain", "--out", "posterior.nc", "--figure", "pairs.svg"),
+    )
+    assert done.status == 0
+    assert done.err == ""
+    rows = {line.split()[0]: line for line in done.out.splitlines() if line.startswith(("circuit.", "coupling."))}
+    assert "with its prior" in rows["coupling.gain"]
+    # A fixed parameter of this strip whose uncertainty is stated, and which the readings feel.
+    assert "fixed, as uncertain as stated" in rows["circuit.sheet_resistance"]
+    assert "The chains agree after" in done.out
+    data = bayes_package("arviz").from_netcdf(tmp_path / "posterior.nc")
+    assert set(rows) == set(data.posterior.data_vars)
+    assert (tmp_path / "pairs.svg").read_text("utf-8").count("<svg") == 1
+
+
+def test_chains_that_do_not_agree_write_nothing(
+    command, run: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(convergence, "LARGEST_R_HAT", 0.9)
+    words = ("--free", "circuit.dc_resistivity", "--steps", "400", "--out", "posterior.nc", "--json")
+    done = command("posterior", "friend-2", run, *words)
+    assert done.status == 1
+    assert done.document["error"]["code"] == "posterior-not-converged"
+    assert not (tmp_path / "posterior.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--out", "posterior.toml"), "must end in .nc"),
+        (("--out", "p.nc", "--figure", "pairs.txt"), "must end in .svg or .png or .pdf"),
+        (("--out", "p.nc", "--prior", "circuit.dc_resistivity"), "nothing is known beforehand"),
+        (("--out", "p.nc", "--steps", "1"), "1 steps are too few"),
+    ],
+)
+def test_bad_input_is_refused(command, run: str, words: tuple[str, ...], message: str) -> None:
+    done = command("posterior", "friend-2", run, "--free", "circuit.dc_resistivity", *words)
+    assert done.status == 2
+    assert message in " ".join(done.err.split())
