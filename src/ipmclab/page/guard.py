@@ -43,6 +43,8 @@ _HEADERS: Final = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 
+_TOO_LARGE: Final = f"413: a request has at most {MOST_BYTES // 2**20} MB\n"
+
 _LOGIN: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>ipmclab</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>
 body {{ font: 16px system-ui, sans-serif; max-width: 26rem; margin: 15vh auto; padding: 0 1rem }}
@@ -97,13 +99,19 @@ class Guard:
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
             return
+        length = headers.get("content-length", "0")
+        if not length.isdigit() or int(length) > MOST_BYTES:
+            await _answer(send, 413, _TOO_LARGE)
+            return
         seat = None if SEAT in cookies else secrets.token_urlsafe(16)
         if seat is not None:  # the page that is made now is this browser's already
             scope = {**scope, "headers": [*_without(scope["headers"], b"cookie"), _cookie_line(headers, seat)]}
+        body = _Body(receive)
         try:
-            await self.app(scope, _bounded(receive), self._answering(send, seat))
+            await self.app(scope, body.receive, self._answering(send, seat, body))
         except _TooLargeError:
-            await _answer(send, 413, f"a request has at most {MOST_BYTES // 2**20} MB\n")
+            if not body.answered:
+                await _answer(send, 413, _TOO_LARGE)
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> str | None:
         """Why a request is refused, None where it is not."""
@@ -118,13 +126,13 @@ class Guard:
         site, mode = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-mode", "")
         if site not in ("same-origin", "none") and mode != "navigate":
             return "another page may not ask anything here"
-        length = headers.get("content-length", "0")
-        if not length.isdigit() or int(length) > MOST_BYTES:
-            return f"a request has at most {MOST_BYTES // 2**20} MB"
         return None
 
-    def _answering(self, send: Send, seat: str | None) -> Send:
+    def _answering(self, send: Send, seat: str | None, body: _Body) -> Send:
         async def answer(message: MutableMapping[str, Any]) -> None:
+            if body.is_too_large and not body.answered:
+                return  # what the application makes of it; the answer is ours
+            body.answered = True
             if message["type"] == "http.response.start":
                 kept = list(message.get("headers", []))
                 names = {name.lower() for name, _ in kept}
@@ -170,19 +178,28 @@ class _TooLargeError(Exception):
     """More came than a request may have."""
 
 
-def _bounded(receive: Receive) -> Receive:
-    """What is received, until it is too much: a length may not have been told."""
-    seen = 0
+class _Body:
+    """What is received, until it is too much: its length may not have been told."""
 
-    async def bounded() -> MutableMapping[str, Any]:
-        nonlocal seen
-        message = await receive()
-        seen += len(message.get("body", b""))
-        if seen > MOST_BYTES:
+    def __init__(self, receive: Receive) -> None:
+        self._receive = receive
+        self._seen = 0
+        self.is_too_large = False
+        self.answered = False
+
+    async def receive(self) -> MutableMapping[str, Any]:
+        """The next piece.
+
+        Raises
+        ------
+        _TooLargeError
+        """
+        message = await self._receive()
+        self._seen += len(message.get("body", b""))
+        if self._seen > MOST_BYTES:
+            self.is_too_large = True
             raise _TooLargeError
         return message
-
-    return bounded
 
 
 def _without(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[tuple[bytes, bytes]]:

@@ -1,0 +1,162 @@
+"""Who is let in: by Host, Origin and token, for requests and for WebSockets alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fastapi import FastAPI, Request, WebSocket
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from ipmclab.errors import InputError
+from ipmclab.page import guard
+from ipmclab.page.guard import PASS, SEAT, Guard
+from ipmclab.page.settings import Settings, checked
+
+HERE = "http://127.0.0.1:8000"
+TOKEN = "a-token-that-nobody-guesses"
+
+
+def application() -> FastAPI:
+    app = FastAPI()
+
+    @app.get("/page")
+    async def page() -> str:
+        return "inside"
+
+    @app.post("/bench/zero")
+    async def zero(request: Request) -> dict[str, object]:
+        return {"seat": guard.seat_of(request.headers.get("cookie", "")), "bytes": len(await request.body())}
+
+    @app.websocket("/live")
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        await socket.send_text("inside")
+
+    return app
+
+
+def client(settings: Settings | None = None, base: str = HERE) -> TestClient:
+    return TestClient(Guard(application(), settings or Settings(), 8000), base_url=base)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1:8000", "localhost:8000", "[::1]:8000", "LOCALHOST:8000"])
+def test_this_computer_is_let_in_by_each_of_its_names(host: str) -> None:
+    assert client().get("/page", headers={"host": host}).text == '"inside"'
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8000.evil.example", ""])
+def test_another_name_of_the_host_is_refused(host: str) -> None:
+    answer = client().get("/page", headers={"host": host})
+    assert answer.status_code == 403
+    assert "inside" not in answer.text
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "https://127.0.0.1:8000", "http://127.0.0.1:9", "null"])
+def test_a_page_of_another_origin_is_refused(origin: str) -> None:
+    here = client()
+    assert here.get("/page", headers={"origin": origin}).status_code == 403
+    assert here.post("/bench/zero", headers={"origin": origin}).status_code == 403
+    with pytest.raises(WebSocketDisconnect), here.websocket_connect("/live", headers={"origin": origin}):
+        pass
+
+
+def test_what_changes_something_must_say_where_it_comes_from() -> None:
+    here = client()
+    assert here.post("/bench/zero").status_code == 403
+    assert here.post("/bench/zero", headers={"origin": HERE}).status_code == 200
+    with pytest.raises(WebSocketDisconnect), here.websocket_connect("/live"):
+        pass
+    with here.websocket_connect("ws://127.0.0.1:8000/live", headers={"origin": HERE}) as socket:
+        assert socket.receive_text() == "inside"
+
+
+def test_a_picture_in_another_page_is_refused_and_a_link_is_not() -> None:
+    here = client()
+    foreign = {"sec-fetch-site": "cross-site"}
+    assert here.get("/page", headers={**foreign, "sec-fetch-mode": "no-cors"}).status_code == 403
+    assert here.get("/page", headers={**foreign, "sec-fetch-mode": "navigate"}).status_code == 200
+
+
+def test_answers_may_not_be_framed_by_others_and_load_nothing_from_elsewhere() -> None:
+    headers = client().get("/page").headers
+    assert headers["x-frame-options"] == "SAMEORIGIN"
+    policy = dict(part.strip().split(" ", 1) for part in headers["content-security-policy"].split(";"))
+    assert policy["default-src"] == "'self'"
+    assert policy["frame-ancestors"] == "'self'"
+    assert not any("http" in allowed or "*" in allowed for allowed in policy.values())
+
+
+def test_a_browser_gets_a_seat_of_its_own_which_scripts_cannot_read() -> None:
+    app = application()
+
+    @app.get("/html")
+    async def html(request: Request):
+        from fastapi.responses import HTMLResponse
+
+        return HTMLResponse(guard.seat_of(request.headers.get("cookie", "")))
+
+    first, second = (TestClient(Guard(app, Settings(), 8000), base_url=HERE) for _ in range(2))
+    answer = first.get("/html")
+    assert "HttpOnly; SameSite=Strict" in answer.headers["set-cookie"]
+    assert answer.text == first.cookies[SEAT] == first.get("/html").text  # already in the request that made it
+    assert second.get("/html").text != answer.text
+
+
+def test_a_request_is_bounded_whether_it_says_its_length_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "MOST_BYTES", 1000)
+    here = client()
+    assert here.post("/bench/zero", content=b"x" * 1000, headers={"origin": HERE}).json()["bytes"] == 1000
+    assert here.post("/bench/zero", content=b"x" * 1001, headers={"origin": HERE}).status_code == 413
+    pieces = iter([b"x" * 600, b"x" * 600])  # no length is told
+    assert here.post("/bench/zero", content=pieces, headers={"origin": HERE}).status_code == 413
+
+
+def test_the_token_lets_in_whoever_knows_it() -> None:
+    settings = Settings(token=TOKEN)
+    here = client(settings)
+    assert here.get("/page").status_code == 401
+    assert "inside" not in here.get("/page").text
+    with pytest.raises(WebSocketDisconnect), here.websocket_connect("/live", headers={"origin": HERE}):
+        pass
+    assert here.post("/bench/zero", headers={"origin": HERE}).status_code == 401
+    refused = here.post("/login", data={"token": "another"}, headers={"origin": HERE})
+    assert (refused.status_code, PASS in here.cookies) == (401, False)
+    here.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
+    assert here.get("/page").text == '"inside"'
+    assert TOKEN not in here.cookies[PASS]
+
+
+def test_elsewhere_it_is_reached_by_its_stated_name_only(tmp_path: Path) -> None:
+    settings = Settings(host="0.0.0.0", origin="https://lab.example.org", token=TOKEN)
+    here = client(settings, base="https://lab.example.org")
+    answer = here.post(
+        "/login", data={"token": TOKEN}, headers={"origin": "https://lab.example.org"}, follow_redirects=False
+    )
+    assert "Secure" in answer.headers["set-cookie"]
+    assert here.get("/page").status_code == 200
+    assert here.get("/page", headers={"host": "127.0.0.1:8000"}).status_code == 403
+
+
+@pytest.mark.parametrize(
+    ("settings", "proxy", "told"),
+    [
+        (Settings(host="0.0.0.0"), False, "--token-file"),
+        (Settings(host="192.168.1.7", token=TOKEN), False, "--origin"),
+        (Settings(host="0.0.0.0", token=TOKEN, origin="https://lab.example.org"), False, "--certificate"),
+        (Settings(host="0.0.0.0", token=TOKEN, origin="http://lab.example.org"), True, "https://"),
+        (Settings(host="0.0.0.0", token="short", origin="https://lab.example.org"), True, "16"),
+        (Settings(host="127.0.0.1"), True, "--token-file"),
+        (Settings(certificate=Path("c.pem")), False, "--key"),
+    ],
+)
+def test_an_address_that_others_reach_needs_token_and_https(settings: Settings, proxy: bool, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        checked(settings, proxy=proxy)
+
+
+def test_loopback_needs_nothing_and_a_proxy_only_what_it_states() -> None:
+    assert checked(Settings(), proxy=False).host == "127.0.0.1"
+    stated = Settings(token=TOKEN, origin="https://lab.example.org")
+    assert checked(stated, proxy=True) is stated
