@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.closed_form import others, sparse
 from ipmclab.identify.covariance import Uncertainty
 from ipmclab.identify.cures import cures_of, measured, said_of
 from ipmclab.identify.exchange import HARDLY, series_against_branches
 from ipmclab.identify.fit import Direction
-from ipmclab.identify.identifiable import others, sparse
 from ipmclab.identify.observation import Record
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.identify.valleys import Rival
