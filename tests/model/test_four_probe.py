@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
 from ipmclab import InputError
-from ipmclab.model.four_probe import point_factor, sheet_factor
+from ipmclab.model.four_probe import one_face, point_factor, sheet_factor
 
 # Smits, Bell Syst. Tech. J. 37 (1958) 711, table III: rectangles of width d and length a, contacts s apart. The printed
 # numbers follow from sums that were cut off early: they differ from the exact ones by up to 0.002.
@@ -72,3 +72,31 @@ def test_a_conductor_computed_cell_by_cell(spacing: float, width: float, length:
 def test_contacts_beside_the_strip() -> None:
     with pytest.raises(InputError, match="four contacts 12 mm apart do not lie on a sheet of 30 mm by 5 mm"):
         point_factor(12e-3, 5e-3, 30e-3)
+
+
+@pytest.mark.parametrize("transfer", [2.0, 6.0, 20.0, 63.0])
+def test_two_faces_as_a_ladder_of_resistors(transfer: float) -> None:
+    """Both faces cut into 3000 pieces, with the membrane between them; numbers in mm."""
+    count, cell = 3000, 0.01
+    along, across = cell, 2.0 * transfer**2 / cell  # r = 1 ohm/mm for each face, 1/g of one piece
+    size = 2 * count
+    rows, columns, values = [], [], []
+    for first, second, ohms in (
+        *((k, k + 1, along) for k in range(count - 1)),
+        *((count + k, count + k + 1, along) for k in range(count - 1)),
+        *((k, count + k, across) for k in range(count)),
+    ):
+        rows += [first, second, first, second]
+        columns += [first, second, second, first]
+        values += [1.0 / ohms, 1.0 / ohms, -1.0 / ohms, -1.0 / ohms]
+    rows, columns, values = [*rows, 0], [*columns, 0], [*values, 1.0]  # one end is at 0 V
+    current = np.zeros(size)
+    current[500], current[2500] = 1.0, -1.0  # contacts 20 mm apart on the upper face of 30 mm
+    volts = spsolve(coo_matrix((values, (rows, columns)), (size, size)).tocsc(), current)
+    read = float(volts[1000] - volts[2000])  # over the inner 10 mm
+    assert one_face(10.0, 20.0, 30.0, transfer) == pytest.approx(read / 10.0, rel=2e-3)
+
+
+def test_a_membrane_that_lets_nothing_through_and_one_that_is_a_short() -> None:
+    assert one_face(10e-3, 20e-3, 30e-3, 1e3) == pytest.approx(1.0)
+    assert one_face(10e-3, 20e-3, 30e-3, 1e-7) == pytest.approx(0.5)

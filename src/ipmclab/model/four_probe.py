@@ -12,6 +12,7 @@ Contacts = Literal["line", "points"]
 apart, along the middle of the strip and midway between its ends."""
 
 _TERMS: Final = 1000
+_FAR: Final = 50.0
 _NEGLIGIBLE: Final = 1e-16
 
 
@@ -69,3 +70,33 @@ def sheet_factor(contacts: Contacts, spacing: float, width: float, length: float
     0.5
     """
     return width / spacing if contacts == "line" else point_factor(spacing, width, length)
+
+
+def one_face(spacing: float, outer: float, length: float, transfer: float) -> float:
+    """What lines on one face of a strip read, as a part of what they would read if the other face carried nothing.
+
+    Current crosses the membrane to the other face, and back. With the resistance r per length of each face and the
+    conductance g per length between them the difference of their voltages obeys u'' = u/lambda^2, lambda^2 = 1/(2 r g);
+    no current leaves the ends of the strip.
+
+    Parameters
+    ----------
+    spacing, outer : float [m]
+        Between the inner, and between the outer contacts, in the middle of the strip.
+    length : float [m]
+        Of the strip.
+    transfer : float [m]
+        lambda, over which the current crosses: sqrt(rho_dc h/(2 R_s)).
+
+    Examples
+    --------
+    >>> round(one_face(10e-3, 20e-3, 30e-3, 63e-3), 4), round(one_face(10e-3, 20e-3, 30e-3, 1e-4), 4)
+    (0.9882, 0.5)
+    """
+    reach = 0.5 / transfer
+    if reach * length > _FAR:  # the hyperbolic functions of a long strip overflow
+        left = math.exp(-reach * (outer - spacing)) / (2.0 * reach * spacing)
+    else:
+        ends = math.cosh(reach * (length - outer)) / math.cosh(reach * length)
+        left = math.sinh(reach * spacing) / (reach * spacing) * ends
+    return 0.5 * (1.0 + left)

@@ -101,6 +101,22 @@ def test_numbers_from_elsewhere(strip: VirtualStrip, truth: Actuator) -> None:
     assert found.staged["circuit.dc_resistivity"].value == pytest.approx(truth["circuit.dc_resistivity"], rel=0.05)
 
 
+def test_what_the_other_face_may_carry_is_told_or_taken_off_by_half(strip: VirtualStrip) -> None:
+    whole = replace(strip.procedure(np.random.default_rng(SEED)), branches=(), coupling=())
+    told = follow_procedure(whole)
+    (finding,) = [one for one in told.steps[0].findings if one.code == "other-face"]
+    assert finding.values["share"] == pytest.approx(0.0118, rel=0.05)  # lambda of 63 mm: see test_four_probe
+    known = replace(whole.sheet_resistance, outer=Uncertain(20e-3, {"outer spacing": 1e-4}))
+    taken = follow_procedure(replace(whole, sheet_resistance=known))
+    assert not [one for one in taken.steps[0].findings if one.code == "other-face"]
+    ratio = taken.staged[SHEET].value / told.staged[SHEET].value
+    assert ratio == pytest.approx(1.0 + 0.5 * finding.values["share"], rel=1e-3)
+    part = taken.staged[SHEET].parts["current through the other face"] / taken.staged[SHEET].value
+    assert part == pytest.approx(0.5 * finding.values["share"] / np.sqrt(3.0), rel=0.02)
+    # R_dc is what is left beside the electrodes, and follows.
+    assert taken.steps[1].also["R_dc"].amount.value < told.steps[1].also["R_dc"].amount.value
+
+
 def test_a_sheet_resistance_that_is_wrong_is_told(strip: VirtualStrip) -> None:
     whole = strip.procedure(np.random.default_rng(SEED))
     wrong = replace(whole, sheet_resistance=Uncertain(1.5, {"given": 0.001}), coupling=())

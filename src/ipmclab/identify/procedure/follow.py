@@ -14,11 +14,17 @@ from ipmclab.identify.procedure import push as push_step
 from ipmclab.identify.procedure.amounts import Uncertain, derived
 from ipmclab.identify.procedure.branches import branches
 from ipmclab.identify.procedure.coupling import coupling
-from ipmclab.identify.procedure.four_probe import FourProbes, sheet_resistance
+from ipmclab.identify.procedure.four_probe import (
+    FourProbes,
+    share_of_one_face,
+    sheet_resistance,
+    without_other_face,
+)
 from ipmclab.identify.procedure.joint import SHEET, Joint, joint
 from ipmclab.identify.procedure.procedure import Procedure
 from ipmclab.identify.procedure.push import Push
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding, finding_row
+from ipmclab.run import Finding
 from ipmclab.units import (
     DENSITY,
     MODULUS,
@@ -30,6 +36,8 @@ from ipmclab.units import (
 )
 
 Tell = Callable[[str, float], None]
+
+_WORTH_SAYING: Final = 3e-3
 
 TO_DO: Final[Mapping[str, tuple[str, str]]] = {
     "sheet_resistance": (
@@ -173,6 +181,10 @@ def follow_procedure(
         by_hand.append(SHEET)
         tell("dc resistance", 0.05)
         keep(_dc(procedure, known))
+        again = _other_face(steps["sheet_resistance"], procedure, known)
+        if again is not None:
+            keep(again)
+            keep(_dc(procedure, known))
         if isinstance(procedure.dc_resistance, Uncertain):
             by_hand.append(dc.NAME)
         if procedure.branches:
@@ -233,15 +245,18 @@ def _sheet(procedure: Procedure) -> Step:
         return _undone("sheet_resistance")
     if isinstance(given, Uncertain):
         return _given("sheet_resistance", SHEET, given, Result(given, SHEET_RESISTANCE, "R_s"))
-    return _four_probes(given, procedure)
+    found = sheet_resistance(given, procedure.geometry["geometry.width"], _length(procedure))
+    return _of_sheet(found, given, procedure)
 
 
-def _four_probes(probes: FourProbes, procedure: Procedure) -> Step:
-    width = procedure.geometry["geometry.width"]
+def _length(procedure: Procedure) -> Uncertain:
     lengths = procedure.geometry["geometry.free_length"], procedure.geometry["geometry.clamped_length"]
-    length = derived(lambda free, clamped: free + clamped, *lengths)
-    found = sheet_resistance(probes, width, length)
-    electrode = derived(lambda r, along, across: r * along / across, found, length, width)
+    return derived(lambda free, clamped: free + clamped, *lengths)
+
+
+def _of_sheet(found: Uncertain, probes: FourProbes, procedure: Procedure) -> Step:
+    width = procedure.geometry["geometry.width"]
+    electrode = derived(lambda r, along, across: r * along / across, found, _length(procedure), width)
     how = (
         "R_s = R w/d for contacts across the width"
         if probes.contacts == "line"
@@ -256,6 +271,32 @@ def _four_probes(probes: FourProbes, procedure: Procedure) -> Step:
         assumed_finding([found]),
         advice_for(electrode) or advice_for(found),
     )
+
+
+def _other_face(step: Step, procedure: Procedure, known: Mapping[str, Uncertain]) -> Step | None:
+    """The first step once more, when the second has told how well the membrane leads to the other face."""
+    probes = procedure.sheet_resistance
+    if not isinstance(probes, FourProbes) or probes.contacts != "line" or dc.NAME not in known:
+        return None
+    found, length = known[SHEET], _length(procedure)
+    thickness, resistivity = procedure.geometry["geometry.thickness"], known[dc.NAME]
+    if probes.outer is not None:
+        return _of_sheet(without_other_face(found, probes, length, thickness, resistivity), probes, procedure)
+    outer = min(2.0 * probes.spacing.value, length.value)
+    lost = 1.0 - share_of_one_face(
+        outer, probes.spacing.value, length.value, thickness.value, found.value, resistivity.value
+    )
+    if lost < _WORTH_SAYING:
+        return None
+    finding = Finding(
+        "other-face",
+        "info",
+        f"of a real strip the meter reads up to {100.0 * lost:.1f} % too little, because a part of its current takes "
+        f"the other face: counted with outer contacts {1e3 * outer:.3g} mm apart; it is not taken off",
+        "give outer_spacing",
+        values={"share": lost},
+    )
+    return replace(step, findings=(*step.findings, finding))
 
 
 def _dc(procedure: Procedure, known: Mapping[str, Uncertain]) -> Step:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from ipmclab.identify.procedure.amounts import Uncertain, derived, exact, mean_of
 from ipmclab.identify.procedure.hand import taken
-from ipmclab.model.four_probe import Contacts, sheet_factor
+from ipmclab.model.four_probe import Contacts, one_face, sheet_factor
 from ipmclab.rig.channels import FourProbe
 
-OFFSET = "offset of the meter"
-_RECTANGLE = 3.0**-0.5
+OFFSET: Final = "offset of the meter"
+OTHER_FACE: Final = "current through the other face"
+_RECTANGLE: Final = 3.0**-0.5
 """Standard deviation of what may lie anywhere within a limit, as a part of the limit."""
 
 
@@ -30,6 +32,8 @@ class FourProbes:
         By how much the meter may read wrong everywhere; counted as anywhere within.
     zero : Uncertain [ohm], optional
         What it read with the contacts shorted; then there is no other offset.
+    outer : Uncertain [m], optional
+        Between the outer of four lines, where what the other face carries is to be taken off.
     """
 
     contacts: Contacts
@@ -37,6 +41,7 @@ class FourProbes:
     spacing: Uncertain
     offset: float = 0.05
     zero: Uncertain | None = None
+    outer: Uncertain | None = None
 
     @classmethod
     def of_rig(cls, probe: FourProbe, readings: list[float], zero: float | None = None) -> FourProbes:
@@ -75,3 +80,44 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
     if probes.contacts == "line":
         length = exact(math.inf)  # it does not matter, and neither does how well it is known
     return derived(square, probes.resistance, zero, probes.spacing, width, length)
+
+
+def share_of_one_face(
+    outer: float, spacing: float, length: float, thickness: float, square: float, resistivity: float
+) -> float:
+    """What four lines read, as a part of what they would read if the other face carried nothing.
+
+    Parameters
+    ----------
+    outer, spacing, length, thickness : float [m]
+    square : float [ohm/sq]
+    resistivity : float [ohm m]
+        rho_dc, at which the membrane lets current through.
+    """
+    return one_face(spacing, outer, length, math.sqrt(resistivity * thickness / (2.0 * square)))
+
+
+def without_other_face(
+    found: Uncertain, probes: FourProbes, length: Uncertain, thickness: Uncertain, resistivity: Uncertain
+) -> Uncertain:
+    """A sheet resistance with half of what the other face may carry taken off, and that half as a limit.
+
+    The dc resistance is that of 1 V; at the few millivolts of the meter the membrane may let less through, or nothing.
+
+    Parameters
+    ----------
+    found : Uncertain [ohm/sq]
+        As if the other face carried nothing.
+    probes : FourProbes
+        With ``outer``.
+    length, thickness : Uncertain [m]
+    resistivity : Uncertain [ohm m]
+    """
+    assert probes.outer is not None
+
+    def corrected(square: float, outer: float, spacing: float, along: float, h: float, rho: float) -> float:
+        return square / (0.5 + 0.5 * share_of_one_face(outer, spacing, along, h, square, rho))
+
+    middle = derived(corrected, found, probes.outer, probes.spacing, length, thickness, resistivity)
+    limit = abs(middle.value - found.value)
+    return Uncertain(middle.value, {**middle.parts, OTHER_FACE: _RECTANGLE * limit}, middle.assumed)

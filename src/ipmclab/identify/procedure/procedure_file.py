@@ -305,6 +305,11 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
             reader.hand(table.spacing, LENGTH, "sheet_resistance.spacing", name="spacing", source="spacing"),
             offset,
             zero,
+            None
+            if table.outer_spacing is None
+            else reader.hand(
+                table.outer_spacing, LENGTH, "sheet_resistance.outer_spacing", name="spacing", source="outer spacing"
+            ),
         )
 
     return _either(table.value, table.resistance, "sheet_resistance", reader, of_value, of_readings, "resistance")

@@ -13,9 +13,10 @@ from ipmclab.units import Quantity
 _WORTH_SAYING: Final = 0.02
 
 CURES: Final[Mapping[str, str]] = {
-    "offset of the meter": "join the four contacts with a piece of metal, read the meter, and give that as `zero`",
+    "offset of the meter": "join the four contacts with a piece of metal and read the meter: give that as zero",
     "spacing": "measure the distance between the contacts under a microscope",
-    "thickness": "measure the thickness of the wet strip with a micrometer at five places: it counts with its cube",
+    "current through the other face": "put the outer contacts near the inner ones, in the middle of the strip",
+    "thickness": "measure the wet strip with a micrometer at five places (in the stiffness it counts cubed)",
     "width": "measure the width at five places under a microscope",
     "free length": "measure the free length with a caliper, from the edge of the clamp",
     "clamped length": "measure the clamped length with a caliper",

@@ -28,6 +28,7 @@ class SheetTable(Strict):
 
     contacts: Literal["line", "points"] = "line"
     spacing: Any = None
+    outer_spacing: Any = None
     resistance: Any = None
     offset: str = "0.05 ohm"
     zero: Any = None

@@ -34,6 +34,7 @@ sensing_length = { value = "21 mm", standard_uncertainty = "0.2 mm" }   # where 
 # contacts = "line"
 # spacing = { value = "10 mm", standard_uncertainty = "0.05 mm" }       # between the inner contacts
 # resistance = ["2.66 ohm", "2.67 ohm", "2.67 ohm"]
+# outer_spacing = "16 mm"                        # of lines: what the other face carries is then taken off, by half
 # offset = "0.05 ohm"                            # of the meter, to either side; 0.05 ohm is that of an NI 9217
 # zero = "0.01 ohm"                              # what it reads with the contacts shorted: then no offset is counted
 
