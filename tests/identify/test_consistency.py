@@ -24,6 +24,7 @@ from ipmclab.run import Finding, RunMetadata
 from ipmclab.sample import Sample
 
 SEED = 20261121
+MASS = "density-against-mass"
 SIGNALS = {"step": "step 1 V", "sine": "sine 1 V 0.1 Hz", "square": "square 1 V 0.1 Hz"}
 
 
@@ -448,3 +449,50 @@ def test_a_file_with_sample_and_uncertainties_is_read_and_checked(tmp_path, stri
 def test_the_page_lists_every_check_once() -> None:
     page = (Path(__file__).parents[2] / "docs" / "consistency.md").read_text(encoding="utf-8")
     assert tuple(re.findall(r"^\| `([\w-]+)` \|", page, flags=re.MULTILINE)) == CHECKS
+
+
+# --- the numbers of a careful reader of the thesis, one of each check -------------------------------------------------
+
+
+def test_each_of_the_twelve_checks_finds_a_conflict_of_the_published_samples_with_its_two_numbers(published) -> None:
+    """Sample 2's own; where it agrees, or nothing was measured, what its other numbers say would have been measured."""
+    strip = load_actuator("friend-2")
+    ratio = 1.3e-3 / 3.7e-3  # force over displacement, as measured [N/m]
+    push = Fact("friend-2", "push", "stiffness", ratio, 0.03 * ratio, where="a push as the runs say")
+    flick = Fact("friend-2", "flick", "resonance", 13.4, 0.13, where="a flick as the runs say")
+    found = {one.code: one for one in cross_check(strip, facts=[push, flick])} | published
+    found["water-uptake"] = the(cross_check(strip, sample=published_sample(5)), "water-uptake")
+    numbers = PUBLISHED | {
+        "push-against-stiffness": (0.351, 2.878),
+        "resonance-against-stiffness": (13.4, 38.29),
+        "water-uptake": (8.0 / 75.0, 12.0 * 18.015 / 1100.0),  # water molecules for each acid group
+    }
+    assert set(found) >= set(CHECKS) == set(numbers)
+    for code, (one, other) in numbers.items():
+        assert found[code].values["found"] == pytest.approx(one, rel=5e-3), code
+        assert found[code].values["expected"] == pytest.approx(other, rel=6e-3), code
+        assert found[code].repair.startswith("cheapest experiment that decides: "), code
+        assert "apart" in found[code].message, code
+    assert found["resonance-against-stiffness"].values["implied_modulus"] == pytest.approx(177e6, rel=0.01)
+
+
+def test_a_fit_is_held_against_what_else_is_known_of_its_strip(strip: Strip) -> None:
+    runs = list(strip.runs.values())[:2]
+    fit = identify(strip.actuator, runs, free="electrical")
+    assert not {finding.code for finding in fit.findings} & set(CHECKS)
+    assert strip.actuator.sample is not None
+    heavy = replace(strip.actuator.sample, hydrated_mass=1.4 * strip.actuator.sample.hydrated_mass)
+    wrong = identify(replace(strip.actuator, sample=heavy), runs, free="electrical")
+    found = the(tuple(one for one in wrong.findings if one.code in CHECKS and one.code != "water-uptake"), MASS)
+    assert found.values["found"] == pytest.approx(1.4 * found.values["expected"], rel=1e-6)
+
+
+def test_runs_say_of_what_sample_they_are_where_the_actuator_does_not(strip: Strip) -> None:
+    assert strip.actuator.sample is not None
+    heavy = replace(strip.actuator.sample, hydrated_mass=1.4 * strip.actuator.sample.hydrated_mass)
+    alone = replace(strip.actuator, sample=None)
+    runs = [replace(run, metadata=RunMetadata(sample=heavy)) for run in list(strip.runs.values())[:2]]
+    assert MASS in {one.code for one in cross_check(alone, runs)}
+    # Two samples in one call are no sample.
+    other = replace(runs[1], metadata=RunMetadata(sample=replace(heavy, id="another")))
+    assert MASS not in {one.code for one in cross_check(alone, [runs[0], other])}

@@ -163,8 +163,28 @@ def test_an_open_coupling_is_said(actuator: Actuator) -> None:
         table = {"parameters": [{"name": name} for name in names], "undetermined": [direction] if coefficients else []}
         return replace(actuator, fit_table=table)
 
+    def known_to(error: float) -> Actuator:
+        """Gain and zero trade against each other, d(0) = K_d Z_d/P_2d being known to a relative error."""
+        parts = {"coupling.gain": 1.0, "coupling.zero": -0.5, "coupling.p2": 0.5}
+        model = fitted([*parts], gain=0.8, zero=-0.5, p2=0.3)
+        table = dict(model.fit_table or {})
+        table["undetermined"] = [{**table["undetermined"][0], "error": 2.0}]
+        # A large common part, along which d(0) stands still, and its own error in the gain.
+        rows = [
+            [
+                actuator[one]
+                * actuator[other]
+                * (100.0 * parts[one] * parts[other] + error**2 * (one == other == "coupling.gain"))
+                for other in parts
+            ]
+            for one in parts
+        ]
+        return replace(model, fit_table={**table, "covariance": {"names": [*parts], "rows": rows}})
+
     run = record(actuator, "step 1 V")
     cases = (
+        (known_to(0.1), []),
+        (known_to(0.6), ["coupling-undetermined"]),
         (fitted(["circuit.dc_resistivity"]), ["coupling-not-identified"]),
         (fitted(["coupling.gain"], gain=1.0), ["coupling-undetermined"]),
         (fitted(["coupling.gain", "coupling.zero"], gain=0.7071, zero=-0.7071), []),

@@ -157,3 +157,10 @@ def test_extreme_runs_are_judged_too() -> None:
     assert run.displacement is not None
     assert np.isnan(run.displacement[1:]).all()
     assert [finding.code for finding in run.metadata.findings] == ["laser-lost"]
+
+
+def test_a_leak_far_beyond_what_was_measured_is_told() -> None:
+    for stage in ("leak.cubic", "leak.exponential"):
+        assert codes(f"friend-2+{stage}", "step 3.5 V") == []
+        assert codes(f"friend-2+{stage}", "step 30 V") == ["leak-extrapolated"]
+    assert codes("friend-2", "step 30 V") == ["above-electrolysis"]

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.run import Finding
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
 
-_LARGE: Final = 0.1  # part of a direction of unit length
+_LARGE: Final = 0.01  # part of a direction of unit length
+_NORMAL_95: Final = 1.96
+
+_PARTS: Final = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
+"""Powers of the parameters in d(0) = K_d Z_d/P_2d."""
 
 
 def open_coupling(actuator: Actuator) -> list[Finding]:
@@ -28,24 +34,44 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
                 repair="identify it too, from runs with displacement or force",
             )
         ]
-    found = []
     for one in _entries(actuator, "undetermined"):
         coefficients = one.get("coefficients")
-        if not isinstance(coefficients, Mapping):
-            continue
-        gain, zero, p2 = (float(coefficients.get(f"coupling.{name}", 0.0)) for name in ("gain", "zero", "p2"))
-        # Gain against zero with d(0) = K_d Z_d/P_2d standing still does not show below the Nyquist rate.
-        if abs(gain + zero - p2) > _LARGE:
-            found.append(
-                Finding(
-                    "coupling-undetermined",
-                    "warning",
-                    f"the fit in {actuator.name} leaves d(0), the size of displacement and force, open: "
-                    f"{one.get('sentence', '')}",
-                    repair="take these scores as those of one of many models that fit alike",
-                )
-            )
-    return found
+        # A fit knows d(0) beside a direction of which it knows something: its covariance tells how well.
+        if isinstance(coefficients, Mapping) and float(one.get("error", math.inf)) == math.inf:
+            along = sum(sign * float(coefficients.get(name, 0.0)) for name, sign in _PARTS.items())
+            # Gain against zero with d(0) = K_d Z_d/P_2d standing still does not show below the Nyquist rate.
+            if abs(along) > _LARGE:
+                return [_open(actuator, str(one.get("sentence", "")))]
+    error = _error(actuator)
+    if error > DETERMINED:
+        return [_open(actuator, f"it is known to a factor of {math.exp(min(_NORMAL_95 * error, 50.0)):.2g} only")]
+    return []
+
+
+def _open(actuator: Actuator, why: str) -> Finding:
+    return Finding(
+        "coupling-undetermined",
+        "warning",
+        f"the fit in {actuator.name} leaves d(0), the size of displacement and force, open: {why}",
+        repair="take these scores as those of one of many models that fit alike",
+    )
+
+
+def _error(actuator: Actuator) -> float:
+    """Standard error of log d(0) by the covariance of the fit; 0 where the table does not say."""
+    table = (actuator.fit_table or {}).get("covariance", {})
+    try:
+        names = [str(name) for name in table["names"]]
+        rows = [[float(value) for value in row] for row in table["rows"]]
+        known = {name: names.index(name) for name in _PARTS if name in names}
+        variance = sum(
+            _PARTS[one] * _PARTS[other] * rows[known[one]][known[other]] / (actuator[one] * actuator[other])
+            for one in known
+            for other in known
+        )
+    except (KeyError, TypeError, ValueError, IndexError, ZeroDivisionError):
+        return 0.0  # written by hand
+    return math.sqrt(max(variance, 0.0))
 
 
 def _entries(actuator: Actuator, key: str) -> list[Mapping[str, Any]]:

@@ -23,6 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 ELECTROLYSIS: Final = 1.23
 """Water decomposes above this voltage [V]."""
 
+LEAKS_KNOWN_TO: Final = 3.5
+"""Voltage [V] up to which leaks of strips were measured: the thesis and the open records end at 3 V."""
+
 SMALL_BENDING: Final = 0.2
 """Displacement, as a part of the free length, up to which bending counts as small."""
 
@@ -32,7 +35,14 @@ RESONANCE: Final = 1.0 / 3.0
 RING: Final = 0.01
 """A ring after an edge counts from this part of the largest displacement on."""
 
-CODES: Final = ("above-electrolysis", "large-bending", "laser-lost", "near-resonance", "resonance-aliased")
+CODES: Final = (
+    "above-electrolysis",
+    "leak-extrapolated",
+    "large-bending",
+    "laser-lost",
+    "near-resonance",
+    "resonance-aliased",
+)
 """What ``validity`` finds."""
 
 _FREQUENCIES: Final = ("frequency", "start_frequency", "end_frequency", "highest_frequency")
@@ -101,8 +111,10 @@ def _limits(actuator: Actuator) -> _Limits:
 
 def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
     largest = _largest(run.voltage)
-    if largest <= ELECTROLYSIS or largest > _limits(actuator).leaks_above:
+    if largest <= ELECTROLYSIS:
         return []
+    if largest > _limits(actuator).leaks_above:
+        return _extrapolated(largest) if largest > LEAKS_KNOWN_TO else []
     none = "leak of the model gives no current there" if actuator.structure.leak else "model has no leak"
     return [
         Finding(
@@ -113,6 +125,20 @@ def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
             "stay below, give the actuator a leak at this voltage, or be sure that the strip holds no water",
             channel="voltage",
             values={"largest_voltage": largest, "limit": ELECTROLYSIS},
+        )
+    ]
+
+
+def _extrapolated(largest: float) -> list[Finding]:
+    return [
+        Finding(
+            "leak-extrapolated",
+            "warning",
+            f"the voltage reaches {largest:.4g} V, leaks of strips were measured up to 3 V: the current of the leak "
+            "there is that of a formula, and a strip heats, dries and may burn",
+            "stay below, or measure the leak at this voltage and judge the prediction by that",
+            channel="voltage",
+            values={"largest_voltage": largest, "limit": LEAKS_KNOWN_TO},
         )
     ]
 
