@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.random_effect import FEWEST
+
 FloatArray = npt.NDArray[np.float64]
 
 Table = Mapping[str, Mapping[str, float]]
@@ -66,8 +68,8 @@ def covariance_table(
 def known_of(table: Table, values: Mapping[str, float], parameters: Sequence[str], own: Sequence[str] = ()) -> Known:
     """What is known of an actuator's parameters in one run.
 
-    Of a parameter that each run of the fit has for itself, a new run has another: as far from the mean of the others
-    as they are from each other.
+    Of a parameter that each run of the fit has for itself, a new run has another: as far from the mean of three others
+    or more as they are from each other, with a variance whose normal interval of 95 % is Student's.
 
     Parameters
     ----------
@@ -91,12 +93,18 @@ def known_of(table: Table, values: Mapping[str, float], parameters: Sequence[str
         elif name in values:
             others.setdefault(base, []).append(values[name])
     spread = {base: found for base, found in others.items() if base not in chosen}
-    told = {
-        base: float(np.var(found, ddof=1)) * (1.0 + 1.0 / len(found)) for base, found in spread.items() if found[1:]
-    }
+    told = {base: _of_another(found) for base, found in spread.items() if len(found) >= FEWEST}
     names = (*chosen, *told)
     covariance = np.zeros((len(names), len(names)))
     full = np.array([[table[one][other] for other in chosen.values()] for one in chosen.values()])
     covariance[: len(chosen), : len(chosen)] = full.reshape(len(chosen), len(chosen))
     covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(told.values())
     return Known(names, covariance, tuple(base for base in spread if base not in told))
+
+
+def _of_another(found: Sequence[float]) -> float:
+    from scipy.special import ndtri, stdtrit
+
+    count = len(found)
+    wider = float(stdtrit(count - 1, 0.975) / ndtri(0.975))
+    return float(np.var(found, ddof=1)) * (1.0 + 1.0 / count) * wider**2

@@ -48,6 +48,9 @@ class LeftOut:
     rmse : mapping of output to float [SI]
     inside : mapping of output to float
         Share of the readings inside the 95 % band of the prediction.
+    standardised : mapping of output to float
+        Root of the mean square of the error over its standard deviation: about 1 for a run like the others. However
+        errors hang together, it is beyond 3.3 in one of a thousand such runs at most.
     undetermined : tuple of str
         Parameters that the others alone do not determine.
     shifts : mapping of name to float
@@ -60,6 +63,7 @@ class LeftOut:
     fit_percent: Mapping[str, float] = field(default_factory=dict)
     rmse: Mapping[str, float] = field(default_factory=dict)
     inside: Mapping[str, float] = field(default_factory=dict)
+    standardised: Mapping[str, float] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
     shifts: Mapping[str, float] = field(default_factory=dict)
     unlikely: float = 1.0
@@ -76,6 +80,7 @@ class LeftOut:
             "fit_percent": dict(self.fit_percent),
             "rmse": dict(self.rmse),
             "inside": dict(self.inside),
+            "standardised": dict(self.standardised),
             "undetermined": list(self.undetermined),
             "shifts": dict(self.shifts),
             "unlikely": self.unlikely,
@@ -241,7 +246,8 @@ def _predicted(
         told,
         fit_percent={name: s.fit_percent for name, s in scores.items() if s.fit_percent is not None},
         rmse={name: s.rmse for name, s in scores.items() if s.rmse is not None},
-        inside={name: _inside(compared[name], reach[name]) for name in compared if name in reach},
+        inside={name: _inside(compared[name], reach[name]) for name in reach if name in compared},
+        standardised={name: _standardised(compared[name], reach[name]) for name in reach if name in compared},
     )
 
 
@@ -290,17 +296,35 @@ def _inside(one: Comparison, reach: FloatArray) -> float:
     return float(np.mean(np.abs(one.error[one.used]) <= reach[one.used]))
 
 
+def _standardised(one: Comparison, reach: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(one.error[one.used] / reach[one.used])))) * NORMAL_95
+
+
+def _chance(one: LeftOut) -> float:
+    """How unlikely a run is, by what it changes or by what the others predict of it.
+
+    A run that does not fit in may pass the first: what it contradicts is taken for noise of its own.
+    """
+    from scipy.special import erfc
+
+    return min([one.unlikely, *(float(erfc(size / math.sqrt(2.0))) for size in one.standardised.values())])
+
+
 def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
     """That a run is not like the others: the least likely one, since it spoils what the others say of each other."""
-    one = min(runs, key=lambda run: run.unlikely)
-    if one.unlikely >= _SURELY / len(runs) or any(finding.code == "mountings-differ" for finding in fit.findings):
+    one = min(runs, key=_chance)
+    if _chance(one) >= _SURELY / len(runs) or any(finding.code == "mountings-differ" for finding in fit.findings):
         return []  # where mountings differ, every run is unlike those of the others
-    most = max(one.shifts, key=lambda name: abs(one.shifts[name]))
-    size = f"{most} changes by {abs(one.shifts[most]):.3g} standard errors"
-    told = f"{one.label} does not fit in with the other runs (p < 0.1 %): without it {size}"
+    if one.unlikely == _chance(one):
+        most = max(one.shifts, key=lambda name: abs(one.shifts[name]))
+        why = f"without it {most} changes by {abs(one.shifts[most]):.3g} standard errors"
+    else:
+        output = max(one.standardised, key=lambda name: one.standardised[name])
+        why = f"its {output} lies {one.standardised[output]:.3g} standard deviations (rms) from what they predict"
+    told = f"{one.label} does not fit in with the other runs (p < 0.1 %): {why}"
     if len(runs) == 2:
-        told = f"{runs[0].label} and {runs[1].label} do not agree (p < 0.1 %): with both, {size}; which of them is out "
-        told += "of place two runs cannot tell"
+        told = f"{runs[0].label} and {runs[1].label} do not agree (p < 0.1 %): of {one.label}, {why}; which of them is "
+        told += "out of place two runs cannot tell"
     return [
         Finding(
             "run-stands-out",
@@ -308,6 +332,6 @@ def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
             told,
             "see whether it is of another mounting or another state of the strip; if so, fit it by itself, or name "
             "what differs in per_run or per_mounting; else the model lacks something that the signals show differently",
-            values={"unlikely": one.unlikely, **{f"shift.{name}": shift for name, shift in one.shifts.items()}},
+            values={"unlikely": _chance(one), **{f"shift.{name}": shift for name, shift in one.shifts.items()}},
         )
     ]

@@ -83,7 +83,7 @@ def telling(tell: Tell | None) -> Iterator[None]:
 
 @contextmanager
 def part(sentence: str, begin: float, end: float) -> Iterator[None]:
-    """A fit within a longer work: its stages are told after a sentence, within a part of the whole.
+    """A fit within a longer work: its stages are told after a sentence, if any, within a part of the whole.
 
     Examples
     --------
@@ -93,7 +93,8 @@ def part(sentence: str, begin: float, end: float) -> Iterator[None]:
     """
     before, first, last = _part.get()
     length = last - first
-    token = _part.set((f"{before}{sentence}: ", first + begin * length, first + end * length))
+    said = f"{before}{sentence}: " if sentence else before
+    token = _part.set((said, first + begin * length, first + end * length))
     try:
         yield
     finally:

@@ -13,8 +13,9 @@ FloatArray = npt.NDArray[np.float64]
 FEWEST: Final = 3
 """Members from which a next one is told: two show no spread that could be relied on."""
 
-_NODES: Final = 800
-_SMALLEST, _LARGEST = 1e-6, 1e10  # variance between, over what the estimates show
+_NODES: Final = 600
+_BELOW, _ABOVE = 80.0, 28.0  # about the logarithm of what the estimates show: where the variance between is looked for
+_NEGLIGIBLE: Final = 1e-9  # confidence
 
 
 @dataclass(frozen=True)
@@ -67,20 +68,20 @@ def random_effect(values: npt.ArrayLike, errors: npt.ArrayLike, *, level: float 
 
     y, within = np.asarray(values, dtype=np.float64), np.square(np.asarray(errors, dtype=np.float64))
     freedom = len(y) - 1
-    size = float(np.var(y, ddof=1)) + float(np.mean(within))
-    if size == 0.0:
+    if np.ptp(y) == 0.0 and not within.any():
         alone = float(y[0])
         return RandomEffect(alone, 0.0, 1.0, (alone, alone) if len(y) >= FEWEST else None)
+    size = float(np.log(float(np.ptp(y)) ** 2 + float(within.max())))
+    ends = size - _BELOW, size + _ABOVE
 
-    def excess(between: float) -> float:
-        return float(_squares(y, within, np.array([between]))[2][0]) - freedom
+    def excess(exponent: float) -> float:
+        return float(_squares(y, within, np.array([np.exp(exponent)]))[2][0]) - freedom
 
-    tiny = 1e-12 * size  # in place of no variance at all, in which an estimate without an error would weigh everything
-    variance = float(brentq(excess, tiny, 1e3 * size, xtol=1e-9 * size)) if excess(tiny) > 0.0 else tiny
-    mean = float(_squares(y, within, np.array([variance]))[0][0])
-    unlikely = float(chdtrc(freedom, excess(tiny) + freedom))
-    next_one = _next_one(y, within, size, level) if len(y) >= FEWEST else None
-    return RandomEffect(mean, float(np.sqrt(variance)) if variance > tiny else 0.0, unlikely, next_one)
+    variance = float(np.exp(brentq(excess, *ends))) if excess(ends[0]) > 0.0 else 0.0
+    mean = float(_squares(y, within, np.array([max(variance, np.exp(ends[0]))]))[0][0])
+    unlikely = float(chdtrc(freedom, excess(ends[0]) + freedom))
+    next_one = _next_one(y, within, ends, level) if len(y) >= FEWEST else None
+    return RandomEffect(mean, float(np.sqrt(variance)), unlikely, next_one)
 
 
 def _squares(y: FloatArray, within: FloatArray, between: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -91,21 +92,30 @@ def _squares(y: FloatArray, within: FloatArray, between: FloatArray) -> tuple[Fl
     return means, 1.0 / total, (weights * (y - means[:, None]) ** 2).sum(axis=1)
 
 
-def _next_one(y: FloatArray, within: FloatArray, size: float, level: float) -> tuple[float, float]:
+def _next_one(y: FloatArray, within: FloatArray, ends: tuple[float, float], level: float) -> tuple[float, float]:
     from scipy.optimize import brentq
     from scipy.special import chdtrc, ndtr
 
-    edges = size * np.geomspace(_SMALLEST, _LARGEST, _NODES + 1)
-    below = chdtrc(len(y) - 1, _squares(y, within, edges)[2])
-    nodes = np.concatenate([edges[:1], np.sqrt(edges[:-1] * edges[1:]), edges[-1:]])
-    share = np.diff(np.concatenate([[0.0], below, [1.0]]))
+    def below(edges: FloatArray) -> FloatArray:
+        return np.asarray(chdtrc(len(y) - 1, _squares(y, within, edges)[2]))
+
+    coarse = np.exp(np.linspace(*ends, _NODES))
+    told = below(coarse)
+    first = min(max(int(np.searchsorted(told, told[0] + _NEGLIGIBLE)) - 1, 0), _NODES - 2)
+    last = max(min(int(np.searchsorted(told, 1.0 - _NEGLIGIBLE)), _NODES - 1), first + 1)
+    edges = np.geomspace(coarse[first], coarse[last], _NODES)
+    # What lies below the first edge is as good as none.
+    nodes = np.concatenate([coarse[:1], np.sqrt(edges[:-1] * edges[1:]), edges[-1:]])
+    share = np.diff(np.concatenate([[0.0], below(edges), [1.0]]))
     means, errors, _ = _squares(y, within, nodes)
     deviation = np.sqrt(nodes + errors)
 
     def missing(end: float, part: float) -> float:
         return float(share @ ndtr((end - means) / deviation)) - part
 
-    far = float(np.abs(y).max()) + 1e7 * float(np.sqrt(size))
-    tails = (0.5 - 0.5 * level, 0.5 + 0.5 * level)
-    low, high = (float(brentq(missing, -far, far, args=(part,), xtol=1e-9 * size**0.5)) for part in tails)
+    reach = 40.0 * float(deviation[-1])
+    bracket = float(y.min()) - reach, float(y.max()) + reach
+    tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
+    near = 1e-9 * float(np.sqrt(np.exp(ends[1] - _ABOVE)))
+    low, high = (float(brentq(missing, *bracket, args=(part,), xtol=near)) for part in tails)
     return low, high

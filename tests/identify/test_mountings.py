@@ -1,0 +1,171 @@
+"""What the next mounting will say, against mountings that were drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from ipmclab import InputError, identify, prediction_bands, read_fit, simulate, validate, write_fit
+from ipmclab.identify.mountings import why_unknown
+from ipmclab.run import Run
+from tests.identify.many import CONTACT, ELECTRICAL, FRIEND, mounted, noisy
+
+SEED = 20261121
+FREE = [*ELECTRICAL[:1], *ELECTRICAL[3:]]
+
+
+def drawn(generator: np.random.Generator, count: int, spread: float) -> tuple[list[Run], list[dict[str, float]]]:
+    runs, truths = [], []
+    for number in range(count):
+        strip, values = mounted(generator, spread)
+        runs.append(noisy(generator, "square 1 V 0.1 Hz", strip=strip, mounting=f"strip-7-{number}"))
+        truths.append(dict(values))
+    return runs, truths
+
+
+def test_three_mountings_that_are_well_known_give_students_interval() -> None:
+    generator = np.random.default_rng(SEED)
+    runs, truths = [], []
+    for number in range(3):
+        strip, values = mounted(generator, 0.3)
+        runs.append(noisy(generator, "square 1 V 0.02 Hz", strip=strip, duration=100.0, mounting=f"strip-7-{number}"))
+        truths.append(values)
+    fit = identify(FRIEND, runs)
+    for name in ELECTRICAL:
+        logs = np.log([truth[name] for truth in truths])
+        reach = scipy.stats.t.ppf(0.975, 2) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / 3.0)
+        found = fit.parameters[name].interval_next_mounting
+        assert found is not None
+        # The mountings are known to a percent, not exactly.
+        assert np.log(found) == pytest.approx([logs.mean() - reach, logs.mean() + reach], abs=0.06 * reach)
+    assert "mountings-differ" in {finding.code for finding in fit.findings}
+    assert why_unknown(fit) == ""
+
+
+def test_the_interval_holds_another_mounting() -> None:
+    """Twelve strips of four mountings; ``benchmarks.mountings`` has hundreds."""
+    generator = np.random.default_rng(SEED)
+    inside = []
+    for _ in range(12):
+        runs, truths = drawn(generator, 5, 0.1)
+        fit = identify(FRIEND, runs[:4])
+        for name in ELECTRICAL:
+            found = fit.parameters[name].interval_next_mounting
+            assert found is not None
+            inside.append(found[0] <= truths[4][name] <= found[1])
+    # 60 answers at 95 %: three and a half standard deviations.
+    assert np.mean(inside) >= 0.85
+
+
+def test_fewer_than_three_mountings_cannot_tell() -> None:
+    generator = np.random.default_rng(SEED)
+    runs, _ = drawn(generator, 2, 0.1)
+    fit = identify(FRIEND, runs)
+    assert all(one.interval_next_mounting is None for one in fit.parameters.values())
+    assert fit.mountings is not None
+    assert fit.mountings.between == {}
+    assert all("cannot be known from 2 mountings" in reason for reason in fit.mountings.unknown.values())
+    assert why_unknown(fit) == (
+        "what another mounting would give cannot be known from two mountings: it takes three or more of the same strip"
+    )
+    # That two differ is known all the same.
+    assert [finding.code for finding in fit.findings if "mount" in finding.code] == ["mountings-differ"]
+    one = identify(FRIEND, runs[:1])
+    assert one.mountings is None
+    assert "from one mounting" in why_unknown(one)
+
+
+def test_several_samples_are_no_mountings_of_one() -> None:
+    generator = np.random.default_rng(SEED)
+    runs = [noisy(generator, "square 1 V 0.1 Hz", mounting=f"m{k}", sample=f"s{k % 2}") for k in range(3)]
+    fit = identify(FRIEND, runs)
+    assert fit.mountings is None
+    assert "more than one strip" in why_unknown(fit)
+
+
+def test_mountings_that_do_not_differ_are_not_called_different() -> None:
+    generator = np.random.default_rng(SEED)
+    fit = identify(FRIEND, drawn(generator, 4, 0.0)[0])
+    assert "mountings-differ" not in {finding.code for finding in fit.findings}
+    for name in ELECTRICAL:
+        low, high = fit.parameters[name].interval_next_mounting or (np.nan, np.nan)
+        assert low <= FRIEND[name] <= high
+
+
+def test_it_goes_into_the_file_and_back(tmp_path: Path) -> None:
+    fit = identify(FRIEND, drawn(np.random.default_rng(SEED), 3, 0.2)[0])
+    write_fit(fit, tmp_path / "fitted.toml")
+    again = read_fit(tmp_path / "fitted.toml")
+    assert again.mountings == fit.mountings
+    assert again.parameters == fit.parameters
+    assert again.covariance == fit.covariance
+
+
+def test_each_mounting_has_a_contact_of_its_own() -> None:
+    """Three clampings of one strip, of unequal runs; the contact is all that differs."""
+    generator = np.random.default_rng(SEED)
+    contacts = {"a": 0.5, "b": 1.5, "c": 0.9}
+    runs = []
+    for mounting, contact in contacts.items():
+        strip = FRIEND.replace(**{CONTACT: contact})
+        runs.append(noisy(generator, "step 1 V", strip=strip, mounting=mounting))
+        runs.append(noisy(generator, "sine 1 V 0.3 Hz", strip=strip, mounting=mounting, duration=12.0, rate=80.0))
+    fit = identify(FRIEND, runs, free=FREE, per_mounting=CONTACT)
+    for mounting, contact in contacts.items():
+        found = fit.parameters[f"{CONTACT}[mounting {mounting}]"]
+        assert found.interval[0] <= contact <= found.interval[1]
+        assert found.standard_error < 0.02
+    values = np.array(list(contacts.values()))
+    reach = scipy.stats.t.ppf(0.975, 2) * values.std(ddof=1) * np.sqrt(1.0 + 1.0 / 3.0)
+    following = fit.parameters[f"{CONTACT}[mounting a]"].interval_next_mounting
+    # A contact resistance is not negative.
+    assert following == pytest.approx((max(values.mean() - reach, 0.0), values.mean() + reach), rel=0.05)
+    # A run of the fit has the contact of its mounting.
+    told = validate(fit.actuator, [runs[2]])
+    assert told.scores["current"].rmse == pytest.approx(1e-4, rel=0.1)
+    assert told.runs[0].used_in_fit
+
+
+def test_the_band_of_another_mounting_holds_it() -> None:
+    generator = np.random.default_rng(SEED)
+    inside = []
+    for _ in range(4):
+        runs, _ = drawn(generator, 4, 0.1)
+        fit = identify(FRIEND, runs)
+        strip, _ = mounted(generator, 0.1)
+        new = noisy(generator, "sine 1 V 0.2 Hz", strip=strip, mounting="another")
+        told = validate(fit.actuator, [new])
+        assert told.scores["current"].inside_band is not None
+        inside.append(told.scores["current"].inside_band)
+        assert [f.severity for f in told.findings if f.code == "another-mounting"] == ["info"]
+        assert prediction_bands(fit, new).mounting == "the next"
+        narrow = prediction_bands(fit, simulate(FRIEND, "sine 1 V 0.2 Hz", duration=30.0, rate=25.0))
+        assert narrow.mounting == "the fit's"
+    assert np.mean(inside) > 0.85
+
+
+def test_a_band_says_when_it_does_not_know_of_another_mounting() -> None:
+    generator = np.random.default_rng(SEED)
+    fit = identify(FRIEND, drawn(generator, 1, 0.0)[0])
+    new = noisy(generator, "sine 1 V 0.2 Hz", mounting="another")
+    said = [finding for finding in validate(fit.actuator, [new]).findings if finding.code == "another-mounting"]
+    assert [finding.severity for finding in said] == ["warning"]
+    assert "cannot be known" in said[0].message
+
+
+def test_messages() -> None:
+    generator = np.random.default_rng(SEED)
+    run = noisy(generator, "step 1 V")
+    with pytest.raises(InputError, match="does not say of which it is") as caught:
+        identify(FRIEND, [run], per_mounting=CONTACT)
+    assert caught.value.code == "no-mounting"
+    with pytest.raises(InputError, match="belongs to each run already") as caught:
+        identify(FRIEND, [run], per_run=CONTACT, per_mounting=CONTACT)
+    assert caught.value.code == "per-run-and-mounting"
+    force = noisy(generator, "step 1 V", outputs=("force",), mounting="b")
+    current = noisy(generator, "sine 1 V 0.1 Hz", mounting="a")
+    with pytest.raises(InputError, match="no usable current"):
+        identify(FRIEND, [current, force], free="coupling", per_mounting="circuit.dc_resistivity")
