@@ -60,11 +60,6 @@ class Evidence:
             for key, p in self.pieces.items()
         }
 
-    @property
-    def readings(self) -> int:
-        """How many readings of the output there are."""
-        return sum(columns.count for columns in self.columns.values())
-
     def alone(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, FloatArray]:
         """What each addition alone would do under a given noise.
 
@@ -75,18 +70,27 @@ class Evidence:
         sizes : float array, shape (n_added,)
             How much of it is asked for, in units of what was given.
         """
-        total = self.rest.copy()
-        for key, shape in shapes.items():
-            total += without(self.columns[key].products(shape.terms, shape.entries)[0], shape.terms)[0] / shape.variance
-        fixed = total[: self.first, : self.first]
-        answer = np.linalg.solve(fixed, total[: self.first, self.first :])
-        left = total[self.first :, self.first :] - total[self.first :, : self.first] @ answer
+        left, own = self._beside(shapes)
         power, across = left.diagonal()[:-1], left[:-1, -1]
-        # What the fit can imitate to a millionth is nothing of its own.
-        own = power > 1e-6 * total.diagonal()[self.first : -1]
         # The residual is model less reading: what is missing lowers it.
         size = np.where(own, -across / np.where(own, power, 1.0), 0.0)
         return -across * np.abs(size), size / self.lengths
+
+    def together(self, shapes: Mapping[Key, Shape]) -> float:
+        """By how much all additions together would lower chi-square under a given noise."""
+        left, own = self._beside(shapes)
+        places = np.flatnonzero(own)
+        inner, across = left[np.ix_(places, places)], left[places, -1]
+        return float(across @ np.linalg.lstsq(inner, across, rcond=1e-10)[0])
+
+    def _beside(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Products of additions and residual beside what the fit can do, and of which there is anything left then."""
+        total = self.rest + sum(_part(self.columns[key], shape) for key, shape in shapes.items())
+        first = self.first
+        answer = np.linalg.solve(total[:first, :first], total[:first, first:])
+        left = total[first:, first:] - total[first:, :first] @ answer
+        # What the fit can imitate to a millionth is nothing of its own.
+        return left, left.diagonal()[:-1] > 1e-6 * total.diagonal()[first:-1]
 
     def deviance(self, chosen: Sequence[int], shapes: Mapping[Key, Shape]) -> tuple[float, dict[Key, Shape]]:
         """Minus twice the log likelihood with some of the additions, and the noise that is the likeliest beside them.

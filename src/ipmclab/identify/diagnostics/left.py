@@ -22,6 +22,7 @@ from ipmclab.identify.problem import Evaluation, Problem
 FloatArray = npt.NDArray[np.float64]
 
 _REJECT: Final = 1e-3
+_HINT: Final = 0.05
 _ROUNDING: Final = 1.01  # times the rounding of the model: below it residuals are no noise
 
 
@@ -129,6 +130,10 @@ class Left:
 
         ways = of_voltage(self.problem, self.theta, self.output, bent=bent)
         evidence = self.evidence(ways)
+        # Beside the noise that was found, which may have taken it for its own: half of it shows even then.
+        chance = float(chdtrc(len(ways), max(evidence.together(self.shapes), 0.0)))
+        if chance > _HINT:
+            return chance
         without, _ = evidence.deviance([], self.shapes)
         with_all, _ = evidence.deviance(range(len(ways)), self.shapes)
         return float(chdtrc(len(ways), max(without - with_all, 0.0)))
