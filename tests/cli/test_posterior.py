@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from ipmclab import load_actuator, write_actuator
 from ipmclab.identify.posterior import convergence
 from ipmclab.identify.posterior.packages import bayes_package
 
@@ -18,14 +20,16 @@ def run(command, tmp_path: Path) -> str:
 
 
 def test_it_writes_samples_and_says_how_the_chains_did(command, run: str, tmp_path: Path) -> None:
+    known = {"circuit.sheet_resistance": 0.02, "circuit.dc_resistivity": 2.0}
+    write_actuator(replace(load_actuator("friend-2"), standard_uncertainties=known), tmp_path / "strip.toml")
     done = command(
-        *("posterior", "friend-1-measured", run, "--free", "circuit.dc_resistivity,coupling.gain"),
-        *("--prior", "coupling.gain", "--out", "posterior.nc", "--figure", "pairs.svg"),
+        *("posterior", "strip.toml", run, "--free", "circuit.dc_resistivity"),
+        *("--prior", "circuit.dc_resistivity", "--out", "posterior.nc", "--figure", "pairs.svg"),
     )
     assert done.status == 0
     assert done.err == ""
-    rows = {line.split()[0]: line for line in done.out.splitlines() if line.startswith(("circuit.", "coupling."))}
-    assert "with its prior" in rows["coupling.gain"]
+    rows = {line.split()[0]: line for line in done.out.splitlines() if line.startswith("circuit.")}
+    assert "with its prior" in rows["circuit.dc_resistivity"]
     # A fixed parameter of this strip whose uncertainty is stated, and which the readings feel.
     assert "fixed, as uncertain as stated" in rows["circuit.sheet_resistance"]
     assert "The chains agree after" in done.out
@@ -41,7 +45,12 @@ def test_chains_that_do_not_agree_write_nothing(
     words = ("--free", "circuit.dc_resistivity", "--steps", "400", "--out", "posterior.nc", "--json")
     done = command("posterior", "friend-2", run, *words)
     assert done.status == 1
-    assert done.document["error"]["code"] == "posterior-not-converged"
+    error = done.document["error"]
+    assert error["code"] == "posterior-not-converged"
+    assert error["message"].startswith(
+        "the chains do not agree after 400 steps: R-hat of circuit.dc_resistivity is 1.0"
+    )
+    assert error["repair"].startswith("give more steps (--steps 4000), state what is known of circuit.dc_resistivity")
     assert not (tmp_path / "posterior.nc").exists()
 
 
