@@ -52,7 +52,9 @@ def open_page(chromium) -> Iterator[Callable[..., object]]:
         page.on("request", lambda request: _local(request.url) or faults.append(f"asked elsewhere: {request.url}"))
 
     def new(address: str, *, theme: str = "light", width: int = 1280, height: int = 720):
-        context = chromium.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+        viewport = {"width": width, "height": height}
+        # axe is put into the page by the test, which its policy would refuse.
+        context = chromium.new_context(viewport=viewport, color_scheme=theme, bypass_csp=True)
         context.set_default_timeout(20_000)
         contexts.append(context)
         page = context.new_page()
@@ -64,6 +66,14 @@ def open_page(chromium) -> Iterator[Callable[..., object]]:
     for context in contexts:
         context.close()
     assert not faults
+
+
+def serious(page) -> list[str]:
+    """What axe finds in a page that would keep somebody from using it."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{one['id']}: {one['nodes'][0]['html']}" for one in found if one["impact"] in ("serious", "critical")]
 
 
 def _local(url: str) -> bool:

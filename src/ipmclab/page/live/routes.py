@@ -56,7 +56,8 @@ def routes(bench: Bench) -> APIRouter:
             values = await _values(request)
             message = _steer(bench, seat, what, values)
         except IpmclabError as error:
-            return JSONResponse({"message": str(error), **error.as_dict()}, 409 if error.exit_status == 1 else 422)
+            told = {**error.as_dict(), "message": f"{error.message}; {error.repair}"}
+            return JSONResponse(told, 409 if error.exit_status == 1 else 422)
         except KeyError:
             return JSONResponse({"message": f"the bench cannot be asked for {what!r}"}, 404)
         return JSONResponse({"message": message})

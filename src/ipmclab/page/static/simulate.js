@@ -244,8 +244,7 @@ const LabSimulate = (() => {
       this.tone = number("0.1", "any");
       this.text = make("input", { type: "text", value: "step 1 V" });
       this.run = make("select");
-      this.run.add(new Option("none: the signal above", ""));
-      for (const [key, label] of this.options.runs) this.run.add(new Option(label, key));
+      this.setRuns(this.options.runs);
       this.run.value = this.options.run ?? "";
       const kind = new Field("Signal", this.kind);
       const amplitude = field("Amplitude", this.amplitude, "V", "amplitude");
@@ -274,6 +273,13 @@ const LabSimulate = (() => {
       arrange();
       return make("section", { className: "lab-card" }, make("h2", {}, "Voltage"),
         kind.row, amplitude.row, tone.row, text.row, duration.row, rate.row, run.row);
+    }
+
+    setRuns(runs) {
+      const chosen = this.run.value;
+      this.run.replaceChildren(new Option("none: the signal above", ""));
+      for (const [key, label] of runs) this.run.add(new Option(label, key));
+      this.run.value = [...this.run.options].some((option) => option.value === chosen) ? chosen : "";
     }
 
     signal(kind = this.kind.value) {

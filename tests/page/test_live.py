@@ -1,0 +1,335 @@
+"""What the page knows of the bench, against a real hub: readings, state, who holds it, and what is asked of it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from hypothesis import given
+from hypothesis import strategies as st
+from starlette.testclient import TestClient
+
+from ipmclab.errors import IpmclabError
+from ipmclab.page.lab import Lab
+from ipmclab.page.live.bench import Bench
+from ipmclab.page.live.columns import Columns
+from ipmclab.page.live.routes import routes
+from ipmclab.page.live.seats import Seats
+from ipmclab.page.live.state import State
+from ipmclab.page.live.view import View
+from ipmclab.page.thin import envelope, thin, within
+from ipmclab.page.wire import pack
+from ipmclab.rig.process.hub import Hub
+from ipmclab.rig.process.messages import Message
+
+PLAN = {"title": "t", "limits": {"voltage": "3.5 V"}, "steps": [], "remarks": [], "rig_proof": ""}
+RUN = {"uuid": "u", "signal": "step 1 V", "purpose": "signal", "rate": 10.0, "rows": 100, "place": 1, "of": 1}
+
+
+def unpack(message: bytes) -> tuple[dict, dict[str, np.ndarray]]:
+    """A message as a browser reads it."""
+    (length,) = struct.unpack_from("<I", message)
+    head = json.loads(message[4 : 4 + length])
+    at, arrays = 4 + length, {}
+    for name, count in head["arrays"]:
+        assert at % 8 == 0  # else JavaScript cannot look at it in place
+        arrays[name] = np.frombuffer(message, "<f8", count, at)
+        at += 8 * count
+    assert at == len(message)
+    return head, arrays
+
+
+def block(first: int, count: int) -> Message:
+    rows = first + np.arange(count)
+    return Message("block", {"first_row": first}, {"voltage": np.sin(rows / 7), "current": rows / 1000.0})
+
+
+def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+class Recorder:
+    """A recorder that is only a hub: it tells what it is made to tell, and notes what is asked of it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.asked: list[Message] = []
+        recording = folder / "runs" / "recording"
+        recording.mkdir(parents=True, exist_ok=True)
+        self.hub = Hub(recording, self.asked.append, {"sample": "strip-1", "rig": "none", "experiment": "x.toml"})
+
+    def tell(self, kind: str, **values: object) -> None:
+        self.hub.tell(Message(kind, values))
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Recorder]:
+    made = Recorder(tmp_path)
+    yield made
+    made.hub.close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    made = Bench(Lab.open(tmp_path), "no.such.program")
+    made.follower.start()
+    yield made
+    made.follower.close()
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=3000),
+    st.integers(16, 400),
+)
+def test_thinned_curves_keep_extremes_and_show_every_gap(values: list[float], points: int) -> None:
+    time_ = np.arange(len(values), dtype=float)
+    given_ = np.array(values)
+    t, v = thin(time_, given_, points)
+    known = given_[np.isfinite(given_)]
+    assert set(zip(t[np.isfinite(v)].tolist(), v[np.isfinite(v)].tolist(), strict=True)) <= set(
+        zip(time_.tolist(), values, strict=True)
+    )
+    assert (np.diff(t) > 0).all()
+    if len(known):
+        assert np.nanmax(v) == known.max()
+        assert np.nanmin(v) == known.min()
+        assert np.isfinite(v).sum() <= max(points, 4)
+    if len(values) <= points - points % 4:
+        assert len(t) == len(values)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=500), st.integers(1, 40))
+def test_an_envelope_holds_all_values_between_its_two(values: list[float], rows: int) -> None:
+    t, (v,) = envelope(np.arange(len(values), dtype=float), [np.array(values)], rows)
+    for bunch, pair in enumerate(v.reshape(-1, 2)):
+        those = values[bunch * rows : (bunch + 1) * rows]
+        assert sorted(pair) == [min(those), max(those)]
+    assert len(t) == len(v) == 2 * (len(values) // rows)
+
+
+def test_a_stretch_of_time_has_a_row_more_at_either_side() -> None:
+    t = np.arange(10.0)
+    assert t[within(t, 2.5, 4.5)].tolist() == [2.0, 3.0, 4.0, 5.0]
+    assert len(t[within(t, None, None)]) == 10
+
+
+def test_columns_stay_bounded_and_keep_every_extreme() -> None:
+    columns = Columns(["voltage"], rate=100.0, most=10_000)
+    rng = np.random.default_rng(20261121)
+    values = rng.normal(size=100_000)
+    for first in range(0, len(values), 250):
+        columns.append(first, {"voltage": values[first : first + 250]})
+        assert len(columns) <= 10_250
+    t, held = columns.snapshot()
+    assert columns.rows_seen == len(values)
+    assert t[-1] == pytest.approx((len(values) - 1) / 100.0)
+    assert (np.diff(t) > 0).all()
+    assert held["voltage"].max() == values.max()
+    assert held["voltage"].min() == values.min()
+    assert np.array_equal(held["voltage"][-1000:], values[-1000:])  # what a window shows is whole
+
+
+def test_a_channel_that_comes_later_was_not_read_before() -> None:
+    columns = Columns(["voltage"], rate=1.0)
+    columns.append(0, {"voltage": np.array([1.0, 2.0])})
+    columns.append(2, {"voltage": np.array([3.0]), "temperature": np.array([22.0])})
+    _, held = columns.snapshot()
+    assert held["temperature"][2] == 22.0
+    assert np.isnan(held["temperature"][:2]).all()
+
+
+def test_a_window_brings_every_row_once_and_a_new_run_begins_anew() -> None:
+    columns = Columns(["voltage"], rate=10.0)
+    view = View()
+    view.choose({"view": "window", "seconds": 3})
+    seen: list[float] = []
+    for first in range(0, 200, 7):
+        columns.append(first, {"voltage": np.arange(first, first + 7, dtype=float)})
+        for frame in asyncio.run(view.frames(columns, 1, first)):
+            head, arrays = unpack(frame)
+            assert head["generation"] == 1
+            assert head["fresh"] == (not seen)
+            seen += arrays["voltage"].tolist()
+    assert seen == [float(k) for k in range(203)]
+    other = Columns(["voltage"], rate=10.0)
+    other.append(0, {"voltage": np.zeros(50)})
+    (frame,) = asyncio.run(view.frames(other, 2, 0.0))
+    head, arrays = unpack(frame)
+    assert (head["generation"], head["fresh"], len(arrays["time"])) == (2, True, 31)
+
+
+def test_a_fast_run_is_sent_as_its_extremes_and_a_whole_run_thinned() -> None:
+    columns = Columns(["voltage"], rate=10_000.0)
+    values = np.random.default_rng(20261121).normal(size=700_000)
+    columns.append(0, {"voltage": values})
+    view = View()
+    view.choose({"view": "window", "seconds": 60})
+    (frame,) = asyncio.run(view.frames(columns, 1, 0.0))
+    _, arrays = unpack(frame)
+    assert len(arrays["voltage"]) <= 6002
+    assert arrays["voltage"].max() == values[-600_001:].max()
+    view.choose({"view": "whole", "points": 2000})
+    (frame,) = asyncio.run(view.frames(columns, 1, 1.0))
+    head, arrays = unpack(frame)
+    assert len(arrays["voltage.value"]) <= 2000
+    assert arrays["voltage.value"].min() == values.min()
+    assert head["end"] == pytest.approx(69.9999)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [{}, {"view": "window"}, {"view": "window", "seconds": 0}, {"view": "window", "seconds": 1e9},
+     {"view": "whole", "begin": "x"}, {"view": "whole", "begin": float("inf")}],
+)  # fmt: skip
+def test_a_view_that_is_none_is_refused(wanted: dict) -> None:
+    with pytest.raises((ValueError, TypeError, KeyError)):
+        View().choose(wanted)
+
+
+def test_one_holds_the_bench_until_it_is_released_or_gone_for_long() -> None:
+    now = [0.0]
+    seats = Seats(lambda: now[0])
+    seats.come("anna")
+    seats.come("ben")
+    seats.take("anna")
+    with pytest.raises(IpmclabError, match="somebody else holds the bench"):
+        seats.take("ben")
+    seats.leave("anna")  # a reload
+    now[0] = 29.0
+    assert seats.holds("anna")
+    with pytest.raises(IpmclabError, match="somebody else"):
+        seats.take("ben")
+    now[0] = 31.0
+    seats.take("ben")
+    assert not seats.holds("anna")
+    seats.release("anna")
+    assert seats.holds("ben")
+    seats.release("ben")
+    assert not seats.held
+    with pytest.raises(IpmclabError, match="cookies"):
+        seats.take("")
+
+
+def test_steps_are_ticked_in_their_order_and_what_comes_again_is_noted() -> None:
+    state = State()
+    steps = [{"name": name, "text": "", "seconds": 0, "asks": False} for name in ("clamp", "zero", "apply", "zero")]
+    state.take(Message("plan", {**PLAN, "steps": steps}))
+    for name in ("clamp", "zero", "apply", "zero"):
+        state.take(Message("step", {"name": name, "text": "", "seconds": 0, "asks": False}))
+    assert [one["state"] for one in state.document()["steps"]] == ["done", "done", "done", "now"]
+    state.take(Message("step", {"name": "clamp", "text": "again", "seconds": 0, "asks": True}))
+    assert "clamp once more: again" in [note["text"] for note in state.document()["notes"]]
+    state.take(Message("ended", {"how": "done", "error": None}))
+    assert {one["state"] for one in state.document()["steps"]} == {"done"}
+
+
+def test_who_comes_in_the_middle_of_a_run_is_shown_its_beginning(recorder: Recorder, bench: Bench) -> None:
+    """The rows that were told before come from the journal."""
+    from ipmclab.store.journal.journal import Journal, JournalHeader
+
+    folder = recorder.hub.file.parents[1]
+    header = JournalHeader("00000000-0000-4000-8000-000000000000", 10.0, ("voltage", "current"))
+    journal = Journal.create(folder, header)
+    rows = np.arange(40)
+    journal.append(0, np.column_stack([np.sin(rows / 7), rows / 1000.0]))
+    path = journal.end("complete")
+    recorder.tell("run", **RUN)
+    recorder.tell("begun", uuid="u", journal=str(path))
+    wait_until(lambda: recorder.hub.clients and bench.follower.state.journal)
+    time.sleep(0.2)
+    recorder.hub.tell(block(40, 10))
+    wait_until(lambda: bench.follower.columns is not None and len(bench.follower.columns) == 50)
+    t, held = bench.follower.columns.snapshot()
+    assert np.allclose(t, np.arange(50) / 10.0)
+    assert np.allclose(held["voltage"], np.sin(np.arange(50) / 7))
+
+
+def test_only_the_operator_steers_and_anybody_may_zero(recorder: Recorder, bench: Bench) -> None:
+    wait_until(lambda: bench.follower.is_joined)
+    app = FastAPI()
+    app.include_router(routes(bench))
+    anna, ben = (TestClient(app, cookies={"ipmclab-seat": name}) for name in ("anna", "ben"))
+    assert anna.post("/bench/hold").status_code == 200
+    assert anna.post("/bench/start").json()["message"] == "started"
+    assert ben.post("/bench/stop").status_code == 409
+    assert ben.post("/bench/answer", json={"number": 1, "value": "done"}).status_code == 409
+    assert ben.post("/bench/zero").status_code == 200
+    assert anna.post("/bench/mark", json={"text": "fan on"}).status_code == 200
+    wait_until(lambda: [one.kind for one in recorder.asked] == ["start", "zero", "mark"])
+    assert recorder.asked[-1].values["text"] == "fan on"
+    assert anna.post("/bench/explode").status_code == 404
+    assert anna.post("/bench/mark", content=b"not json").status_code == 409
+    assert anna.post("/bench/release").status_code == 200
+    assert ben.post("/bench/stop").status_code == 200  # it was free
+
+
+def test_the_link_tells_the_state_and_the_readings(recorder: Recorder, bench: Bench) -> None:
+    app = FastAPI()
+    app.include_router(routes(bench))
+    recorder.tell("plan", **PLAN)
+    recorder.tell("run", **RUN)
+    wait_until(lambda: bench.follower.is_joined and bench.follower.state.run)
+    time.sleep(0.2)
+    recorder.hub.tell(block(0, 30))
+    wait_until(lambda: bench.follower.columns is not None)
+    client = TestClient(app, cookies={"ipmclab-seat": "anna"})
+    with client.websocket_connect("/live") as socket:
+        socket.send_text('{"view": "window", "seconds": 60}')
+        texts, frames = [], []
+        while not frames:
+            message = socket.receive()
+            (texts if message.get("text") else frames).append(message.get("text") or message["bytes"])
+        state = json.loads(texts[0])
+        assert (state["kind"], state["bench"], state["sample"], state["mine"]) == (
+            "state",
+            "recording",
+            "strip-1",
+            False,
+        )
+        head, arrays = unpack(frames[0])
+        assert [panel["key"] for panel in head["panels"]] == ["voltage", "current"]
+        assert np.allclose(arrays["current"], np.arange(30) / 1000.0)
+        socket.send_text("not json")  # changes nothing
+        recorder.hub.tell(Message("air", {"time": 0.5, "temperature": 22.5}))
+        recorder.hub.tell(block(30, 1))
+        pulse: dict = {}
+        while pulse.get("latest", {}).get("temperature") is None:
+            message = socket.receive()
+            pulse = json.loads(message["text"]) if message.get("text") else {}
+        assert pulse["latest"]["temperature"] == 22.5
+    wait_until(lambda: bench.seats.watching == 0)
+
+
+def test_a_recorder_that_dies_is_told_and_the_next_is_followed(tmp_path: Path, bench: Bench) -> None:
+    first = Recorder(tmp_path)
+    first.tell("run", **RUN)
+    wait_until(lambda: bench.follower.state.bench == "recording")
+    first.hub.close()
+    wait_until(lambda: bench.follower.state.bench == "lost")
+    assert "recover" in bench.follower.state.document()["text"]
+    assert bench.is_free
+    second = Recorder(tmp_path)
+    second.tell("ended", status=0, how="done", error=None, runs=[])
+    wait_until(lambda: bench.follower.state.bench == "ended")
+    second.hub.close()
+
+
+def test_whether_somebody_could_answer_is_told(recorder: Recorder, bench: Bench) -> None:
+    wait_until(lambda: bench.follower.is_joined)
+    wait_until(lambda: recorder.hub.answerers == 0)
+    bench.follower.let_answer(True)
+    wait_until(lambda: recorder.hub.answerers == 1)
+
+
+def test_a_message_may_be_empty() -> None:
+    head, arrays = unpack(pack({"kind": "rows"}, {}))
+    assert (head["kind"], arrays) == ("rows", {})
