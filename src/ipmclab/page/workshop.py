@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import os
 import secrets
 import tempfile
@@ -12,10 +14,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.curves import CurveStore
 from ipmclab.page.jobs.frames import Frame
-from ipmclab.page.jobs.jobs import Job, Jobs
+from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
 from ipmclab.page.lab import Lab
 
 if TYPE_CHECKING:
@@ -96,6 +98,7 @@ class Workshop:
         self.scratch = Path(self._folder.name)
         self._runs: OrderedDict[tuple[str, int, int], Run] = OrderedDict()
         self._lock = threading.Lock()
+        self._look: Job | None = None
 
     def close(self) -> None:
         """End the workers, and forget what was not saved."""
@@ -122,9 +125,17 @@ class Workshop:
 
     def look_again(self) -> Job:
         """Bring the catalogue up to date with the files, in a worker."""
-        return self.jobs.submit(
-            "inspect", {"folder": str(self.lab.root)}, title="looking at the runs", replaces="inspect"
-        )
+        arguments = {"folder": str(self.lab.root)}
+        self._look = self.jobs.submit("inspect", arguments, title="looking at the runs", replaces="inspect")
+        return self._look
+
+    async def looked(self) -> None:
+        """Look again, and wait until the newest look is over; a file that cannot be read stops nobody."""
+        job: Job | None = self.look_again()
+        while job is not None:
+            with contextlib.suppress(JobCancelled, IpmclabError):  # Runs says what was wrong
+                await asyncio.wrap_future(job.future)
+            job = self._look if self._look is not job else None
 
     def run_path(self, key: str) -> Path:
         """The file of a run, by its path below the folder.

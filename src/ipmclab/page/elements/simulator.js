@@ -5,6 +5,11 @@ export default {
   mounted() {
     this.view = new window.LabSimulate.View(this.$el, this.options, (state) => this.$emit("asked", state));
   },
+  methods: {
+    set_runs(runs) {
+      this.view.setRuns(runs);
+    },
+  },
   unmounted() {
     this.view.destroy();
   },

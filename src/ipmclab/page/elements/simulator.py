@@ -60,6 +60,11 @@ class Simulator(Element, component="simulator.js"):
 
             self.on("asked", asked, throttle=0.5)
 
+    def set_runs(self, runs: Sequence[tuple[str, str]]) -> None:
+        """Other runs that can be laid over."""
+        self._props["options"]["runs"] = list(runs)
+        self.run_method("set_runs", list(runs))
+
 
 def slider(parameter: Parameter) -> dict[str, Any]:
     """A parameter as the browser has it: how it is called and shown, and from where to where its slider goes [SI].

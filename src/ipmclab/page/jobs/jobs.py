@@ -58,6 +58,7 @@ class Job:
         self.sentence = ""
         self.fraction: float | None = None
         self.future: Future[Frame] = Future()
+        self.future.set_running_or_notify_cancel()  # who waits for it may go away; that does not cancel the job
         self.started: float | None = None
         self.ended: float | None = None
         self.is_cancelled = threading.Event()

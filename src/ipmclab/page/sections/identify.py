@@ -87,8 +87,7 @@ class _View:
         return f"fit {len(self._workshop.fits) + 1}"
 
     async def _begin(self) -> None:
-        self._rows = [row for row in (await asyncio.to_thread(self._table_rows)) if row["key"]]
-        self._table.show(self._rows)
+        await self._read_rows()
         if self._opened:
             self._table.choose("fit", self._opened)
         self._chose(self._table.chosen)
@@ -96,8 +95,14 @@ class _View:
         done = [one for one in self._workshop.fits if one.frame is not None]
         if done:
             self._show(done[-1])
+        await self._workshop.looked()
+        await self._read_rows()
         if not self._rows:
             self._count.set_text("No runs yet: record one under Run, or import one under Runs.")
+
+    async def _read_rows(self) -> None:
+        self._rows = [row for row in (await asyncio.to_thread(self._table_rows)) if row["key"]]
+        self._table.show(self._rows)
 
     def _table_rows(self) -> list[dict[str, Any]]:
         return table_rows(self._workshop.rows(), RunFilter())[0]

@@ -54,16 +54,22 @@ def build(context: Context) -> None:
         from ipmclab import load_actuator
 
         fail_at(actuator, None)
-        keys = await asyncio.to_thread(workshop.run_keys)
-        runs = list(zip(keys, labels(keys), strict=True))
         try:
             loaded = await asyncio.to_thread(load_actuator, workshop.actuator_path(actuator.value.strip()))
         except IpmclabError as error:
             fail_at(actuator, error)
             return
+        runs = await listed()
         host.clear()
         with host:
-            Simulator(actuator.value.strip(), loaded, runs=runs, run=asked.get("run"), on_asked=tell)
+            view = Simulator(actuator.value.strip(), loaded, runs=runs, run=asked.get("run"), on_asked=tell)
+        await workshop.looked()
+        if (now := await listed()) != runs:
+            view.set_runs(now)
+
+    async def listed() -> list[tuple[str, str]]:
+        keys = await asyncio.to_thread(workshop.run_keys)
+        return list(zip(keys, labels(keys), strict=True))
 
     async def keep() -> None:
         from ipmclab import load_actuator, write_actuator

@@ -102,14 +102,17 @@ def guess_layout(path: Path) -> dict[str, Any]:
             where=path.name,
             repair="import it with ipmclab import and a map that describes it: docs, Import maps",
         )
-    lines = text.splitlines()[:_HEAD]
-    comment = next((mark for mark in ("#", "%", "//") if lines and lines[0].startswith(mark)), None)
-    lines = [line for line in lines if line.strip() and not (comment and line.startswith(comment))]
+    numbered = list(enumerate(text.splitlines()[:_HEAD]))
+    comment = next((mark for mark in ("#", "%", "//") if text.startswith(mark)), None)
+    numbered = [(at, line) for at, line in numbered if line.strip() and not (comment and line.startswith(comment))]
+    lines = [line for _, line in numbered]
     separator = max(";\t,", key=lambda mark: _regular(lines, mark))
     table = list(csv.reader(lines, delimiter=separator))
     width = len(table[-1]) if table else 0
-    skip = next((at for at, row in enumerate(table) if len(row) == width), 0)
-    rows = table[skip:]
+    first = next((at for at, row in enumerate(table) if len(row) == width), 0)
+    # A comment is left out by its mark; what else stands before the table is counted.
+    skip = numbered[first][0] if first else 0
+    rows = table[first:]
     last = " ".join(rows[-1]) if rows else ""
     layout: dict[str, Any] = {"format": "csv", "separator": separator}
     if separator != "," and re.search(r"\d,\d", last):

@@ -1,0 +1,355 @@
+"""What the sections stand on: rows of the table, curves, names of files, maps of columns, downloads."""
+
+from __future__ import annotations
+
+import asyncio
+import shlex
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ipmclab import Run, load_actuator, read_run, simulate, write_run
+from ipmclab.errors import InputError
+from ipmclab.page import curves
+from ipmclab.page.commands import identify_step, import_step, report_step, simulate_step, validate_step
+from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
+from ipmclab.page.elements.column_map import channel_tables
+from ipmclab.page.jobs.tasks.preview import guess_channels, guess_layout
+from ipmclab.page.lab import Lab
+from ipmclab.page.routes import header_name, routes
+from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
+from ipmclab.page.workshop import Workshop
+from ipmclab.store.catalogue.catalogue import Catalogue
+from ipmclab.store.catalogue.query import CatalogueRow
+from ipmclab.units import CURRENT
+
+BLANK = {"unit": "", "factor": "", "sign": "1", "zero_at": "", "sentinels": ""}
+
+
+class Client:
+    """Asks an application without a network."""
+
+    def __init__(self, app: FastAPI) -> None:
+        self._app = app
+
+    def get(self, address: str, **more: Any) -> httpx.Response:
+        return self._ask("GET", address, **more)
+
+    def post(self, address: str, **more: Any) -> httpx.Response:
+        return self._ask("POST", address, **more)
+
+    def _ask(self, method: str, address: str, **more: Any) -> httpx.Response:
+        async def ask() -> httpx.Response:
+            transport = httpx.ASGITransport(app=self._app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60.0) as client:
+                return await client.request(method, address, **more)
+
+        return asyncio.run(ask())
+
+
+@pytest.fixture
+def workshop(tmp_path: Path) -> Iterator[Workshop]:
+    strip = load_actuator("friend-2")
+    (tmp_path / "runs").mkdir()
+    for name, signal in (("step", "step 1 V"), ("sine", "sine 1 V 0.1 Hz")):
+        write_run(simulate(strip, signal, duration=10.0, rate=50.0), tmp_path / "runs" / f"{name}.nc")
+    made = Workshop(Lab.open(tmp_path))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def client(workshop: Workshop) -> Client:
+    app = FastAPI()
+    app.include_router(routes(workshop))
+    return Client(app)
+
+
+def row(**values: object) -> CatalogueRow:
+    empty = dict.fromkeys(CatalogueRow._fields)
+    return CatalogueRow(**{**empty, "id": 1, "path": "a.nc", "finding_codes": " ", **values})  # type: ignore[arg-type]
+
+
+def test_the_table_filters_by_what_is_known_of_a_run() -> None:
+    rows = [
+        row(id=1, path="runs/a.nc", sample="strip-1", channels=" voltage current ", finding_codes=" clipped spike "),
+        row(id=2, path="runs/b.nc", sample="strip-2", channels=" voltage force ", finding_codes=" fingerprint "),
+        row(id=3, path="runs/c.nc", sample="strip-2", channels=" voltage force ", finding_codes=None, state="aborted"),
+        row(id=4, path="runs/d.nc", problem="it is damaged", finding_codes=None),
+    ]
+
+    def found(**wanted: str) -> list[int]:
+        return sorted(one["id"] for one in table_rows(rows, RunFilter(**wanted))[0])
+
+    assert found() == [1, 2, 3, 4]
+    assert found(sample="strip-2") == [2, 3]
+    assert found(measured="force", text="B.NC strip") == [2]
+    assert found(finding="none") == [2]
+    assert found(finding="any") == [1]
+    assert found(finding="spike") == [1]
+    assert found(state="aborted") == [3]
+    assert found(text="nothing has this") == []
+    shown = {one["id"]: one for one in table_rows(rows, RunFilter())[0]}
+    assert shown[1]["findings"] == "clipped, spike"
+    assert shown[2]["findings"] == "none"
+    assert shown[3]["findings"] == "aborted; not checked yet"
+    assert shown[4]["key"] == ""
+    assert "it is damaged" in shown[4]["findings"]
+
+
+def test_the_table_sends_no_more_rows_than_a_browser_can_use() -> None:
+    rows, count = table_rows([row(id=k) for k in range(3 * MOST_SHOWN)], RunFilter())
+    assert (len(rows), count) == (MOST_SHOWN, 3 * MOST_SHOWN)
+    assert rows[0]["id"] == 3 * MOST_SHOWN - 1
+
+
+def test_runs_are_compared_channel_by_channel(workshop: Workshop) -> None:
+    runs = {name: workshop.read_run(f"runs/{name}.nc") for name in ("step", "sine")}
+    slow = replace(runs["sine"], temperature=np.array([20.0, 21.0]), time_environment=np.array([0.0, 9.0]), force=None)
+    panels = {panel.key: panel for panel in run_panels({"a": runs["step"], "b": slow})}
+    assert [one.label for one in panels["current"].series] == ["a", "b"]
+    assert len({(one.colour, one.style) for one in panels["current"].series}) == 2
+    assert [one.label for one in panels["force"].series] == ["a"]
+    assert len(panels["temperature"].series[0].time) == 2
+    assert panels["current"].factor == 1000.0
+
+
+def test_measured_stands_beside_each_model_and_what_is_left_over() -> None:
+    time = np.arange(3.0)
+    arrays = {
+        f"{prefix}.force.{what}": np.full(3, value)
+        for prefix, value in (("0.1", 1.0), ("1.1", 2.0))
+        for what in ("measured", "model", "residual")
+    } | {f"{prefix}.force.time": time for prefix in ("0.1", "1.1")}
+    above, below = compared_panels(arrays, {"0.1": "mine", "1.1": "other"}, residuals=True)
+    assert [one.label for one in above.series] == ["measured", "mine", "other"]
+    assert [one.label for one in below.series] == ["mine", "other"]
+
+
+def test_curves_are_bounded_in_memory_and_the_oldest_go() -> None:
+    store = CurveStore(most_bytes=10_000)
+    addresses = []
+    for _ in range(4):
+        time = np.arange(500.0)
+        addresses.append(store.add([Panel.of("current", CURRENT, [Series("c", "c", time, time)])]))
+        store.get(addresses[0].rpartition("/")[2])  # looked at all the time
+    kept = [store.get(one.rpartition("/")[2]) is not None for one in addresses]
+    assert kept == [True, False, False, True]
+
+
+def test_curves_come_thinned_and_whole() -> None:
+    store = CurveStore()
+    time = np.arange(100_000) / 100.0
+    values = np.zeros(100_000)
+    values[31_415] = 0.06
+    values[60_000:61_000] = np.nan
+    app = FastAPI()
+    app.include_router(curves.routes(store))
+    client = Client(app)
+    address = store.add([Panel.of("current", CURRENT, [Series("c", "", time, values)])])
+    whole = client.get(address, params={"points": 1000}).content
+    assert len(whole) < 40_000
+    assert b"c.value" in whole
+    part = client.get(address, params={"begin": 314.0, "end": 315.0}).content
+    assert len(part) < 8 * 2 * 110 + 300
+    lines = client.get(address, params={"csv": 'a"\r\nb'}).text.splitlines()
+    assert len(lines) == 100_001
+    assert lines[31_416] == "314.15,60"
+    assert lines[60_001] == "600,"
+    assert client.get("/curves/unknown").status_code == 404
+
+
+@given(st.text(max_size=30))
+def test_a_name_in_a_header_is_always_one(name: str) -> None:
+    kept = header_name(name)
+    assert kept
+    assert kept.isascii()
+    assert not set(kept) & set('"\\/\r\n; ')
+
+
+@pytest.mark.parametrize("key", ["../secret.nc", "/etc/passwd", "runs/../../secret.nc", "runs/nothing.nc", "a\0b"])
+def test_no_run_outside_the_folder_is_sent(client: Client, workshop: Workshop, key: str) -> None:
+    (workshop.lab.root.parent / "secret.nc").write_bytes(b"secret")
+    for address in ("/runs/file", "/runs/export", "/runs/figure"):
+        answer = client.get(address, params={"run": key})
+        assert answer.status_code in (404, 422)
+        assert b"secret" not in answer.content or key.encode() in answer.content
+    answer = client.post("/simulate", json={"actuator": "friend-2", "changes": {}, "run": key})
+    assert answer.status_code == 422
+    answer = client.post(
+        "/simulate", json={"actuator": "../x.toml", "changes": {}, "signal": "", "duration": 1, "rate": 1}
+    )
+    assert answer.json()["code"] == "outside-folder"
+
+
+def test_a_run_is_downloaded_as_it_is_and_in_other_formats(client: Client, workshop: Workshop) -> None:
+    sent = client.get("/runs/file", params={"run": "runs/step.nc"})
+    assert sent.content == (workshop.lab.root / "runs" / "step.nc").read_bytes()
+    table = client.get("/runs/export", params={"run": "runs/step.nc", "kind": "csv"})
+    assert 'filename="step.csv"' in table.headers["content-disposition"]
+    copy = workshop.lab.root / "copy.csv"
+    copy.write_bytes(table.content)
+    from ipmclab import import_run
+
+    again, first = import_run(copy).current, read_run(workshop.lab.root / "runs" / "step.nc").current
+    assert again is not None
+    assert first is not None
+    np.testing.assert_array_equal(again, first)
+    figure = client.get("/runs/figure", params={"run": ["runs/step.nc", "runs/sine.nc"], "kind": "svg"})
+    assert figure.text.lstrip().startswith("<?xml")
+    assert client.get("/runs/export", params={"run": "runs/step.nc", "kind": "exe"}).status_code == 404
+
+
+def test_an_upload_is_bounded(client: Client, workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = client.post("/uploads", params={"name": "../../a b.csv"}, content=b"1;2").json()
+    assert told["name"] == "ab.csv"
+    assert (workshop.scratch / told["key"]).read_bytes() == b"1;2"
+    monkeypatch.setattr("ipmclab.page.routes.MOST_BYTES", 1000)
+    before = list(workshop.scratch.iterdir())
+    refused = client.post("/uploads", params={"name": "large.csv"}, content=b"x" * 2000)
+    assert refused.status_code == 413
+    assert list(workshop.scratch.iterdir()) == before
+
+
+def test_a_report_is_shown_without_anything_that_runs(client: Client, workshop: Workshop) -> None:
+    (workshop.lab.root / "report.html").write_text("<p>well</p>", encoding="utf-8")
+    (workshop.lab.root / "note.txt").write_text("no report", encoding="utf-8")
+    answer = client.get("/reports/report.html")
+    assert "well" in answer.text
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    assert client.get("/reports/report.html", params={"save": True}).headers["content-disposition"].startswith("attach")
+    assert client.get("/reports/note.txt").status_code == 404
+    assert client.get("/reports/..%2Freport.html").status_code == 404
+
+
+@pytest.mark.parametrize("body", [b"", b"[]", b"{}", b'{"actuator": "friend-2", "changes": {"x": "y"}}', b"\xff"])
+def test_a_question_that_is_none_is_refused(client: Client, body: bytes) -> None:
+    assert client.post("/simulate", content=body).status_code in (400, 422)
+
+
+def test_what_a_column_is_said_to_be_becomes_a_map() -> None:
+    names = ("t", "U", "U", "laser")
+    columns = [
+        {**BLANK, "channel": "time", "unit": "ms"},
+        {**BLANK, "channel": "voltage", "sign": "-1"},
+        {**BLANK, "channel": ""},
+        {
+            **BLANK,
+            "channel": "displacement",
+            "unit": "mm",
+            "factor": "2.5",
+            "zero_at": "12.3 mm",
+            "sentinels": "99; -1",
+        },
+    ]
+    assert channel_tables(names, columns) == {
+        "time": {"column": "t", "unit": "ms"},
+        "voltage": {"column": 1, "sign": -1},
+        "displacement": {
+            "column": "laser",
+            "unit": "mm",
+            "factor": 2.5,
+            "zero_at": "12.3 mm",
+            "sentinels": [99.0, -1.0],
+        },
+    }
+    with pytest.raises(InputError, match="two columns are said to be the voltage"):
+        channel_tables(names, [{**BLANK, "channel": "voltage"}] * 2 + [{**BLANK, "channel": ""}] * 2)
+    with pytest.raises(InputError, match=r"the factor is '1,5' has a comma") as caught:
+        channel_tables(("U",), [{**BLANK, "channel": "voltage", "factor": "1,5"}])
+    assert caught.value.where == "channels.voltage"
+
+
+@pytest.mark.parametrize(
+    ("text", "layout"),
+    [
+        ("t,U\n0,1\n0.02,1\n", {"format": "csv", "separator": ","}),
+        ("t;U\n0,0;1,5\n0,2;1,5\n", {"format": "csv", "separator": ";", "decimal": ","}),
+        ("0\t1\n1\t1\n", {"format": "csv", "separator": "\t", "header": False}),
+        ("# a rig\nt,U\ns,V\n0,1\n1,1\n", {"format": "csv", "separator": ",", "units_row": True, "comment": "#"}),
+        ("\na rig\n\nt,U\n0,1\n1,2\n", {"format": "csv", "separator": ",", "skip_lines": 3}),
+    ],
+)
+def test_how_a_text_is_written_is_guessed(tmp_path: Path, text: str, layout: dict[str, object]) -> None:
+    path = tmp_path / "record.txt"
+    path.write_text(text)
+    assert guess_layout(path) == layout
+
+
+def test_a_binary_file_of_no_known_kind_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "record.bin"
+    path.write_bytes(bytes(100))
+    with pytest.raises(InputError, match="import it with ipmclab import"):
+        guess_layout(path)
+
+
+def test_headings_say_what_columns_are() -> None:
+    assert guess_channels(("Time [s]", "Voltage", "I / mA", "load cell"), numeric=[True] * 4) == [
+        "time",
+        "voltage",
+        "current",
+        "force",
+    ]
+    assert guess_channels(("t", "U", "I"), numeric=[True, True, False]) == ["time", "voltage", None]
+    assert guess_channels(("", "notes"), numeric=[True, True]) == [None, None]
+
+
+def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The Python of a step does what it says, and the command line takes its command."""
+    from ipmclab.cli.app import run as run_command
+
+    monkeypatch.chdir(workshop.lab.root)
+    fit = identify_step("friend-2", ["runs/step.nc"], ["electrical"], out="fitted.toml")
+    exec(fit.python, {})
+    assert run_command([*shlex.split(fit.command)[1:-1], "again.toml"]) == 0
+    assert Path("again.toml").read_text().splitlines()[:20] == Path("fitted.toml").read_text().splitlines()[:20]
+    assert run_command(shlex.split(validate_step(["fitted.toml", "friend-2"], ["runs/sine.nc"]).command)[1:]) == 0
+    assert run_command(shlex.split(report_step("fitted.toml", ["runs/step.nc"], [], "r.html").command)[1:]) == 0
+    simulated = simulate_step("friend-2", {"beam.modulus": 2e9}, signal="step 1 V", duration=1.0, rate=50.0)
+    exec(simulated.python, {})
+    first = read_run("run.nc")
+    Path("run.nc").unlink()
+    assert run_command(shlex.split(simulated.command)[1:]) == 0
+    np.testing.assert_array_equal(read_run("run.nc").force, first.force)
+    assert import_step("a.csv", "a.map.toml", "a.nc").command == "ipmclab import a.csv --map a.map.toml --out a.nc"
+
+
+def test_the_runs_of_a_fit_are_found_by_their_content(workshop: Workshop) -> None:
+    from ipmclab import identify, write_fit
+
+    root = workshop.lab.root
+    runs: list[Run] = [read_run(root / "runs" / f"{name}.nc") for name in ("sine", "step")]
+    write_fit(identify(load_actuator("friend-2"), runs, free="circuit.dc_resistivity"), root / "fitted.toml")
+    Catalogue(root).sweep()
+    (root / "runs" / "sine.nc").rename(root / "other.nc")
+    Catalogue(root).sweep()
+    assert workshop.fitted_files() == ["fitted.toml"]
+    assert workshop.runs_of_fit("fitted.toml") == (["other.nc", "runs/step.nc"], [])
+    (root / "other.nc").unlink()
+    Catalogue(root).sweep()
+    found, missing = workshop.runs_of_fit("fitted.toml")
+    assert (found, len(missing)) == (["runs/step.nc"], 1)
+    with pytest.raises(InputError, match="no fitted actuator"):
+        workshop.runs_of_fit("friend-2")
+
+
+def test_the_server_knows_no_compiler() -> None:
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, ipmclab.page.server\n"
+        "from ipmclab.page.sections import identify, report, run, runs, simulate\n"
+        "from ipmclab import load_actuator; load_actuator('friend-2+leak.cubic').parameters()\n"
+        "print([name for name in ('numba', 'scipy', 'matplotlib') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
