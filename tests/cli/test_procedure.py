@@ -112,6 +112,11 @@ def _changed(old: str, new: str) -> str:
         (_changed('"0.01 mm"', '"-0.01 mm"'), "geometry.width.standard_uncertainty", "below 0"),
         (_changed("readings = [", "readings = [], value = ["), "geometry.width", "either a value or readings"),
         (_changed('"21 mm"', '"31 mm"'), "geometry.sensing_length", "beyond the free length"),
+        (
+            _changed('["2.667 ohm", "2.666 ohm", "2.668 ohm"]', '"0.04 ohm"'),
+            "sheet_resistance.resistance",
+            "no more than its own offset may be: up to 0.05 ohm",
+        ),
         (_changed('"145.7 mg"', "[]"), "density.mass", "0 readings"),
         (MEASURED + '[dc_resistance]\nruns = ["no.nc"]', "dc_resistance.runs[0]", "there is no file 'no.nc'"),
         (MEASURED + "[dc_resistance]\nruns = []", "dc_resistance.runs", "no runs are named"),

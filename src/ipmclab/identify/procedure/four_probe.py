@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from ipmclab.errors import InputError
 from ipmclab.identify.procedure.amounts import Uncertain, derived, exact, mean_of
 from ipmclab.identify.procedure.hand import taken
 from ipmclab.model.four_probe import Contacts, one_face, sheet_factor
@@ -65,6 +66,11 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
     width, length : Uncertain [m]
         Of the whole strip; the length matters for points only.
 
+    Raises
+    ------
+    InputError
+        Readings that are not above the offset of the meter, points that do not lie on the strip.
+
     Examples
     --------
     >>> probes = FourProbes("line", exact(2.667), exact(10e-3))
@@ -79,7 +85,16 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
 
     if probes.contacts == "line":
         length = exact(math.inf)  # it does not matter, and neither does how well it is known
-    return derived(square, probes.resistance, zero, probes.spacing, width, length)
+    found = derived(square, probes.resistance, zero, probes.spacing, width, length)
+    if found.value <= 2.0 * found.uncertainty:
+        raise InputError(
+            f"the meter reads {probes.resistance.value:.4g} ohm, no more than its own offset may be: "
+            + (f"up to {probes.offset:g} ohm" if probes.zero is None else f"{zero.value:.4g} ohm"),
+            code="no-sheet-resistance",
+            where="sheet_resistance.resistance",
+            repair="look whether something still joins the four contacts, and whether they lie on the strip in their order",
+        )
+    return found
 
 
 def share_of_one_face(
