@@ -92,7 +92,7 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
             + (f"up to {probes.offset:g} ohm" if probes.zero is None else f"{zero.value:.4g} ohm"),
             code="no-sheet-resistance",
             where="sheet_resistance.resistance",
-            repair="look whether something still joins the four contacts, and whether they lie on the strip in their order",
+            repair="look whether something still joins the contacts, and whether they lie on the strip in their order",
         )
     return found
 
