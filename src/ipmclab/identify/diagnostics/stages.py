@@ -14,8 +14,7 @@ from ipmclab.identify.diagnostics.left import Left
 from ipmclab.identify.free import FreeParameters
 from ipmclab.model import Actuator
 
-_HINT: Final = 12.0  # of chi-square, from which a stage is tried
-_CLEAR: Final = 25.0  # and from which it is named
+_CLEAR: Final = 25.0  # of evidence, from which a stage is named
 _SHARE: Final = 0.2  # of the power beyond noise that it has to take away
 _MISFIT: Final = 1.3  # times the noise: what is left is large, and the linear look at a little of a stage no guide
 _ENOUGH: Final = 0.7  # of the power beyond noise: nothing further is tried
@@ -45,7 +44,7 @@ class Tried:
 def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left]) -> list[Tried]:
     """What each stage that an actuator lacks would explain of what is left, the best first.
 
-    Empty where nothing is left but white noise, or where nothing hints at a stage.
+    Empty where nothing that is left follows the voltage.
 
     Parameters
     ----------
@@ -57,22 +56,18 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         One for each output.
     """
     doubted = [left for left in every if left.coloured]
-    if not doubted:
+    if not any(left.follows or left.bends for left in doubted):
         return []
     problem, theta = doubted[0].problem, doubted[0].theta
     strip = actuator.replace(**problem.values(theta, problem.records[0].place))
     some = doses(strip, [record.run for record in problem.records], [left.output for left in every])
-    hints = _hints(actuator, doubted, some)
-    follows = any(left.follows or left.bends for left in doubted)
-    # Noise that hangs together scatters more than its neighbours do: only what follows the voltage is no noise.
-    large = follows and any(left.squares(problem, left.here) > _MISFIT**2 * left.noise for left in doubted)
     found: dict[str, Extended] = {}
-    for name, (worth, dose, size) in hints.items():
-        if worth > _HINT or follows:
-            extended = from_here(problem, theta, strip, dose, size if dose.both_ways else max(size, _AT_LEAST))
-            if extended is not None:
-                found[name] = extended
+    for name, (_, dose, size) in _hints(actuator, doubted, some).items():
+        extended = from_here(problem, theta, strip, dose, size if dose.both_ways else max(size, _AT_LEAST))
+        if extended is not None:
+            found[name] = extended
     tried = _judged(doubted, found)
+    large = any(left.squares(problem, left.here) > _MISFIT**2 * left.noise for left in doubted)
     if large and not any(share > _ENOUGH for one in tried[:1] for share in one.shares.values()):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
         for dose in {one.name: one for one in some}.values():
