@@ -7,16 +7,17 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.posterior.posterior import Posterior, SampledParameter
 from ipmclab.report.figures.layout import panel_grid
 from ipmclab.report.style import COLOURS, PAGE_WIDTH, style
+from ipmclab.report.wording import power_of_ten
 
 FloatArray = npt.NDArray[np.float64]
 
-_DECADES: Final = 4.0  # ratio of the ends of an interval from which an axis is logarithmic
+_WIDE: Final = 30.0  # ratio of the ends of an interval from which an axis is logarithmic
 _SHOWN: Final = (0.001, 0.999)
 _BINS: Final = 48
 _PARTS: Final = (0.95, 0.68)
@@ -78,7 +79,7 @@ class _Axis:
         self.factor = one.quantity.to_display(1.0) if one.quantity is not None else 1.0
         self.values = samples * self.factor
         low, high = one.interval
-        self.log = bool(low > 0.0 and high / low > _DECADES)
+        self.log = bool(low > 0.0 and high / low > _WIDE)
         self.ends = tuple(float(end) for end in np.quantile(self.values, _SHOWN))
         if not self.log:
             margin = 0.04 * (self.ends[1] - self.ends[0])
@@ -130,6 +131,10 @@ def _together(panel: Any, across: _Axis, up: _Axis) -> None:
         panel.contourf(*middles, smooth, [*levels, float(smooth.max())], colors=colours, alpha=0.75)
 
 
+def _power(value: float, _place: int | None = None) -> str:
+    return power_of_ten(value)
+
+
 def _label(panel: Any, across: _Axis, up: _Axis, *, row: int, column: int, last: int) -> None:
     panel.grid(visible=False)
     panel.set_xscale("log" if across.log else "linear")
@@ -139,6 +144,7 @@ def _label(panel: Any, across: _Axis, up: _Axis, *, row: int, column: int, last:
         panel.ticklabel_format(axis="x", useOffset=False)
     else:
         panel.xaxis.set_major_locator(LogLocator(numticks=4))
+        panel.xaxis.set_major_formatter(FuncFormatter(_power))
     panel.xaxis.set_minor_formatter(NullFormatter())
     panel.yaxis.set_minor_formatter(NullFormatter())
     panel.tick_params(labelbottom=row == last, labelleft=column == 0 and row > 0)
@@ -152,6 +158,7 @@ def _label(panel: Any, across: _Axis, up: _Axis, *, row: int, column: int, last:
             panel.ticklabel_format(axis="y", useOffset=False)
         else:
             panel.yaxis.set_major_locator(LogLocator(numticks=4))
+            panel.yaxis.set_major_formatter(FuncFormatter(_power))
     if row == last:
         panel.set_xlabel(across.label, fontsize=7.5)
     if column == 0 and row > 0:
