@@ -93,7 +93,7 @@ def whole_way(strips: int) -> Iterator[str]:
             fit = ipmclab.identify(FRIEND, runs[:count])
             told = [fit.parameters[name].interval_next_mounting or (np.nan, np.nan) for name in ELECTRICAL]
             inside.append([low <= truth[name] <= high for name, (low, high) in zip(ELECTRICAL, told, strict=True)])
-            banded.append(ipmclab.validate(fit.actuator, [runs[count]]).scores["current"].inside_band)
+            banded.append(ipmclab.validate(fit.actuator, [runs[count]]).scores["current"].inside_band or 0.0)
         shares = 100.0 * np.mean(inside, axis=0)
         yield (
             f"| {count} | {np.exp(spread):.2f} | {strips} | {shares.mean():.1f} % ({shares.min():.1f} to "

@@ -41,7 +41,14 @@ def noisy(
         starts_from_rest=True,
         sample=None if sample is None else Sample(id=sample),
     )
-    return Run.from_arrays(time=clean.time, voltage=clean.voltage, metadata=about, **readings)
+    return Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=readings.get("current"),
+        displacement=readings.get("displacement"),
+        force=readings.get("force"),
+        metadata=about,
+    )
 
 
 def mounted(generator: np.random.Generator, spread: float) -> tuple[Actuator, Mapping[str, float]]:
