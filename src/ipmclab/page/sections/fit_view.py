@@ -137,6 +137,7 @@ def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:
     else:
         found.append((f"All {told['free']} free parameters are determined by these runs.", False))
     found += [(words, True) for words in told["undetermined"]]
+    found += [(one["message"], True) for one in told["findings"] if one["severity"] == "error"]
     return found
 
 

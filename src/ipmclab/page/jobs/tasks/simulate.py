@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 MOST_ROWS: Final = 20_000
 """Of an interactive simulation: more is what ``ipmclab simulate`` is for."""
 
+_MOST_SENT: Final = 4000
+"""Rows that are sent as they are."""
+
 _FREQUENCIES: Final = 161
 _PLACES: Final = 24
 _PICTURES: Final = 120
@@ -72,9 +75,22 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     arrays |= {name: run_.channels[name] for name in _OUTPUTS if name in run_.channels}
     if measured is not None:
         arrays |= {f"measured.{name}": measured.channels[name] for name in _OUTPUTS if name in measured.channels}
+    if len(run_) > _MOST_SENT:
+        arrays = _thinned(arrays)
     arrays |= _frequency_arrays(changed)
     shape_arrays, document["shape"] = _shape_arrays(changed, run_)
     return Frame(document, {**arrays, **shape_arrays})
+
+
+def _thinned(arrays: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Each curve at times of its own, without losing a peak: a slider must not wait for a long record to be sent."""
+    from ipmclab.page.thin import thin
+
+    found: dict[str, FloatArray] = {}
+    for name, values in arrays.items():
+        if name != "time":
+            found[f"{name}.time"], found[name] = thin(arrays["time"], values)
+    return found
 
 
 def _frequency_arrays(actuator: Actuator) -> dict[str, FloatArray]:
