@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+
+import numpy as np
 
 import ipmclab
 from tests.cli.conftest import Command
+from tests.identify.many import FRIEND, mounted, noisy
 
 
 def test_a_voltage_beyond_what_the_model_holds_for_is_told(command: Command, tmp_path: Path) -> None:
@@ -17,3 +21,47 @@ def test_a_voltage_beyond_what_the_model_holds_for_is_told(command: Command, tmp
     assert said.count("step 2 V: the voltage reaches 2 V, water decomposes above 1.23 V") == 1
     codes = [finding.code for finding in ipmclab.read_fit(tmp_path / "fitted.toml").findings]
     assert codes.count("above-electrolysis") == 1
+
+
+def test_what_mountings_and_runs_say_of_each_other_is_told(command: Command, tmp_path: Path) -> None:
+    generator = np.random.default_rng(20261121)
+    names = []
+    for number in range(3):
+        strip, _ = mounted(generator, 0.1)
+        names.append(f"run{number}.nc")
+        run = noisy(generator, "square 1 V 0.1 Hz", strip=strip, mounting=f"strip-7-{number}")
+        ipmclab.write_run(run, tmp_path / names[-1])
+    outcome = command("identify", "friend-2", *names, "--free", "electrical", "--out", "fitted.toml")
+    assert outcome.status == 0, outcome.err
+    said = " ".join(outcome.out.split())
+    assert "next mounting" in said
+    assert "between 3 mountings one standard deviation" in said
+    assert "run left out" in said
+    assert "warning mountings-differ" in said
+    assert len(ipmclab.read_fit(tmp_path / "fitted.toml").left_out) == 3
+
+    outcome = command("identify", "friend-2", *names[:2], "--free", "electrical", "--out", "two.toml", "--json")
+    fit = json.loads(outcome.out)["fit"]
+    assert all(one["interval_next_mounting"] is None for one in fit["parameters"].values())
+    assert "cannot be known from two mountings" in fit["next_mounting_unknown"]
+    assert fit["mountings"]["between"] == {}
+    assert [len(one["fit_percent"]) for one in fit["left_out"]] == [1, 1]
+
+    outcome = command(
+        "identify", "friend-2", names[0], "--free", "circuit.dc_resistivity", "--per-mounting",
+        "circuit.contact_resistance", "--out", "one.toml",
+    )  # fmt: skip
+    assert outcome.status == 0, outcome.err
+    assert "circuit.contact_resistance[mounting strip-7-0]" in outcome.out
+    assert "What another mounting would give cannot be known from one mounting" in " ".join(outcome.out.split())
+
+
+def test_the_share_of_readings_in_the_band_is_told(command: Command, tmp_path: Path) -> None:
+    generator = np.random.default_rng(20261121)
+    ipmclab.write_fit(ipmclab.identify(FRIEND, noisy(generator, "step 1 V")), tmp_path / "fitted.toml")
+    ipmclab.write_run(noisy(generator, "sine 1 V 0.2 Hz"), tmp_path / "sine.nc")
+    outcome = command("validate", "fitted.toml", "sine.nc", "--also", "friend-2")
+    assert "in 95 % band" in outcome.out
+    assert "in 95 % band" not in command("validate", "friend-2", "sine.nc").out
+    told = json.loads(command("validate", "fitted.toml", "sine.nc", "--json").out)["validations"][0]
+    assert 0.92 < told["scores"]["current"]["inside_band"] < 0.98

@@ -1,4 +1,4 @@
-"""Runs of different length, rate and outputs in one fit, each with its own noise, with shared parameters and own ones."""
+"""Runs of different length, rate and outputs in one fit, each with its own noise; shared parameters and own ones."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_each_run_counts_with_its_own_noise_and_has_its_own_contact() -> None:
     generator = np.random.default_rng(SEED)
     bound = least_errors()
     away, told = [], []
-    for _ in range(8):
+    for _ in range(4):
         fit = identify(FRIEND, drawn(generator), free=SHARED, per_run=CONTACT)
         found = fit.parameters
         assert set(found) == set(bound)
@@ -104,7 +104,7 @@ def test_each_run_counts_with_its_own_noise_and_has_its_own_contact() -> None:
         assert fit.observations[2].noise["force"] == pytest.approx(5e-6, rel=0.1)
     # An offset and a trend that a noise may have cost a little.
     assert np.median(told) == pytest.approx(1.0, abs=0.25)
-    # 8 trials of 8 parameters.
+    # Four trials of eight parameters.
     assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1.1, abs=0.4)
 
 
