@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -74,7 +74,14 @@ class VirtualStrip:
             for channel in channels
         }
         about = RunMetadata(signal=self.signals[number][0], starts_from_rest=True)
-        return Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=clean.hold, metadata=about, **read)
+        return Run.from_arrays(
+            time=clean.time,
+            voltage=clean.voltage,
+            hold=clean.hold,
+            metadata=about,
+            current=read["current"],
+            force=read.get("force"),
+        )
 
     def procedure(self, rng: np.random.Generator) -> Procedure:
         """Everything measured once."""
@@ -139,16 +146,20 @@ def static(actuator: Actuator) -> float:
     return actuator["coupling.gain"] * actuator["coupling.zero"] / actuator["coupling.p2"]
 
 
-def trials(strip: VirtualStrip, count: int, coupling: int, joint: int) -> tuple[dict[str, Tally], dict[str, Tally]]:
-    """Follow the procedure again and again: tallies of the steps, and of the joint fit."""
-    rng = np.random.default_rng(SEED)
+Part = Literal["hand and current", "force", "all at once"]
+"""How far a trial goes: steps 1 to 5; step 6 too; the joint fit too."""
+
+
+def trials(strip: VirtualStrip, count: int, part: Part) -> Iterator[tuple[dict[str, Tally], dict[str, Tally]]]:
+    """Follow the procedure again and again: tallies of the steps and of the joint fit, after each trial."""
+    rng = np.random.default_rng([SEED, get_args(Part).index(part)])
     staged: dict[str, Tally] = {}
     together: dict[str, Tally] = {}
-    for trial in range(count):
+    for _ in range(count):
         procedure = strip.procedure(rng)
-        if trial >= coupling:
+        if part == "hand and current":
             procedure = replace(procedure, coupling=())
-        found = follow_procedure(procedure, all_at_once=trial < joint)
+        found = follow_procedure(procedure, all_at_once=part == "all at once")
         for step in found.steps:
             for name, result in {**step.results, **step.also}.items():
                 amount = result.amount
@@ -162,10 +173,14 @@ def trials(strip: VirtualStrip, count: int, coupling: int, joint: int) -> tuple[
                     tally = together.setdefault(name, Tally())
                     tally.add(one.value, one.standard_error, one.interval, strip.truth[name])
             known = found.joint.static
-            together.setdefault("d(0)", Tally()).add(
-                known.value, known.uncertainty, known.interval, static(strip.truth)
-            )
-    return staged, together
+            tally = together.setdefault("d(0)", Tally())
+            tally.add(known.value, known.uncertainty, known.interval, static(strip.truth))
+        yield staged, together
+
+
+HEADER = """| number | 95 % interval holds the truth [%] | sd of (found - truth)/uncertainty | its mean | \
+uncertainty, median [%] | trials |
+|---|---|---|---|---|---|"""
 
 
 def main() -> None:
@@ -175,24 +190,33 @@ def main() -> None:
     parser.add_argument("--joint", type=int, default=40)
     parser.add_argument("--record", action="store_true")
     options = parser.parse_args()
-    began = time.perf_counter()
-    staged, together = trials(VirtualStrip(load_actuator("friend-2")), options.trials, options.coupling, options.joint)
-    header = (
-        "| number | 95 % interval holds the truth [%] | sd of (found - truth)/uncertainty | its mean | "
-        "uncertainty, median [%] | trials |",
-        "|---|---|---|---|---|---|",
-    )
-    lines = ["## Step by step", "", *header, *(one.row(name) for name, one in staged.items()), ""]
-    lines += ["## All runs at once", "", *header, *(one.row(name) for name, one in together.items()), ""]
-    lines += [f"{time.perf_counter() - began:.0f} s."]
-    finish(
-        "procedure",
-        "The procedure of the thesis, step by step",
-        "\n".join(lines),
-        [],
-        record=options.record,
-        gate=False,
-    )
+    strip = VirtualStrip(load_actuator("friend-2"))
+    pages: dict[str, str] = {}
+
+    def tell(*, record: bool) -> None:
+        body = "\n\n".join(f"## {title}\n\n{HEADER}\n{rows}" for title, rows in pages.items())
+        finish("procedure", "The procedure of the thesis, step by step", body, [], record=record, gate=False)
+
+    counts: dict[Part, int] = {
+        "hand and current": options.trials,
+        "force": options.coupling,
+        "all at once": options.joint,
+    }
+    for part, count in counts.items():
+        for done, (staged, together) in enumerate(trials(strip, count, part), start=1):
+            if part == "hand and current":
+                pages["Steps 1 to 5"] = "\n".join(one.row(name) for name, one in staged.items())
+            elif part == "force":
+                pages["Step 6"] = "\n".join(
+                    one.row(name) for name, one in staged.items() if name.startswith(("coupling.", "d("))
+                )
+            else:
+                pages["All runs at once"] = "\n".join(one.row(name) for name, one in together.items())
+            # It takes long: what is done is kept.
+            if options.record and (done == count or done % {"hand and current": 100, "force": 10}.get(part, 1) == 0):
+                tell(record=True)
+    if not options.record:
+        tell(record=False)
 
 
 if __name__ == "__main__":

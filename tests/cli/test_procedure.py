@@ -117,6 +117,11 @@ def _changed(old: str, new: str) -> str:
             "sheet_resistance.resistance",
             "no more than its own offset may be: up to 0.05 ohm",
         ),
+        (
+            MEASURED + '[circuit]\ncontact_resistance = { value = "0 ohm", standard_uncertainty = "0.1 ohm" }',
+            "circuit.contact_resistance",
+            "a contact resistance of 0.00 ± 0.10 ohm cannot be",
+        ),
         (_changed('"145.7 mg"', "[]"), "density.mass", "0 readings"),
         (MEASURED + '[dc_resistance]\nruns = ["no.nc"]', "dc_resistance.runs[0]", "there is no file 'no.nc'"),
         (MEASURED + "[dc_resistance]\nruns = []", "dc_resistance.runs", "no runs are named"),

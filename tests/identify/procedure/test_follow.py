@@ -33,7 +33,7 @@ def strip(truth: Actuator) -> VirtualStrip:
 
 
 def test_each_step_finds_the_truth_within_its_uncertainty(strip: VirtualStrip) -> None:
-    staged, _ = trials(strip, 60, coupling=0, joint=0)
+    *_, (staged, _) = trials(strip, 60, "hand and current")
     assert set(staged) == {
         SHEET,
         "circuit.dc_resistivity",

@@ -31,9 +31,10 @@ class Procedure:
     dc_resistance : Runs or Uncertain [ohm], optional
     branches : Runs, optional
     branch_count : int
-    density : Uncertain [kg], optional
-        The mass.
-    density_value : Uncertain [kg/m^3], optional
+    mass : Uncertain [kg], optional
+        Of the whole wet strip.
+    density : Uncertain [kg/m^3], optional
+        In place of the mass.
     modulus : Push or Uncertain [Pa], optional
     push_position : Uncertain [m], optional
         The sensing length where it is left out.

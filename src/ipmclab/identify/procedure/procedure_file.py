@@ -186,14 +186,7 @@ def _procedure(table: ProcedureTable, reader: _Reader) -> Procedure:
         sample=None if table.sample is None else Sample.from_table(table.sample, where=reader.at("sample")),
         contact_resistance=exact(0.0)
         if contact is None
-        else read_hand(
-            contact,
-            RESISTANCE,
-            name="circuit.contact_resistance",
-            source="contact resistance",
-            where=reader.at("circuit.contact_resistance"),
-            positive=False,
-        ),
+        else _contact(contact, reader.at("circuit.contact_resistance")),
         sheet_resistance=None if sheet is None else _sheet(sheet, reader),
         dc_resistance=None if dc is None else _dc(dc, reader),
         branches=() if table.branches is None else reader.runs(table.branches.runs, "branches.runs"),
@@ -233,6 +226,20 @@ def _either(
             repair=f"write one of `{named}` and `value`",
         )
     return of_value() if value is not None else of_other()
+
+
+def _contact(raw: Any, where: str) -> Uncertain:
+    found = read_hand(
+        raw, RESISTANCE, name="circuit.contact_resistance", source="contact resistance", where=where, positive=False
+    )
+    if found.value < 0.0 or (found.value == 0.0 and found.parts):
+        raise InputError(
+            f"a contact resistance of {found.said('ohm')} cannot be",
+            code="out-of-range",
+            where=where,
+            repair="give the middle of what it may be, and how far it may lie from there",
+        )
+    return found
 
 
 def _dc(table: DcTable, reader: _Reader) -> Runs | Uncertain:
