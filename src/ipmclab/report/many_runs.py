@@ -54,6 +54,7 @@ def many_runs_part(fit: Fit) -> Markup:
             mountings=len(told.each) if told else 0,
             names=", ".join(one.name for one in told.each) if told else "",
             between=_between(fit),
+            spread=bool(told and told.between),
             picture=_picture(fit),
             unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()] if told else [],
             left_out=[row for one in fit.left_out for row in _left_out(one)],
