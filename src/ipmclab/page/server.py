@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import os
 import socket
+import traceback
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from ipmclab.page.context import Context
 
 _STATIC: Final = Path(__file__).parent / "static"
+_REPORT: Final = "if it comes again, report what the terminal of ipmclab page shows"
 _PING: Final = 20.0
 """How often [s] a WebSocket is asked whether its browser is still there, and how long it may take to answer."""
 
@@ -83,6 +85,7 @@ def bind(settings: Settings) -> socket.socket:
     InputError
         It is taken, or no address of this computer.
     """
+    found: socket.socket | None = None
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
         found = socket.socket(family)
@@ -90,6 +93,8 @@ def bind(settings: Settings) -> socket.socket:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         found.bind((settings.host, settings.port))
     except (OSError, OverflowError) as error:
+        if found is not None:
+            found.close()
         raise InputError(
             f"port {settings.port} of {settings.host} cannot be used: {getattr(error, 'strerror', None) or error}",
             code="bad-address",
@@ -155,7 +160,6 @@ def add_sections(context: Context) -> None:
 
     for name in SECTIONS:
         module = importlib.import_module(f"ipmclab.page.sections.{name}")
-
         ui.page(f"/{name}")(_page(name, module.build, context))
 
     @ui.page("/")
@@ -163,16 +167,40 @@ def add_sections(context: Context) -> None:
         return RedirectResponse("/run")
 
 
+def _fault(error: Exception) -> str:
+    """What is said of a fault of the page, and what is safe to do."""
+    what = str(error) if isinstance(error, IpmclabError) else f"{type(error).__name__}: {error}"
+    return (
+        f"This went wrong: {what}. No recording is touched by it, and STOP and ZERO work. Reload the page; {_REPORT}."
+    )
+
+
+def _tell_fault(error: Exception) -> None:
+    """Say at the page whose event failed what happened."""
+    from nicegui import ui
+
+    traceback.print_exception(error)
+    ui.notify(_fault(error), type="negative", timeout=0, close_button="Close", multi_line=True)
+
+
 def _page(
     name: str, build: Callable[[Context], Awaitable[None] | None], context: Context
 ) -> Callable[[], Awaitable[None]]:
     """The function of a section's page, which NiceGUI calls without arguments."""
+    from nicegui import ui
+
     from ipmclab.page.frame import frame
 
     async def page() -> None:
         frame(name)
-        built = build(context)
-        if built is not None:
-            await built
+        ui.on_exception(_tell_fault)
+        try:
+            built = build(context)
+            if built is not None:
+                await built
+        except Exception as error:  # whatever it is: the header with STOP and ZERO stays usable
+            traceback.print_exc()
+            with ui.element("section").classes("lab-card").props("role=alert"):
+                ui.label(_fault(error)).classes("lab-bad")
 
     return page

@@ -1,0 +1,176 @@
+"""An experiment as a form: what it says is what its file says, and each mistake stands at its field."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab.errors import InputError
+from ipmclab.page.experiments import FIELDS, Draft, check, experiments, preview, rigs, save
+from ipmclab.page.lab import Lab
+from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
+
+WHOLE = """
+title = "all of it"
+sample = { id = "strip-1", membrane = "Nafion 117" }
+rig = "virtual"
+folder = "runs"
+signals = ["step 1 V", "sine 1 V 0.1 Hz"]
+rate = "50 Hz"
+duration = "40 s"
+measured = ["current", "displacement"]
+rest_before = "3 s"
+repeats = 2
+pair = true
+baseline = true
+fingerprint = false
+operator = "A. Reader"
+steps = ["clamp", "apply"]
+clamp_pressure = "100 kPa"
+[environment]
+temperature = "25 degC"
+settle = "10 min"
+humidity_tolerance = "2 percent"
+[limits]
+voltage = "2 V"
+current = { most = "150 mA", duration = "100 ms" }
+displacement = "off"
+"""
+
+
+def with_values(draft: Draft, **values: str | bool) -> Draft:
+    return replace(draft, values={**draft.values, **values})
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    return Lab.open(tmp_path)
+
+
+def test_a_file_is_the_same_experiment_after_the_form(lab: Lab) -> None:
+    """What the form does not show is kept."""
+    (lab.root / "whole.toml").write_text(WHOLE, encoding="utf-8")
+    draft = Draft.read(lab, "whole")
+    assert draft.values["signals"] == "step 1 V\nsine 1 V 0.1 Hz"
+    before = experiment_from_table(tomllib.loads(WHOLE), folder=lab.root)
+    assert experiment_from_table(draft.table(), folder=lab.root) == before
+    written = save(lab, with_values(replace(draft, name="copy"), title="a copy"))
+    assert replace(load_experiment(written), title=before.title, where=before.where) == before
+
+
+def test_the_template_can_be_opened(lab: Lab) -> None:
+    (lab.root / "first.toml").write_text(TEMPLATE.replace('"rig.toml"', '"virtual"'), encoding="utf-8")
+    checked = check(lab, Draft.read(lab, "first"))
+    assert checked.errors == {}
+    assert checked.plan is not None
+
+
+def test_a_new_experiment_needs_a_sample_only(lab: Lab) -> None:
+    draft = Draft.new()
+    assert set(check(lab, draft).errors) == {"sample"}
+    checked = check(lab, with_values(draft, sample="strip-1"))
+    assert checked.errors == {}
+    assert checked.plan is not None
+    assert [run.signal.amplitude for run in checked.plan.runs if run.purpose == "signal"] == [1.0]
+
+
+def test_all_mistakes_are_told_at_once_each_at_its_field(lab: Lab) -> None:
+    wrong = {
+        "sample": "",
+        "signals": "step 1 V\nstep 1 W",
+        "duration": "-3 s",
+        "rate": "50",
+        "repeats": "two",
+        "rest_before": "1,5 s",
+        "pause": "-1 s",
+        "environment.temperature": "900 degC",
+        "environment.settle": "long",
+        "limits.voltage": "2 W",
+        "limits.charge": "-1 C",
+        "clamp_pressure": "5",
+        "rig": "none.toml",
+    }
+    humid = with_values(Draft.new(), **{"environment.relative_humidity": "80 percent"})
+    errors = check(lab, with_values(humid, **wrong)).errors
+    assert set(errors) == set(wrong) - {"rig"}  # whether the rig is there is looked at once it can be read
+    assert "comma" in errors["rest_before"]
+    assert "has no unit" in errors["rate"]
+    right = {"sample": "s", "rig": "none.toml"}
+    assert "no such rig file" in check(lab, with_values(Draft.new(), **right)).errors["rig"]
+
+
+@pytest.mark.parametrize("one", [field for field in FIELDS if field.kind == "text"], ids=lambda field: field.key)
+def test_no_text_in_any_field_is_a_fault(lab: Lab, one) -> None:
+    for text in ("", "x", "-1", "1e999 V", "\0", "['a']", '"', "5 s 5 s", "∞ V", "file x", "a" * 3000):
+        check(lab, with_values(Draft.new(), **{"sample": "s", one.key: text}))
+
+
+def test_what_is_beyond_rig_or_limits_is_told_at_the_signal(lab: Lab) -> None:
+    draft = with_values(Draft.new(), sample="s")
+    assert "3.5 V" in check(lab, with_values(draft, signals="step 5 V")).errors["signals"]
+    beyond = with_values(draft, signals="step 2 V", **{"limits.voltage": "1.5 V"})
+    assert "1.5 V" in check(lab, beyond).errors["signals"]
+    assert "rows" in check(lab, with_values(draft, duration="1e9 s")).errors["duration"]
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("signals", "file /etc/passwd"),
+        ("signals", "step 1 V\nstep 1 V for 2 s then FILE '../x.csv'"),
+        ("rig", "../rig.toml"),
+        ("actuator", "/etc/passwd+leak.cubic"),
+    ],
+)
+def test_a_file_outside_the_folder_is_not_read(lab: Lab, key: str, text: str) -> None:
+    assert "not in the folder" in check(lab, with_values(Draft.new(), sample="s", **{key: text})).errors[key]
+
+
+def test_runs_that_would_go_elsewhere_are_told(lab: Lab) -> None:
+    (lab.root / "else.toml").write_text(WHOLE.replace('folder = "runs"', 'folder = "other"'), encoding="utf-8")
+    assert "shows the runs in 'runs'" in check(lab, Draft.read(lab, "else")).errors[""]
+
+
+def test_the_voltage_that_is_drawn_is_the_one_that_is_applied(lab: Lab) -> None:
+    """Against the run that the virtual bench makes of it, rests included."""
+    from ipmclab.rig import VirtualBench, record
+
+    draft = with_values(Draft.new(), sample="s", signals="square 1 V 0.5 Hz", duration="6 s", rest_before="1 s")
+    checked = check(lab, with_values(draft, rest_after="2 s", pair=True))
+    assert checked.experiment is not None
+    (panel,) = preview(checked.experiment)
+    assert [one.label for one in panel.series] == ["square 1 V 0.5 Hz", "square -1 V 0.5 Hz"]
+    run = record(VirtualBench(), "square 1 V 0.5 Hz", duration=6, rate=50, rest_before=1, rest_after=2)
+    drawn = np.interp(run.time, panel.series[0].time, panel.series[0].values)
+    behind_shunt = run.voltage[1:]  # read just before the output changes: a row later
+    assert np.corrcoef(drawn[:-1], behind_shunt)[0, 1] > 0.99
+    assert set(np.unique(panel.series[0].values)) == {-1.0, 0.0, 1.0}
+    assert panel.series[0].time[-1] == pytest.approx(9 - 1 / 50)
+
+
+def test_a_long_run_is_drawn_with_few_points(lab: Lab) -> None:
+    checked = check(lab, with_values(Draft.new(), sample="s", duration="10 h", rate="1 kHz", signals="sine 1 V 1 mHz"))
+    assert checked.experiment is not None
+    assert sum(len(one.time) for one in preview(checked.experiment)[0].series) < 250_000
+
+
+def test_saving_does_not_overwrite_unasked(lab: Lab) -> None:
+    draft = replace(with_values(Draft.new(), sample="s"), name="one")
+    path = save(lab, draft)
+    assert save(lab, draft) == path  # it says the same
+    other = with_values(draft, duration="5 s")
+    with pytest.raises(InputError, match="says something else"):
+        save(lab, other)
+    save(lab, other, replace=True)
+    assert Draft.read(lab, "one").values["duration"] == "5 s"
+    assert experiments(lab) == ["one"]
+    (lab.root / "rig.toml").write_text('bench = "virtual"\n', encoding="utf-8")
+    (lab.root / "broken.toml").write_text("= =", encoding="utf-8")
+    assert rigs(lab) == ["virtual", "rig.toml"]
+    for name in ("", "../x", ".hidden", "a/b", "x" * 200):
+        with pytest.raises(InputError, match="no plain file name"):
+            save(lab, replace(draft, name=name))

@@ -1,0 +1,63 @@
+"""The folder of the page: nothing outside it, by no way."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ipmclab.errors import InputError
+from ipmclab.page.lab import Lab
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a/../../x", "..", "runs/../../x", "a\0b", "//host/share"])
+def test_a_path_outside_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="not in the folder"):
+        Lab.open(tmp_path).path(name)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_a_link_that_leads_outside_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    (tmp_path / "secret").write_text("x")
+    (folder / "link").symlink_to(tmp_path / "secret")
+    (folder / "up").symlink_to(tmp_path)
+    lab = Lab.open(folder)
+    for name in ("link", "up/secret"):
+        with pytest.raises(InputError, match="not in the folder"):
+            lab.path(name)
+
+
+@given(st.text(max_size=30))
+def test_whatever_is_named_is_inside_or_refused(name: str) -> None:
+    lab = Lab(Path(os.path.realpath(".")))
+    try:
+        found = lab.path(name)
+    except InputError:
+        return
+    assert found == lab.root or lab.root in found.parents
+
+
+@given(st.text(max_size=100))
+def test_a_new_file_stands_in_the_folder_itself(name: str) -> None:
+    lab = Lab(Path(os.path.realpath(".")))
+    try:
+        found = lab.new_file(name, ".toml")
+    except InputError:
+        return
+    assert found.parent == lab.root
+    assert found.suffix == ".toml"
+    assert not found.name.startswith(".")
+
+
+def test_the_runs_are_where_record_puts_them(tmp_path: Path) -> None:
+    lab = Lab.open(tmp_path)
+    assert lab.laboratory_folder == tmp_path / "runs"
+    (tmp_path / "recording").mkdir()
+    assert lab.laboratory_folder == tmp_path
+    with pytest.raises(InputError, match="no such folder"):
+        Lab.open(tmp_path / "none")

@@ -1,0 +1,104 @@
+"""The server of the page: where it binds, what it serves, what it does not import."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from ipmclab.cli.app import run
+from ipmclab.errors import InputError
+from ipmclab.page.server import bind, vendored
+from ipmclab.page.settings import Settings
+
+
+def test_it_binds_this_computer_only_unless_told_otherwise() -> None:
+    with bind(Settings()) as bound:
+        assert bound.getsockname()[0] == "127.0.0.1"
+        bound.listen()
+        with pytest.raises(InputError, match="cannot be used") as refused:
+            bind(Settings(port=bound.getsockname()[1]))
+        assert "another port" in refused.value.repair
+
+
+def test_the_script_of_the_plots_is_there_without_its_package() -> None:
+    assert (vendored() / "uPlot.iife.js").stat().st_size > 10_000
+    assert "uplot" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["nowhere"], "no such folder"),
+        (["--host", "0.0.0.0"], "--token-file"),
+        (["--port", "70000"], "no port 70000"),
+        (["--token-file", "none.txt"], "no such file"),
+        (["--origin", "lab.example.org"], "https://"),
+    ],
+)
+def test_bad_options_are_refused(options: list[str], told: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(["page", "--no-open", *options]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_served_page_is_guarded_and_small(tmp_path: Path) -> None:
+    """The real server, as a foreign page, a foreign name and a curious path meet it."""
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    (tmp_path / "secret.txt").write_text("secret")
+    command = [sys.executable, "-X", "importtime", "-m", "ipmclab", "page", str(folder), "--no-open", "--json"]
+    with (tmp_path / "imports").open("w") as imports:
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=imports, text=True)
+    assert server.stdout is not None
+    try:
+        text = ""
+        while "}" not in text:
+            text += server.stdout.readline()
+        address = json.loads(text)["address"]
+        port = int(address.rpartition(":")[2])
+
+        def get(path: str, **headers: str) -> tuple[int, str]:
+            asked = urllib.request.Request(address + path, headers=headers)
+            try:
+                with urllib.request.urlopen(asked) as answer:
+                    return answer.status, answer.read().decode(errors="replace")
+            except urllib.error.HTTPError as error:
+                return error.code, error.read().decode(errors="replace")
+
+        for section in ("run", "runs", "identify", "simulate", "report"):
+            status, body = get(f"/{section}")
+            assert status == 200
+            assert 'id="lab-zero"' in body
+        assert get("/run", Host="evil.example")[0] == 403
+        assert get("/run", Origin="http://evil.example")[0] == 403
+        for path in ("/static/../server.py", "/static/%2e%2e/server.py", "/vendor/..%2f..%2f__init__.py"):
+            assert get(path)[0] in (400, 403, 404)
+        for path in ("/../secret.txt", "/static/%2e%2e/%2e%2e/%2e%2e/secret.txt", "/docs", "/openapi.json"):
+            assert get(path)[1] != "secret"
+            assert get(path)[0] != 200
+        asked = (
+            "GET /live HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        )
+        asked += "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        here = f"127.0.0.1:{port}"
+        answers = {}
+        for host, origin in ((here, address), (here, "http://evil.example"), ("evil.example", "http://evil.example")):
+            for path in ("/live", "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"):
+                with socket.create_connection(("127.0.0.1", port)) as link:
+                    link.sendall(asked.replace("/live", path).format(host=host, origin=origin).encode())
+                    answers[host, origin, path] = int(link.recv(100).split()[1])
+        assert {status for (_, origin, _), status in answers.items() if origin == address} == {101}
+        assert {status for (_, origin, _), status in answers.items() if origin != address} == {403}
+    finally:
+        server.terminate()
+        server.communicate(timeout=20)
+    loaded = {line.rpartition("|")[2].strip() for line in (tmp_path / "imports").read_text().splitlines()}
+    assert "nicegui" in loaded
+    assert not {"numba", "llvmlite", "scipy.optimize", "matplotlib", "pandas", "IPython"} & loaded
