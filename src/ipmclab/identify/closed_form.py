@@ -51,9 +51,8 @@ def null_space(matrix: FloatArray, nothing: float = NOTHING) -> tuple[FloatArray
 
     Examples
     --------
-    >>> null_space(np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 0.0]]))[1].round(6) + 0.0
-    array([[ 0.707107, -0.707107,  0.      ],
-           [ 0.      ,  0.      ,  1.      ]])
+    >>> null_space(np.array([[1.0, 2.0], [3.0, 6.0]]))[1].round(4)
+    array([[ 0.8944, -0.4472]])
     """
     count = matrix.shape[1]
     size = np.linalg.norm(matrix, axis=0)
