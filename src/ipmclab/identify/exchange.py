@@ -61,8 +61,8 @@ def series_against_branches(
     need = min(limit * float(column[held]) / abs(float(column[k])) for k in cured)
     followed = ", ".join(f"{names[k]} to a factor of {_factor(errors[k])}" for k in cured)
     free = any(name.startswith("coupling.") for name in names)
-    read = " and ".join(outputs)
-    why = f"{read}, with the coupling free too, hardly tell" if free else f"{read} hardly tells"
+    read, tell = " and ".join(outputs), "tell" if len(outputs) > 1 else "tells"
+    why = f"{read}, with the coupling free too, hardly tell" if free else f"{read} hardly {tell}"
     no_cure = "; more force or displacement does not help while the coupling is free" if free else ""
     base = names[held].split("[")[0]
     enough = f" to {_percent(need)} or better" if need < errors[held] else ""
