@@ -1,4 +1,4 @@
-"""The page with a long run behind it: ``python -m benchmarks.page [--minutes 3] [--record]``.
+"""The page with a long run behind it: ``python -m benchmarks.page [--minutes 3]``.
 
 A recorder that is none (the real hub, with made-up readings) has told 30 minutes of 6 channels at 100 rows a second,
 1.08 million points, and goes on in real time. The real server follows it, and real Chromiums look at it, headless and
@@ -97,6 +97,7 @@ class Measured:
     frames_window: float = 0.0
     cpu_one: float = 0.0
     cpu_three: float = 0.0
+    behind: float = 0.0
     memory: list[float] = field(default_factory=list)
     heap: list[float] = field(default_factory=list)
     paint: dict[str, float] = field(default_factory=dict)
@@ -218,6 +219,8 @@ def measure(folder: Path, minutes: float, browser: Any, *, paints: int = 5, othe
             metrics = heap.send("Performance.getMetrics")["metrics"]
             found.heap.append(next(one["value"] for one in metrics if one["name"] == "JSHeapUsedSize") / 1e6)
         found.cpu_one = statistics.mean(used)
+        drawn = float(page.locator(".lab-live").get_attribute("data-drawn") or 0.0)
+        found.behind = time.time() - began["began"] - (drawn - began["row"] / RATE)
         found.latency = page.evaluate("() => { window.watching = false; return window.jumps; }")
         found.frames_window = page.evaluate(_FRAMES)
         page.select_option(".lab-live select", "whole")
@@ -312,7 +315,6 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--paints", type=int, default=5, help="how often each section is opened")
     parser.add_argument("--alone", action="store_true", help="without the other browsers")
-    parser.add_argument("--record", action="store_true", help="write benchmarks/results/")
     parser.add_argument("--tell", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--prefilled", type=float, default=PREFILLED, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -321,16 +323,13 @@ def main() -> None:
         return
     from playwright.sync_api import sync_playwright
 
-    from benchmarks.harness import finish
-
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
         program = shutil.which("chromium")
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
         found = measure(Path(folder), options.minutes, browser, paints=options.paints, others=not options.alone)
         browser.close()
     for line in lines(found, options.minutes):
-        print(line)
-    finish  # noqa: B018
+        print(f"* {line}")
 
 
 if __name__ == "__main__":

@@ -170,9 +170,7 @@ def add_sections(context: Context) -> None:
 def _fault(error: Exception) -> str:
     """What is said of a fault of the page, and what is safe to do."""
     what = str(error) if isinstance(error, IpmclabError) else f"{type(error).__name__}: {error}"
-    return (
-        f"This went wrong: {what}. No recording is touched by it, and STOP and ZERO work. Reload the page; {_REPORT}."
-    )
+    return f"This went wrong: {what}. It touches no recording, and STOP and ZERO work. Reload the page; {_REPORT}."
 
 
 def _tell_fault(error: Exception) -> None:
