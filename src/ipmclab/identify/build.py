@@ -176,10 +176,10 @@ def _beside_unseen(
     That a stage does not show is no proof that it is not there: what trades against it is known no better than beside
     it.
     """
-    if result.whole is None:
+    if result.beside is None:
         return {}
-    problem, solution = result.whole
-    found = uncertainty(Correlated(problem, solution, solution.evaluation), stated, exact)
+    problem, solution = result.beside.problem, result.beside.solution
+    found = uncertainty(result.beside, stated, exact)
     spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
     places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
     return {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identify.diagnosis import DETERMINED
-from ipmclab.identify.doubts import unexplained
 from ipmclab.identify.free import FreeParameters
-from ipmclab.identify.noise.correlate import Correlated, correlate
+from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.observation import ASSUMED_REST, Record
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.progress import stage
@@ -29,8 +28,9 @@ from ipmclab.identify.starts.start import (
     other_zeros,
     starting_points,
 )
+from ipmclab.identify.under_noise import at_rest_after_all, noise_of, unseen_under_noise
 from ipmclab.identify.unknowns import Unknown, unknowns_of
-from ipmclab.identify.unseen import Unseen, without_unseen
+from ipmclab.identify.unseen import Unseen
 from ipmclab.identify.valleys import Place, Rival, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
@@ -62,7 +62,7 @@ class Estimate:
 
     ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
     readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
-    ``whole`` is the problem that still had them, where there are any. ``white`` is what least squares gave, before the
+    ``beside`` is the fit that still had them, where there are any. ``white`` is what least squares gave, before the
     noise was looked at.
     """
 
@@ -73,7 +73,7 @@ class Estimate:
     findings: tuple[Finding, ...]
     correlated: Correlated
     unseen: tuple[Unseen, ...] = ()
-    whole: tuple[Problem, Solution] | None = None
+    beside: Correlated | None = None
     white: tuple[Problem, Solution] | None = None
 
 
@@ -97,8 +97,11 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
         given_up |= moving
         records = [replace(record, start="free") if record.place in moving else record for record in records]
     stage("asking what the readings do not show", 0.5, 0.6)
-    whole = problem, solution
-    problem, solution, unseen = without_unseen(problem, solution)
+    resting = at_rest_after_all(problem, solution, _asked(problem, names), given_up)
+    if resting:
+        problem, solution = _at_rest(problem, solution, resting)
+        given_up -= set(resting)
+    problem, solution, unseen, beside = unseen_under_noise(problem, solution, _asked(problem, names), _again)
     if unseen and problem.unknowns:
         problem, solution = _weigh(problem, solution)
     if problem.unknowns and len(null_directions(solution.evaluation)):
@@ -108,17 +111,13 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     findings += [_sensor_error(problem, unknown) for unknown in problem.unknowns if _is_asked(unknown, names)]
     findings += [found for record in problem.records if (found := _impossible_current(problem, solution, record))]
     # Where the residuals are more than white noise, the parameters are those that are most likely under their noise.
-    asked = [column for column, unknown in enumerate(problem.unknowns) if _is_asked(unknown, names)]
-    beyond = {str(finding.channel) for finding in unexplained(problem, solution)}
     stage("finding the noise, and fitting under it", 0.6, 0.75, 1000)
     white = problem, solution
-    correlated = correlate(problem, solution, asked, beyond)
+    correlated = noise_of(problem, solution, _asked(problem, names))
     problem, solution = correlated.problem, correlated.solution
     if correlated.noise:
         rivals = _still_rivals(problem, solution, rivals)
-    return Estimate(
-        parameters, problem, solution, rivals, tuple(findings), correlated, unseen, whole if unseen else None, white
-    )
+    return Estimate(parameters, problem, solution, rivals, tuple(findings), correlated, unseen, beside, white)
 
 
 def _still_rivals(problem: Problem, solution: Solution, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
@@ -132,6 +131,11 @@ def _still_rivals(problem: Problem, solution: Solution, rivals: Sequence[Rival])
         if other.evaluation.cost <= allowed:
             found.append(Rival.of(problem, other.theta))
     return tuple(found)
+
+
+def _asked(problem: Problem, names: FreeParameters) -> list[int]:
+    """Entries of the offsets and drifts that nobody freed by name."""
+    return [column for column, unknown in enumerate(problem.unknowns) if _is_asked(unknown, names)]
 
 
 def _is_asked(unknown: Unknown, names: FreeParameters) -> bool:
@@ -182,16 +186,31 @@ def _without_idle(problem: Problem, solution: Solution, names: FreeParameters) -
     idle = {key: columns for key, columns in groups.items() if is_idle(solution, columns)}
     if not idle:
         return problem, solution
-    dropped = {column for columns in idle.values() for column in columns}
-    kept = [column for column in range(len(problem.unknowns)) if column not in dropped]
     resting = {place for place, what in idle if what == "start"}
+    return _with_less(problem, solution, {column for columns in idle.values() for column in columns}, resting)
+
+
+def _at_rest(problem: Problem, solution: Solution, resting: Mapping[int, Sequence[int]]) -> tuple[Problem, Solution]:
+    """Take out the starting states of some runs: by place, their entries."""
+    return _with_less(problem, solution, {column for columns in resting.values() for column in columns}, set(resting))
+
+
+def _with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: Set[int]) -> tuple[Problem, Solution]:
+    """The fit without some entries, some runs being at rest at their start."""
+    kept = [column for column in range(len(problem.unknowns)) if column not in dropped]
     records = [replace(r, start=ASSUMED_REST) if r.place in resting else r for r in problem.records]
     smaller = Problem(
         problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
     )
     theta = solution.theta[kept]
-    again = polish(smaller, theta) or _minimise(smaller, theta)
-    return _weigh(smaller, replace(again, evaluations=again.evaluations + solution.evaluations))
+    here = replace(solution, theta=theta, evaluation=smaller.evaluate(theta), evaluations=solution.evaluations + 1)
+    return _weigh(smaller, _again(smaller, here))
+
+
+def _again(problem: Problem, near: Solution) -> Solution:
+    """The minimum beside a point."""
+    found = polish(problem, near.theta, near.evaluation) or _minimise(problem, near.theta)
+    return replace(found, evaluations=found.evaluations + near.evaluations)
 
 
 def _fit(

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.problem import Evaluation, Problem
-from ipmclab.identify.solve import STRUCTURAL, Pinned, Solution, minimise
+from ipmclab.identify.solve import STRUCTURAL, Pinned, Solution, minimise, polish
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -21,6 +21,9 @@ _NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
 _BESIDE: Final = 0.05  # part of a height up to which a line continues a point
 _JOINED: Final = 0.4  # part of a height over which a cubic joins two points
 _POINTS: Final = 40
+_FLAT: Final = 0.3  # part of a height below which a point lies in a plain
+_WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
+_APART: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
 _TURNS: Final = 6
 _FARTHEST_STEP: Final = 3.0
@@ -120,8 +123,8 @@ class Walk:
     def _slope(self, point: Point) -> float:
         """Of the height, by the distance."""
         if point.entry not in self._slopes:
-            along = _pull(point.evaluation, self._place) * self._side
-            self._slopes[point.entry] = along / point.height if point.height > 0.0 else 0.0
+            pull = _pull(self._problem, point, self._place) * self._side
+            self._slopes[point.entry] = 0.5 * pull / point.height if point.height > 0.0 else 0.0
         return self._slopes[point.entry]
 
     def _around(self, height: float) -> tuple[Point, Point | None]:
@@ -153,8 +156,12 @@ class Walk:
         if far is not None:
             room = self._away(far) - away
             onward = away + (height - near.height) / max(slope, 1e-300)
-            # Towards a wall a line through both points would creep; that of the nearer one does not.
-            guess = self._cubic(near, far, height) if self._slope(far) > 0.0 or onward > away + room else onward
+            if near.height < _FLAT * height and far.height > _WALL * height:
+                guess = away + 0.5 * room
+            elif self._slope(far) > 0.0 or onward > away + room:
+                guess = self._cubic(near, far, height)
+            else:
+                guess = onward  # a line through both points would creep
             return float(np.clip(guess, away + 0.1 * room, away + 0.9 * room))
         bound = (self._problem.upper if self._side > 0 else self._problem.lower)[self._place]
         last = min(self._side * (float(bound) - self._middle) * (1.0 - 1e-3), _FARTHEST)
@@ -183,10 +190,13 @@ def held_at(
 
     The others first move as the derivatives at the other point say, which is mostly all that they need.
     """
-    theta, cost, here = _followed(problem, place, entry, warm, _SETTLED * threshold)
+    here: Evaluation | None = None
+    # An edge that crosses a row makes a kink, over which no derivative leads.
+    if not any(unknown.base == "observation.delay" for unknown in problem.unknowns):
+        theta, cost, here = _followed(problem, place, entry, warm, _SETTLED * threshold)
     if here is None:
-        pinned = Pinned(problem, place, entry)
-        found = minimise(pinned, np.delete(warm.theta, place), evaluations=60, tolerance=_NEAR)
+        pinned, others = Pinned(problem, place, entry), np.delete(warm.theta, place)
+        found = polish(pinned, others) or minimise(pinned, others, evaluations=60, tolerance=_NEAR)
         theta = np.insert(found.theta, place, entry)
         here, cost = problem.evaluate(theta), found.evaluation.cost
     spared = problem.spared(theta) - problem.spared(solution.theta)
@@ -234,8 +244,10 @@ def _others(here: Evaluation, place: int, moved: float) -> tuple[FloatArray, flo
     return step, float(turned @ turned)
 
 
-def _pull(here: Evaluation, place: int) -> float:
-    """Derivative of half the cost by one entry, all others at their best."""
-    triangle, right = here.triangle[:, :-1], here.triangle[:, -1]
-    step, _ = _others(here, place, 0.0)
-    return float(triangle[:, place] @ (right + triangle @ step))
+def _pull(problem: Problem, point: Point, place: int) -> float:
+    """Derivative of the excess cost by one entry, all others following it at their best."""
+    triangle, right = point.evaluation.triangle[:, :-1], point.evaluation.triangle[:, -1]
+    step, _ = _others(point.evaluation, place, 0.0)
+    along = _others(point.evaluation, place, 1.0)[0] - step
+    ahead, behind = (problem.spared(point.theta + side * _APART * along) for side in (1.0, -1.0))
+    return 2.0 * float(triangle[:, place] @ (right + triangle @ step)) - (ahead - behind) / (2.0 * _APART)

@@ -80,6 +80,11 @@ def without_unseen(problem: Problem, solution: Solution) -> tuple[Problem, Solut
         problem, solution = smaller, there
 
 
+def can_be_unseen(problem: Problem) -> bool:
+    """Whether the problem has a stage that can be switched off."""
+    return bool(_stages(problem))
+
+
 def _stages(problem: Problem) -> dict[str, tuple[list[int], list[int]]]:
     """For each stage that can be switched off: the entries that then mean nothing, and those of its size."""
     found: dict[str, tuple[list[int], list[int]]] = {}

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.noise.blind import Blind, blind_outputs
 from ipmclab.identify.noise.columns import CONSTANTS, constants
 from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, directions_of, refine_noise
@@ -25,6 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _TURNS: Final = 4
 _SETTLED: Final = 0.1  # of a standard error, by which the parameters still move
+_RAN_AWAY: Final = 10.0  # times the residual of least squares, which takes up all but a part of any drift
 _FLOOR: Final = 1.01  # times the rounding of the model: below it residuals are no noise
 
 
@@ -64,6 +66,7 @@ class Correlated:
     spread: Spread | None = None
     contradicted: Set[str] = frozenset()
     shapes: Mapping[Key, Shape] = field(default_factory=dict)
+    blind: Mapping[str, Blind] = field(default_factory=dict)
 
 
 def correlate(
@@ -84,12 +87,17 @@ def correlate(
     without : set of str
         Outputs that the model does not explain: what it leaves of them is no noise.
     """
-    pieces = [piece for piece in _suspicious(problem, solution.evaluation) if piece.key[1] not in without]
+    every, coloured = _pieces(problem, solution.evaluation, without)
     shapes: dict[Key, Shape] = {}
     plain, here = solution.evaluation, solution
-    if not pieces or not problem.unknowns:
+    if not every or not problem.unknowns:
         return Correlated(problem, solution, plain)
-    given = Correlated(problem, solution, plain)
+    blind = blind_outputs(System(problem, plain, every), every)
+    drifting = {output for output, one in blind.items() if one.allowed}
+    pieces = [piece for piece in every if piece.key[1] in coloured | drifting]
+    given = Correlated(problem, solution, plain, blind=blind)
+    if not pieces:
+        return given
     searched = {piece.key for piece in pieces}
     gone = [column for column in yielding if _belongs(problem.unknowns[column], searched)]
     if gone:
@@ -101,7 +109,7 @@ def correlate(
     found = CorrelatedProblem(problem, {})
     for turn in range(_TURNS):
         system = System(problem, plain, pieces)
-        shapes = refine_noise(system, shapes) if turn else choose_noise(system)
+        shapes = refine_noise(system, shapes) if turn else choose_noise(system, drifting)
         if all(shape.terms.is_white for shape in shapes.values()):
             return given
         found = CorrelatedProblem(problem, {piece.key: piece.whitening(shapes[piece.key]) for piece in pieces})
@@ -109,8 +117,9 @@ def correlate(
         plain = problem.evaluate(here.theta)
         if turn and _moved(here.evaluation, here.theta - before.theta) < _SETTLED:
             break
-    correlated = _told(found, here, plain, pieces, shapes)
-    if _contradicted(problem, given, [(piece, shapes[piece.key]) for piece in pieces], here):
+    correlated = replace(_told(found, here, plain, pieces, shapes), blind=blind)
+    ran_away = _ran_away(problem, given.plain, plain)
+    if ran_away or _contradicted(problem, given, [(piece, shapes[piece.key]) for piece in pieces], here):
         return replace(given, contradicted=frozenset(output for _, output in shapes))
     # A noise at the end of what a computer can tell apart is none that errors could be built on.
     return correlated if correlated.spread and correlated.spread.is_finite else given
@@ -169,19 +178,28 @@ def _contradicted(problem: Problem, given: Correlated, pieces: Sequence[tuple[Pi
     return contradicts(problem, given.plain, pieces, step, directions @ directions.T)
 
 
+def _ran_away(problem: Problem, least: Evaluation, there: Evaluation) -> bool:
+    """Whether a fit leaves an output so far from its readings, drift and all, that no drift can be meant."""
+    return any(
+        float(there.residual[piece] @ there.residual[piece])
+        > _RAN_AWAY**2 * max(float(least.residual[piece] @ least.residual[piece]), piece.stop - piece.start)
+        for piece in problem.pieces.values()
+    )
+
+
 def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
     return (unknown.place, unknown.base.rsplit(".", 1)[1]) in keys
 
 
-def _suspicious(problem: Problem, here: Evaluation) -> list[Piece]:
-    """Outputs of which some run shows more than white noise, in every run."""
+def _pieces(problem: Problem, here: Evaluation, without: Set[str]) -> tuple[list[Piece], set[str]]:
+    """Every output of every run whose residuals could be noise, and the outputs of which some run's are not white."""
     found = []
     coloured: set[str] = set()
     basis: FloatArray | None = None
     for record in problem.records:
         for output in record.readings:
             key = record.place, output
-            if problem.noise[key] <= _FLOOR * problem.floors[key]:
+            if output in without or problem.noise[key] <= _FLOOR * problem.floors[key]:
                 continue
             piece = problem.pieces[key]
             inside = measured_rows(record, output)
@@ -192,10 +210,10 @@ def _suspicious(problem: Problem, here: Evaluation) -> list[Piece]:
                 directions = directions_of(here)
                 basis = here.jacobian @ directions
             explained = _explained(basis[piece][inside], record.run.time[record.readings[output].exact], residual)
-            found.append((record, output))
+            found.append(Piece.of(record, output, problem.unknowns))
             if needs_search(residual, explained):
                 coloured.add(output)
-    return [Piece.of(record, output, problem.unknowns) for record, output in found if output in coloured]
+    return found, coloured
 
 
 def _explained(basis: FloatArray, time: FloatArray, residual: FloatArray) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ipmclab.identify.covariance import Uncertainty
+from ipmclab.identify.noise.blind import Blind
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.problem import Problem
 from ipmclab.run import Finding
@@ -21,7 +22,10 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
     findings = []
     labels = {record.place: record.label for record in problem.records}
     for (place, output), noise in correlated.noise.items():
-        if noise.terms.is_white:
+        only_allowed_for = (
+            output in correlated.blind and noise.terms.trend and not noise.terms.order and not noise.terms.walk
+        )
+        if noise.terms.is_white or only_allowed_for:
             continue
         drifts = ", so that it drifts" if noise.terms.drifts else ""
         findings.append(
@@ -34,6 +38,7 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 channel=output,
             )
         )
+    findings += [_drift_not_excluded(output, blind) for output, blind in correlated.blind.items()]
     for output in sorted(correlated.contradicted):
         findings.append(
             Finding(
@@ -73,3 +78,22 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 )
             )
     return findings
+
+
+def _drift_not_excluded(output: str, blind: Blind) -> Finding:
+    if blind.allowed:
+        what = (
+            "Values and intervals allow for an offset and a straight drift, which makes an interval up to "
+            f"{blind.wider:.2g} times as wide"
+        )
+    else:
+        what = "Values and intervals rest on there being none: beside a drift some of these parameters would be open"
+    return Finding(
+        "drift-not-excluded",
+        "info",
+        f"no run here would show a drift of the {output} by three times its noise: the slow answer of the strip looks "
+        f"the same. {what}",
+        "add a run that turns back, such as a sine or a step that ends at 0 V: it shows a drift apart from the strip",
+        channel=output,
+        values={"wider": blind.wider},
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -126,8 +126,15 @@ class System:
         return self.rest + sum(part for other, part in parts.items() if other != key)
 
 
-def choose_noise(system: System) -> dict[Key, Shape]:
-    """Terms and values of the noise of every piece, each given all others: they share the free parameters."""
+def choose_noise(system: System, drifting: Collection[str] = ()) -> dict[Key, Shape]:
+    """Terms and values of the noise of every piece, each given all others: they share the free parameters.
+
+    Parameters
+    ----------
+    system : System
+    drifting : collection of str
+        Outputs that may drift unseen: they have an offset and a trend whatever the criterion says.
+    """
     shapes: dict[Key, Shape] = {}
     parts: dict[Key, FloatArray] = {}
     several = len(system.pieces) > 1
@@ -139,7 +146,10 @@ def choose_noise(system: System) -> dict[Key, Shape]:
         best = choose_terms(system.columns[key], system.others(parts, key), piece.allowed)
         shapes[key] = Shape(best.terms, best.entries, best.likelihood.variance)
         parts[key] = best.likelihood.products
-    if several:
+    for key, shape in shapes.items():
+        if key[1] in drifting and not shape.terms.walk:
+            shapes[key] = replace(shape, terms=replace(shape.terms, offset=True, trend=True))
+    if several or drifting:
         _share_constants(shapes, system.pieces)
         shapes = refine_noise(system, shapes)
     return shapes

@@ -99,6 +99,10 @@ class CorrelatedProblem(Problem):
         """The problem with other weights, and white."""
         return self.plain.with_noise(noise)
 
+    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
+        """The problem with fewer unknowns under the same noise, and other values of what is no longer free."""
+        return CorrelatedProblem(self.plain.without(columns, values), self.whitenings)
+
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Whitened residuals and Jacobian."""
         return self.whiten(super().evaluate(theta))

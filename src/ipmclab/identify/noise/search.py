@@ -55,7 +55,7 @@ def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[
     """
     tried = [(likelihood(columns, others, terms, start), start) for start in starts]
     first, entries = min(tried, key=lambda pair: pair[0].deviance)
-    if not terms.shapes:
+    if not terms.shapes or not math.isfinite(first.deviance):
         return Found(terms, entries, first)
     variance = first.variance
 
