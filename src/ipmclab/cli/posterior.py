@@ -9,7 +9,15 @@ import typer
 
 from ipmclab.cli.files import check_output, read_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
-from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, significant
+from ipmclab.cli.output import (
+    finding_document,
+    print_briefly,
+    print_json,
+    print_paragraph,
+    print_table,
+    progress,
+    significant,
+)
 
 if TYPE_CHECKING:
     from ipmclab.identify import Posterior
@@ -101,6 +109,7 @@ def print_posterior(posterior: Posterior) -> None:
             "What reaches its bound is ended by it, not by the runs: its interval says what was taken as possible"
             " beforehand."
         )
+    print_briefly(posterior.findings)
     print_paragraph(
         f"The chains agree after {posterior.steps} steps of each walker, of which the later half was kept; "
         f"{100.0 * posterior.accepted:.0f} % of the proposals were accepted."
@@ -131,6 +140,7 @@ def posterior_document(posterior: Posterior) -> dict[str, Any]:
         },
         "correlations": {one: {other: posterior.correlation(one, other) for other in names} for one in names},
         "left_out": posterior.left_out,
+        "findings": [finding_document(finding) for finding in posterior.findings],
         "seed": posterior.seed,
         "steps": posterior.steps,
         "accepted": posterior.accepted,

@@ -83,6 +83,8 @@ def interval_of(
 
     entry = float(solution.theta[place])
     hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else _DEAR
+    if any(other.beforehand is not None for other in problem.unknowns):
+        hopeless = math.inf  # what is known beforehand ends every profile
     if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
         return Interval(*open_ends(unknown))
     variance, freedom = float(found.covariance[number, number]), float(found.freedom[number])

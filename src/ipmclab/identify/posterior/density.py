@@ -24,9 +24,11 @@ from ipmclab.model.parameters import Parameter
 
 FloatArray = npt.NDArray[np.float64]
 
+AT_FLOOR: Final = 1.01
+"""Times the rounding of the model: noise that small is none."""
+
 _MATTERS: Final = 0.1  # of what noise moves all readings together: a fixed value that moves them less is taken as exact
 _NOISE_WIDTH: Final = 0.2  # the same of the numbers that shape the noise
-_AT_FLOOR: Final = 1.01
 _SECOND: Final = re.compile(r"\.1\.")
 _RECTANGLE: Final = 3.0**0.5
 
@@ -125,7 +127,7 @@ class Density:
                     held,
                     steps_between(time, step),
                     measured_rows(record, output),
-                    solved.noise[key] <= _AT_FLOOR * solved.floors[key],
+                    solved.noise[key] <= AT_FLOOR * solved.floors[key],
                 )
                 limits += terms.bounds
                 shapes.append(np.zeros(0) if shape is None else shape.entries)
