@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
+from ipmclab import load_actuator, simulate, write_run
 from ipmclab.errors import IpmclabError
 from ipmclab.page.lab import Lab
 from ipmclab.page.live.bench import Bench
@@ -270,6 +271,32 @@ def test_only_the_operator_steers_and_anybody_may_zero(recorder: Recorder, bench
     assert anna.post("/bench/mark", content=b"not json").status_code == 409
     assert anna.post("/bench/release").status_code == 200
     assert ben.post("/bench/stop").status_code == 200  # it was free
+
+
+def test_zero_reaches_the_recorder_while_a_fit_holds_the_worker(
+    recorder: Recorder, bench: Bench, tmp_path: Path
+) -> None:
+    from ipmclab.page.jobs.jobs import Jobs
+
+    run = simulate(load_actuator("friend-2"), "square 1 V 0.1 Hz", duration=400.0, rate=100.0)
+    write_run(run, tmp_path / "long.nc")
+    app = FastAPI()
+    app.include_router(routes(bench))
+    client = TestClient(app, cookies={"ipmclab-seat": "anna"})
+    wait_until(lambda: bench.follower.is_joined)
+    arguments = {
+        "actuator": "friend-2",
+        "runs": [str(tmp_path / "long.nc")],
+        "free": ["electrical"],
+        "labels": ["long"],
+    }
+    with Jobs() as jobs:
+        job = jobs.submit("identify", {**arguments, "free": ["electrical"], "out": str(tmp_path / "out.toml")})
+        wait_until(lambda: job.state == "running" and "reading" not in job.sentence, 60)
+        assert client.post("/bench/zero").status_code == 200
+        wait_until(lambda: recorder.asked and recorder.asked[-1].kind == "zero", 1)
+        assert not job.is_over
+        jobs.cancel(job)
 
 
 def test_the_link_tells_the_state_and_the_readings(recorder: Recorder, bench: Bench) -> None:
