@@ -33,7 +33,6 @@ def print_many_runs(fit: Fit) -> None:
     for one in fit.left_out:
         most = max(one.shifts, key=lambda name: abs(one.shifts[name]), default=None)
         change = "-" if most is None else f"{most}, {significant(one.shifts[most], 2)} of its errors"
-        lacking = f"the others do not determine {', '.join(one.undetermined)}" if one.undetermined else ""
         outputs = list(one.rmse) or ["-"]
         for output in outputs:
             percent, inside = one.fit_percent.get(output), one.inside.get(output)
@@ -45,7 +44,7 @@ def print_many_runs(fit: Fit) -> None:
                     read(one.rmse[output], CHANNELS[output], digits=3) if output in one.rmse else "-",
                     "-" if inside is None else f"{100.0 * inside:.0f} %",
                     change if output == outputs[0] else "",
-                    lacking if output == outputs[0] else "",
+                    one.lacking if output == outputs[0] else "",
                 ]
             )
     if rows:

@@ -34,6 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 _SURELY: Final = 1e-3
 _ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes
 _EVALUATIONS: Final = 100
+_NAMED: Final = 2
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,14 @@ class LeftOut:
     undetermined: tuple[str, ...] = ()
     shifts: Mapping[str, float] = field(default_factory=dict)
     unlikely: float = 1.0
+
+    @property
+    def lacking(self) -> str:
+        """That the others do not determine some parameters, in words."""
+        if not self.undetermined:
+            return ""
+        more = f" and {len(self.undetermined) - _NAMED} more" if len(self.undetermined) > _NAMED else ""
+        return f"the others do not determine {', '.join(self.undetermined[:_NAMED])}{more}"
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> LeftOut:

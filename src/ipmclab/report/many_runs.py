@@ -56,7 +56,9 @@ def many_runs_part(fit: Fit) -> Markup:
             between=_between(fit),
             spread=bool(told and told.between),
             picture=_picture(fit),
-            unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()] if told else [],
+            unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()]
+            if told and not why
+            else [],
             left_out=[row for one in fit.left_out for row in _left_out(one)],
             remarks=any(one.undetermined for one in fit.left_out),
         )
@@ -98,7 +100,7 @@ def _size(fit: Fit, name: str) -> str:
 def _left_out(one: LeftOut) -> list[LeftOutRow]:
     most = max(one.shifts, key=lambda name: abs(one.shifts[name]), default=None)
     change = "–" if most is None else f"{most}: {plain(one.shifts[most], 2)} of its errors"
-    remark = f"the others do not determine {', '.join(one.undetermined)}" if one.undetermined else ""
+    remark = one.lacking
     if not one.rmse:
         return [LeftOutRow(one.label, "–", "–", "–", "–", change, remark)]
     return [
@@ -108,8 +110,8 @@ def _left_out(one: LeftOut) -> list[LeftOutRow]:
             fit=percent(one.fit_percent.get(output)),
             rmse=with_unit(rmse, CHANNELS[output]),
             inside=f"{100.0 * one.inside[output]:.0f}{NO_BREAK}%" if output in one.inside else "–",
-            change=change,
-            remark=remark,
+            change="" if number else change,
+            remark="" if number else remark,
         )
-        for output, rmse in one.rmse.items()
+        for number, (output, rmse) in enumerate(one.rmse.items())
     ]
