@@ -353,8 +353,14 @@ def test_a_recorder_that_dies_is_told_and_the_next_is_followed(tmp_path: Path, b
 def test_whether_somebody_could_answer_is_told(recorder: Recorder, bench: Bench) -> None:
     wait_until(lambda: bench.follower.is_joined)
     wait_until(lambda: recorder.hub.answerers == 0)
-    bench.follower.let_answer(True)
-    wait_until(lambda: recorder.hub.answerers == 1)
+    app = FastAPI()
+    app.include_router(routes(bench))
+    with TestClient(app, cookies={"ipmclab-seat": "anna"}) as client, client.websocket_connect("/live"):
+        time.sleep(0.2)
+        assert recorder.hub.answerers == 0  # they only watch
+        client.post("/bench/hold")
+        wait_until(lambda: recorder.hub.answerers == 1)
+    wait_until(lambda: recorder.hub.answerers == 0)
 
 
 def test_a_message_may_be_empty() -> None:

@@ -72,6 +72,7 @@ def test_who_comes_late_is_told_what_happened_but_not_what_was_read(hub: Hub, la
     hub.tell(Message("progress", {"rows": 1}))
     hub.tell(Message("progress", {"rows": 2}))
     hub.tell(Message("block", {"first_row": 0}, {"voltage": np.ones(2)}))
+    hub.tell(Message("air", {"time": 0.5, "temperature": 22.0}))
     late = attach(laboratory)
     told = [late.next(5.0), late.next(5.0)]
     assert [(one.kind, dict(one.values)) for one in told if one] == [
@@ -193,3 +194,17 @@ def test_what_a_guardian_says_of_the_output(tmp_path: Path) -> None:
     assert [file for file, _ in failures(tmp_path)] == [status]
     status.write_text("{")
     assert "has not said" in fate(recorder, 0.0)
+
+
+def test_who_stops_answering_leaves_the_question_alone_from_then_on(hub: Hub) -> None:
+    client = Recorder(hub.file)
+    until(lambda: hub.answerers == 1)
+    before = time.monotonic()
+    client.request("subscribe", blocks=True, answers=False)
+    until(lambda: hub.answerers == 0)
+    assert hub.alone_since >= before
+    hub.tell(Message("air", {"time": 0.5, "temperature": 22.0}))
+    told = client.next(5.0)
+    assert told is not None
+    assert told["temperature"] == 22.0
+    client.close()

@@ -19,6 +19,7 @@ from ipmclab.rig import THESIS_RIG, Control, Limit, Limits, VirtualBench, record
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.recording.keeping import Rows
 from ipmclab.rig.recording.recorder import Outcome, capture
+from ipmclab.rig.recording.slow import Air
 from ipmclab.run import Mark
 from ipmclab.signals import Signal
 
@@ -216,6 +217,15 @@ def test_emergency_zero_records_the_discharge(strip: Actuator) -> None:
 
     outcome = capture(bench, "step 1 V", duration=20.0, rate=RATE, control=control, on_block=on_block)
     assert outcome.rows == 304
+
+
+def test_the_air_is_told_as_it_is_read(strip: Actuator) -> None:
+    """Once a second, the same means as the run keeps."""
+    told: list[Air] = []
+    outcome = capture(VirtualBench(strip), "step 1 V", duration=5.0, rate=RATE, on_air=told.append)
+    assert outcome.run is not None
+    assert [air.time for air in told] == outcome.run.time_environment.tolist()
+    assert [air.values["temperature"] for air in told] == outcome.run.temperature.tolist()
 
 
 def test_marks_stand_where_they_were_set(strip: Actuator) -> None:

@@ -48,6 +48,7 @@ def routes(bench: Bench) -> APIRouter:
         finally:
             listening.cancel()
             bench.seats.leave(seat)
+            bench.follower.let_answer(bench.seats.operator_is_there)
 
     @router.post("/bench/{what}")
     async def steer(what: str, request: Request) -> JSONResponse:

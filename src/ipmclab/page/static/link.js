@@ -121,8 +121,9 @@ function tellHeader(state) {
   const guard = !busy ? "guard: off" : state.rig_is_virtual ? "guard: simulated strip" :
     `guard: ${state.guardian || (state.bench === "recording" ? "on" : "ready")}`;
   set("lab-guard", guard);
-  document.getElementById("lab-stop").disabled = !busy || !state.mine;
-  document.getElementById("lab-stop").title = state.mine ? "End the run now and keep it" : "Only who holds the bench stops a run";
+  const may = state.mine || !state.held;
+  document.getElementById("lab-stop").disabled = !busy || !may;
+  document.getElementById("lab-stop").title = may ? "End the run now and keep it" : "Only who holds the bench stops a run";
 }
 
 function left(state) {
