@@ -101,6 +101,23 @@ def test_numbers_from_elsewhere(strip: VirtualStrip, truth: Actuator) -> None:
     assert found.staged["circuit.dc_resistivity"].value == pytest.approx(truth["circuit.dc_resistivity"], rel=0.05)
 
 
+def test_who_is_told_how_far_it_is_may_end_it(strip: VirtualStrip) -> None:
+    told: list[tuple[str, float]] = []
+
+    def tell(sentence: str, fraction: float) -> None:
+        told.append((sentence, fraction))
+        if sentence.startswith("branches: "):
+            raise KeyboardInterrupt
+
+    procedure = strip.procedure(np.random.default_rng(SEED))
+    with pytest.raises(KeyboardInterrupt):
+        follow_procedure(procedure, progress=tell)
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions)
+    assert told[0][0] == "sheet and dc resistance"
+    assert told[-1][1] <= 0.15
+
+
 def test_what_the_other_face_may_carry_is_told_or_taken_off_by_half(strip: VirtualStrip) -> None:
     whole = replace(strip.procedure(np.random.default_rng(SEED)), branches=(), coupling=())
     told = follow_procedure(whole)
@@ -123,6 +140,15 @@ def test_a_sheet_resistance_that_is_wrong_is_told(strip: VirtualStrip) -> None:
     step = follow_procedure(wrong).steps[2]
     # 2 R_e alone would be 18 ohm, more than the strip's 16.6 ohm at the first instant.
     assert not step.done or any(one.severity == "warning" for one in step.findings)
+
+
+def test_no_coupling_is_sought_beside_branches_that_are_not_known(strip: VirtualStrip) -> None:
+    whole = strip.procedure(np.random.default_rng(SEED))
+    wrong = replace(whole, sheet_resistance=Uncertain(1.5, {"given": 0.001}))
+    found = follow_procedure(wrong)
+    assert not found.steps[2].done
+    assert found.steps[5].how == "waits for the branches"
+    assert found.joint is None
 
 
 @pytest.fixture(scope="module")

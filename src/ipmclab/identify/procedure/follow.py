@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -24,6 +24,7 @@ from ipmclab.identify.procedure.joint import SHEET, Joint, joint
 from ipmclab.identify.procedure.procedure import Procedure
 from ipmclab.identify.procedure.push import Push
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding, finding_row
+from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.run import Finding
 from ipmclab.units import (
     DENSITY,
@@ -35,9 +36,9 @@ from ipmclab.units import (
     Quantity,
 )
 
-Tell = Callable[[str, float], None]
-
 _WORTH_SAYING: Final = 3e-3
+
+_FIRST: Final = ("sheet_resistance",)
 
 TO_DO: Final[Mapping[str, tuple[str, str]]] = {
     "sheet_resistance": (
@@ -152,7 +153,7 @@ def follow_procedure(
     all_at_once : bool
         Whether the joint fit follows when all steps are done; it takes longer than all of them.
     progress : function of (str, float), optional
-        Told what is being done, and how far it is.
+        Told what is being done, and how far it is; what it raises ends the work.
 
     Returns
     -------
@@ -163,7 +164,11 @@ def follow_procedure(
     InputError
         Something that was measured cannot be.
     """
-    tell = progress or (lambda *_: None)
+    with telling(progress):
+        return _follow(procedure, all_at_once=all_at_once)
+
+
+def _follow(procedure: Procedure, *, all_at_once: bool) -> Characterisation:
     known: dict[str, Uncertain] = {
         **procedure.geometry,
         "circuit.contact_resistance": procedure.contact_resistance,
@@ -175,11 +180,10 @@ def follow_procedure(
         steps[step.name] = step
         known.update(step.amounts)
 
-    tell("sheet resistance", 0.0)
+    stage("sheet and dc resistance", 0.0, 0.05)
     keep(_sheet(procedure))
     if SHEET in known:
         by_hand.append(SHEET)
-        tell("dc resistance", 0.05)
         keep(_dc(procedure, known))
         again = _other_face(steps["sheet_resistance"], procedure, known)
         if again is not None:
@@ -188,21 +192,23 @@ def follow_procedure(
         if isinstance(procedure.dc_resistance, Uncertain):
             by_hand.append(dc.NAME)
         if procedure.branches:
-            tell("branches", 0.1)
-            keep(branches(procedure.name, procedure.branches, known, procedure.branch_count))
+            with part("branches", 0.05, 0.15):
+                keep(branches(procedure.name, procedure.branches, known, procedure.branch_count))
     keep(_density(procedure, known))
     keep(_modulus(procedure, known))
     by_hand.append(push_step.NAME)
-    needed = (SHEET, dc.NAME, "circuit.branches.0.resistivity", density_step.NAME, push_step.NAME)
+    needed = (SHEET, dc.NAME, density_step.NAME, push_step.NAME)
     together: Joint | None = None
-    if procedure.coupling and all(name in known for name in needed):
-        tell("coupling", 0.3)
-        keep(coupling(procedure.name, procedure.coupling, known, procedure.branch_count))
-        if all_at_once and steps["branches"].done and steps["coupling"].done:
-            tell("all runs at once", 0.5)
-            together = joint(procedure.name, procedure.runs, known, by_hand, procedure.branch_count, procedure.sample)
-    tell("done", 1.0)
-    ordered = tuple(steps.get(name) or _undone(name, _waits_for(name, known)) for name in TO_DO)
+    complete = "branches" in steps and steps["branches"].done and all(name in known for name in needed)
+    if procedure.coupling and complete:
+        with part("coupling", 0.15, 0.35):
+            keep(coupling(procedure.name, procedure.coupling, known, procedure.branch_count))
+        if all_at_once and steps["coupling"].done:
+            with part("all runs at once", 0.35, 1.0):
+                together = joint(
+                    procedure.name, procedure.runs, known, by_hand, procedure.branch_count, procedure.sample
+                )
+    ordered = tuple(steps.get(name) or _undone(name, _waits_for(name, steps)) for name in TO_DO)
     found = Characterisation(procedure.name, ordered, known, together)
     if together is None:
         return found
@@ -215,18 +221,11 @@ def _undone(name: str, waits: str = "") -> Step:
     return Step(name, title, waits or "not done yet", advice=what, done=False)
 
 
-def _waits_for(name: str, known: Mapping[str, Uncertain]) -> str:
+def _waits_for(name: str, steps: Mapping[str, Step]) -> str:
     """What has to be known before a step."""
-    if name in ("dc_resistance", "branches") and SHEET not in known:
-        return "waits for the sheet resistance"
-    needed = {
-        "the sheet resistance": SHEET,
-        "the branches": "circuit.branches.0.resistivity",
-        "the density": density_step.NAME,
-        "the modulus": push_step.NAME,
-    }
-    open_ones = [what for what, key in needed.items() if key not in known]
-    return f"waits for {', '.join(open_ones)}" if name == "coupling" and open_ones else ""
+    waits_for = {"dc_resistance": _FIRST, "branches": _FIRST, "coupling": (*_FIRST, "branches", "density", "modulus")}
+    missing = [one for one in waits_for.get(name, ()) if one not in steps or not steps[one].done]
+    return f"waits for the {', the '.join(one.replace('_', ' ') for one in missing)}" if missing else ""
 
 
 def _given(name: str, key: str, amount: Uncertain, result: Result) -> Step:
