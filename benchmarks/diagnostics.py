@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -74,7 +75,9 @@ def lacking(case: Case, trials: int) -> list[str]:
         runs = []
         for signal in case.signals:
             run = ipmclab.simulate(strip, signal, duration=40.0, rate=50.0)
-            read = {n: run.channels[n] + NOISE[n] * generator.standard_normal(len(run)) for n in case.keep}
+            read: dict[str, Any] = {
+                n: run.channels[n] + NOISE[n] * generator.standard_normal(len(run)) for n in case.keep
+            }
             runs.append(ipmclab.Run.from_arrays(time=run.time, voltage=run.voltage, **read))
         fit = ipmclab.identify(base, runs, free=case.free)
         said = [finding for finding in fit.findings if finding.code == "stage-missing"]
@@ -87,19 +90,17 @@ def lacking(case: Case, trials: int) -> list[str]:
     return [case.stage, str(trials), f"{first} of {trials}", f"{among} of {trials}", listed, f"{each:.1f} s"]
 
 
-def noise_of(kind: str, count: int, generator: np.random.Generator) -> np.ndarray:
+def noise_of(kind: str, count: int, generator: np.random.Generator) -> Any:
     """Noise of the current [A]."""
     new = generator.standard_normal(count)
     other = generator.standard_normal(count)
-    return (
-        NOISE["current"]
-        * {
-            "white": new,
-            "AR(1) 0.9": np.asarray(lfilter([1.0], [1.0, -0.9], np.concatenate([np.zeros(100), new]))[100:]),
-            "random walk": new + 0.1 * np.cumsum(other),
-            "linear drift": new + 6.0 * other[0] * np.linspace(-1.0, 1.0, count),
-        }[kind]
-    )
+    shapes = {
+        "white": new,
+        "AR(1) 0.9": lfilter([1.0], [1.0, -0.9], np.concatenate([np.zeros(100), new]))[100:],
+        "random walk": new + 0.1 * np.cumsum(other),
+        "linear drift": new + 6.0 * other[0] * np.linspace(-1.0, 1.0, count),
+    }
+    return NOISE["current"] * shapes[kind]
 
 
 def only_noise(kind: str, trials: int) -> list[str]:
@@ -129,7 +130,7 @@ def main() -> None:
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/diagnostics.md")
     options = parser.parse_args()
     lines = [
-        "| missing stage | trials | named first | named, perhaps beside others | first, how often | time of processor |",
+        "| missing stage | trials | named first | named, perhaps beside others | first, how often | processor time |",
         "|---|---|---|---|---|---|",
     ]
     for case in CASES:
