@@ -123,6 +123,9 @@ def served(folder: Path) -> Iterator[tuple[str, int]]:
         except subprocess.TimeoutExpired:
             process.kill()
             raise AssertionError("the server did not end within 10 s") from None
+        finally:
+            if process.stdout is not None:
+                process.stdout.close()
 
 
 @contextmanager
@@ -135,7 +138,7 @@ def recorder(folder: Path, prefilled: float = PREFILLED) -> Iterator[dict[str, f
         yield json.loads(process.stdout.readline())
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 # The end of the curve of the current: which half of the panel it reaches there. A jump is a vertical line at first.
