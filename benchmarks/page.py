@@ -1,4 +1,4 @@
-"""The page with a long run behind it: ``python -m benchmarks.page [--minutes 3]``.
+"""The page with a long run behind it: ``python -m benchmarks.page [--minutes 3] [--record]``.
 
 A recorder that is none (the real hub, with made-up readings) has told 30 minutes of 6 channels at 100 rows a second,
 1.08 million points, and goes on in real time. The real server follows it, and real Chromiums look at it, headless and
@@ -318,6 +318,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--paints", type=int, default=5, help="how often each section is opened")
     parser.add_argument("--alone", action="store_true", help="without the other browsers")
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/")
     parser.add_argument("--tell", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--prefilled", type=float, default=PREFILLED, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -326,13 +327,16 @@ def main() -> None:
         return
     from playwright.sync_api import sync_playwright
 
+    from benchmarks.harness import finish
+
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
         program = shutil.which("chromium")
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
         found = measure(Path(folder), options.minutes, browser, paints=options.paints, others=not options.alone)
         browser.close()
-    for line in lines(found, options.minutes):
-        print(f"* {line}")
+    title = "The page, with half an hour of a run behind it"
+    report = "\n".join(f"* {line}" for line in lines(found, options.minutes))
+    finish("page", title, report, [], record=options.record, gate=False)
 
 
 if __name__ == "__main__":
