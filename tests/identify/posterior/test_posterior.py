@@ -23,6 +23,7 @@ from ipmclab import (
     write_posterior,
 )
 from ipmclab.identify import Posterior
+from ipmclab.identify.posterior.doubts import doubts
 from ipmclab.identify.posterior.packages import bayes_package
 from ipmclab.report.figures.pairs import pairs_figure
 from tests.independent.bounds import lsim_current, noisy_current
@@ -187,6 +188,14 @@ def test_files_and_figure(posterior: Posterior, fit: Fit, tmp_path: Path) -> Non
     assert {panel.get_xlabel().partition("\n")[0] for panel in shown[-5:]} == {"ρ_dc", "ρ_1", "ε_1", "ρ_2", "ε_2"}
     # Each outline holds the part of the samples that it says: checked where the pair is most correlated.
     assert abs(posterior.correlation(DC, "circuit.branches.1.resistivity")) > 0.9
+
+
+def test_residuals_that_no_noise_describes_are_told(fit: Fit) -> None:
+    assert fit.estimate is not None
+    assert doubts(fit, fit.estimate) == ()
+    wrong = identify(FRIEND.replace(**{"circuit.branches.1.permittivity": 0.3}), [measured()], free=DC)
+    assert wrong.estimate is not None
+    assert {"model-incomplete", "posterior-too-narrow"} <= {finding.code for finding in doubts(wrong, wrong.estimate)}
 
 
 def test_what_cannot_be_sampled_is_refused(fit: Fit, tmp_path: Path) -> None:

@@ -13,13 +13,13 @@ import numpy.typing as npt
 
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.identify.covariance import is_coloured
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.order import Order
 from ipmclab.identify.posterior.convergence import Convergence, Judgement
 from ipmclab.identify.posterior.coordinates import Straight
-from ipmclab.identify.posterior.density import AT_FLOOR, Density
+from ipmclab.identify.posterior.density import Density
+from ipmclab.identify.posterior.doubts import doubts
 from ipmclab.identify.posterior.packages import bayes_package
 from ipmclab.identify.posterior.sampling import LEAST_STEPS, Chains, sample
 from ipmclab.identify.progress import Tell, part, stage, telling
@@ -37,7 +37,6 @@ FloatArray = npt.NDArray[np.float64]
 SEED: Final = 20261121
 STEPS: Final = 5000
 _AT_BOUND: Final = 0.1  # of an interval: samples that come so near to a bound are ended by it
-_AGAINST: Final = frozenset({"model-explains-nothing", "impossible-current", "not-converged", "prior-contradicted"})
 _DRAWS: Final = 500  # of each chain that are kept: neighbours say nearly the same
 
 
@@ -248,34 +247,12 @@ def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: in
         samples={name: samples[name] for name in dict.fromkeys(sequence)},
         log_density=chains.log_density[:, ::thin],
         left_out=tuple(name for name in fit.parameters if name not in parameters),
-        findings=_against(fit, fit.estimate),
+        findings=doubts(fit, fit.estimate),
         runs=fit.runs,
         seed=seed,
         steps=chains.steps,
         accepted=chains.accepted,
     )
-
-
-def _against(fit: Fit, estimate: Estimate) -> tuple[Finding, ...]:
-    """Where the likelihood is not that of the readings: the intervals of a fit allow for it, samples cannot."""
-    problem, solution = estimate.correlated.problem, estimate.correlated.solution
-    found = [finding for finding in fit.findings if finding.code in _AGAINST]
-    labels = {record.place: record.label for record in problem.records}
-    for (place, output), piece in problem.pieces.items():
-        exact = problem.noise[place, output] <= AT_FLOOR * problem.floors[place, output]
-        if exact or not is_coloured(solution.evaluation.residual[piece]):
-            continue
-        found.append(
-            Finding(
-                "posterior-too-narrow",
-                "warning",
-                f"{labels[place]}: what is left of {output} hangs together as no model of its noise describes "
-                "(Ljung-Box, p < 0.1 %), and the likelihood knows of no such noise: the samples are too narrow",
-                "use the intervals of the fit, which allow for it; a further branch or stage may help",
-                channel=output,
-            )
-        )
-    return tuple(found)
 
 
 def _at_bound(unknown: Unknown, interval: tuple[float, float]) -> bool:
