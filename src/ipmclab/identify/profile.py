@@ -136,15 +136,13 @@ class Walk:
 
     def _told(self, near: Point, far: Point | None, height: float) -> float | None:
         """The distance of a height beside points that are close enough to tell it."""
-        least = 0.2 * height  # of slope times distance: below it a line is no guide
         if far is None:
-            missing, away = height - near.height, self._away(near)
-            if away == 0.0 or missing > _BESIDE * height or self._slope(near) * away < least:
-                return None
-            return away + missing / self._slope(near)
-        beyond, away = far.height - height, self._away(far)
-        if beyond < _BESIDE * height and self._slope(far) * away > least:
-            return max(away - beyond / self._slope(far), self._away(near))
+            missing, away, slope = height - near.height, self._away(near), self._slope(near)
+            on = missing <= _BESIDE * min(height, slope * away)
+            return away + missing / slope if away > 0.0 and on else None
+        beyond, away, slope = far.height - height, self._away(far), self._slope(far)
+        if beyond <= _BESIDE * min(height, slope * away):
+            return max(away - beyond / slope, self._away(near)) if slope > 0.0 else away
         between = away - self._away(near)
         if (far.height - near.height < _JOINED * height and near.height > 0.0) or between < 1e-3 * away:
             return self._cubic(near, far, height)
