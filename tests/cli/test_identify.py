@@ -65,3 +65,18 @@ def test_the_share_of_readings_in_the_band_is_told(command: Command, tmp_path: P
     assert "in 95 % band" not in command("validate", "friend-2", "sine.nc").out
     told = json.loads(command("validate", "fitted.toml", "sine.nc", "--json").out)["validations"][0]
     assert 0.92 < told["scores"]["current"]["inside_band"] < 0.98
+
+
+def test_what_is_left_stands_beside_the_residuals(command: Command, tmp_path: Path) -> None:
+    run = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=10.0, rate=25.0)
+    assert run.current is not None
+    noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(run))
+    read = ipmclab.Run.from_arrays(time=run.time, voltage=run.voltage, current=run.current + noise)
+    ipmclab.write_run(read, tmp_path / "step.nc")
+    words = ("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "fitted.toml", "--force")
+    outcome = command(*words)
+    assert "what is left" in outcome.out
+    assert "white noise" in outcome.out
+    (one,) = command(*words, "--json").document["fit"]["diagnoses"]
+    assert (one["output"], one["verdict"]) == ("current", "white")
+    assert len(one["lags"]) == len(one["with_voltage"]) == len(one["autocorrelation"]) > 10
