@@ -155,9 +155,9 @@ def test_three_browsers_one_of_them_stalled_lose_nothing(lab: Path, open_page) -
     run = read_run(path)
     assert run.metadata.state == "complete"
     assert len(run) == 1700
-    assert rows[0] == "time [s],voltage [V],current [A]"
+    assert rows[0] == "time [s],voltage [V],current [mA]"
     shown = np.array([[float(cell) for cell in row.split(",")] for row in rows[1:]])
-    assert np.allclose(shown, np.column_stack([run.time, run.voltage, run.current]), atol=1e-9)
+    assert np.allclose(shown, np.column_stack([run.time, run.voltage, 1e3 * run.current]), rtol=1e-8, atol=1e-9)
 
 
 def test_bad_input_has_its_message_at_the_field(tmp_path: Path, open_page) -> None:

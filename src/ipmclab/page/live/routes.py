@@ -140,8 +140,8 @@ def _csv(bench: Bench) -> str:
     time_, values = columns.snapshot()
     from ipmclab.units import CHANNELS
 
-    names = ["time [s]", *(f"{name} [{CHANNELS[name].unit}]" for name in values)]
+    names = ["time [s]", *(f"{name} [{CHANNELS[name].display_unit}]" for name in values)]
     stream = io.StringIO()
-    table = np.column_stack([time_, *values.values()])
+    table = np.column_stack([time_, *(CHANNELS[name].to_display(column) for name, column in values.items())])
     np.savetxt(stream, table, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     return stream.getvalue()
