@@ -45,10 +45,12 @@ def identify_step(
         if names:
             command += [option, ",".join(names)]
             own += f", {name}={list(names)!r}"
+    again = "fit = ipmclab.leave_one_run_out(fit)\n" if len(runs) > 1 else ""
     python = (
         "import ipmclab\n\n"
         f"runs = [ipmclab.read_run(path) for path in {list(runs)!r}]\n"
         f"fit = ipmclab.identify(ipmclab.load_actuator({actuator!r}), runs, free={list(free)!r}{own})\n"
+        f"fit = ipmclab.profile(fit)\n{again}"
         f"ipmclab.write_fit(fit, {out!r})\n"
     )
     return Step(shlex.join([*command, "--out", out]), python)

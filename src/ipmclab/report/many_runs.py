@@ -59,7 +59,7 @@ def many_runs_part(fit: Fit) -> Markup:
             unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()]
             if told and not why
             else [],
-            left_out=[row for one in fit.left_out for row in _left_out(one)],
+            left_out=left_out_rows(fit),
             remarks=any(one.undetermined for one in fit.left_out),
         )
     )
@@ -95,6 +95,11 @@ def _size(fit: Fit, name: str) -> str:
     if name in told.logarithms:
         return f"×{NO_BREAK}{plain(math.exp(told.between[name]))}"
     return with_unit(told.between[name], fit.actuator.parameters()[name].quantity)
+
+
+def left_out_rows(fit: Fit) -> list[LeftOutRow]:
+    """Each output of each run, as the other runs predict it."""
+    return [row for one in fit.left_out for row in _left_out(one)]
 
 
 def _left_out(one: LeftOut) -> list[LeftOutRow]:

@@ -269,7 +269,7 @@ class _Lane:
             return self._child
         self._end_child()
         command = [sys.executable, "-m", "ipmclab.page.jobs.worker"]
-        if self.name != SIMULATE:
+        if self.name == WORK:
             command.append("--aside")
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it lives as long as the worker
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"}

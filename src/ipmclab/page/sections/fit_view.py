@@ -30,7 +30,16 @@ _OUTPUTS: Final = {
     "fit": "fit",
     "rmse": "RMSE",
     "noise": "noise",
-    "samples": "samples",
+    "left": "what is left",
+}
+_LEFT_OUT: Final = {
+    "run": "run",
+    "output": "output",
+    "fit": "fit",
+    "rmse": "RMSE",
+    "inside": "in its band",
+    "change": "what it changes most",
+    "remark": "",
 }
 
 
@@ -73,6 +82,9 @@ class FitView:
             with card("Measured against model"):
                 self._build_plot(one)
                 plain_table(_OUTPUTS, told["outputs"], caption="How each output was met")
+            if told["left_out"]:
+                with card("Each run as the others predict it"):
+                    plain_table(_LEFT_OUT, told["left_out"], caption="Runs left out")
             with card("Findings"):
                 finding_list(told["findings"])
             with card("The same without the page"), ui.element("details"):

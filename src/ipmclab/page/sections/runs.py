@@ -44,7 +44,12 @@ class _View:
         client = ui.context.client
         client.on_delete(lambda: self._workshop.curves.forget(self._curves))
         self._opened = client.request.query_params.getlist("run")
-        with card("Runs"):
+        with ui.element("section").classes("lab-card"):
+            with ui.element("div").classes("lab-title"):
+                text("Runs", tag="h2")
+                with ui.element("div").classes("lab-bar"):
+                    ui.button("Look again", on_click=self._refresh).props("outline no-caps")
+                    ui.button("Import a record", on_click=self._toggle_import).props("unelevated no-caps")
             self._build_filter()
             self._table = RunTable("Runs", {"show": "Show"}, self._show, opens=True)
             self._told = text("").classes("lab-quiet").props("role=status")
@@ -76,8 +81,6 @@ class _View:
             self._measured = self._choice("Measured")
             self._finding = self._choice("Findings")
             self._state = self._choice("State", {"": "any", **{state: state for state in STATES}})
-            ui.button("Look again", on_click=self._refresh).props("outline no-caps")
-            ui.button("Import a record", on_click=self._toggle_import).props("unelevated no-caps")
         self._text.classes("lab-wide")
         self._fill_choices()
 

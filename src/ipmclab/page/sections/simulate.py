@@ -29,7 +29,7 @@ def build(context: Context) -> None:
         )
         actuator.props("dense").classes("lab-wide")
         load = ui.button("Load").props("unelevated no-caps")
-        name = ui.input("Save changed actuator as").props("dense")
+        name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
         save = ui.button("Save").props("outline no-caps")
     host = ui.element("div").classes("lab-full")
     with card("The same without the page"):

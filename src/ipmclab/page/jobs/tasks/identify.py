@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
-    """Identify ``actuator`` from the files ``runs`` (``labels``); the fit is written to ``out``.
+    """Identify ``actuator`` from the files ``runs`` (``labels``), as the command does; the fit is written to ``out``.
 
     ``free``, ``per_run`` and ``prior`` are lists of names.
 
@@ -26,20 +26,28 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab import load_actuator
     from ipmclab.identify.fit_file import write_fit
     from ipmclab.identify.identify import identify
+    from ipmclab.identify.left_out import leave_one_run_out
+    from ipmclab.identify.profiles import profile
+    from ipmclab.identify.progress import part, telling
     from ipmclab.page.jobs.tasks.given import read_runs
 
     progress("reading the runs", 0.0)
     actuator = load_actuator(arguments["actuator"])
     runs = read_runs(arguments["runs"])
-    fit = identify(
-        actuator,
-        runs,
-        free=arguments["free"],
-        per_run=arguments.get("per_run") or (),
-        prior=arguments.get("prior") or (),
-        labels=arguments["labels"],
-        progress=progress,
-    )
+    with telling(progress):
+        with part("", 0.0, 0.8):
+            fit = identify(
+                actuator,
+                runs,
+                free=arguments["free"],
+                per_run=arguments.get("per_run") or (),
+                prior=arguments.get("prior") or (),
+                labels=arguments["labels"],
+            )
+        with part("", 0.8, 0.9):
+            fit = profile(fit)
+        with part("", 0.9, 1.0):
+            fit = leave_one_run_out(fit) if len(runs) > 1 else fit
     write_fit(fit, arguments["out"], overwrite=True)
     document, arrays = fit_frame(fit, runs)
     return Frame({**document, "out": arguments["out"]}, arrays)
@@ -47,15 +55,21 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
+    from ipmclab.identify.diagnostics.output_diagnosis import WORDS
     from ipmclab.identify.fitted import fitted_outputs
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
+    from ipmclab.report.many_runs import left_out_rows
     from ipmclab.report.tables import fit_rows, fixed_rows, parameter_rows
+    from ipmclab.units import CHANNELS
 
     fitted = [fitted_outputs(fit, one, place) for place, one in enumerate(runs)]
     arrays: dict[str, FloatArray] = {}
     for place, comparisons in enumerate(fitted):
         for output, comparison in comparisons.items():
             arrays |= comparison_arrays(f"{place}.{output}", comparison)
+    left = {
+        (one.label, CHANNELS[one.output].name): WORDS[one.verdict] for one in fit.diagnoses if one.output in CHANNELS
+    }
     document = {
         "actuator": fit.actuator.name,
         "converged": fit.converged,
@@ -65,7 +79,10 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "parameters": rows_of(parameter_rows(fit)),
         "fixed": rows_of(fixed_rows(fit.actuator, list(fit.parameters))),
         "undetermined": [one.sentence for one in fit.undetermined],
-        "outputs": rows_of(fit_rows(fit, fitted)),
+        "outputs": [
+            {**row, "left": left.get((row["run"], row["output"]), "")} for row in rows_of(fit_rows(fit, fitted))
+        ],
+        "left_out": rows_of(left_out_rows(fit)),
         "runs": [{"label": one.label, "content_sha256": one.content_sha256} for one in fit.observations],
         "findings": [finding_row(one) for one in fit.findings if one.code != "undetermined"],
     }
