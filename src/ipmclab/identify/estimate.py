@@ -28,6 +28,7 @@ from ipmclab.identify.starts.start import (
     other_zeros,
     starting_points,
 )
+from ipmclab.identify.thin import thinned
 from ipmclab.identify.under_noise import at_rest_after_all, noise_of, unseen_under_noise
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen
@@ -216,17 +217,47 @@ def _again(problem: Problem, near: Solution) -> Solution:
 def _fit(
     actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[Record]
 ) -> tuple[Problem, Solution, tuple[Rival, ...]]:
-    noise = {
+    stage("finding where to start from the readings alone", 0.05, 0.2, 300)
+    circuit = _circuit_first(actuator, parameters, names, records)
+    points = known_first(actuator, names, records, circuit)
+    dear = not (is_lumped(actuator.structure) and all(set(record.readings) == {"current"} for record in records))
+    shorter = thinned(records, points[0].delays) if dear else None
+    if shorter is None:
+        problem, solution, rivals = _search(actuator, parameters, names, records, points)
+    else:
+        rough, near, rivals = _search(actuator, parameters, names, shorter, points)
+        stage("fitting every row", 0.45, 0.5)
+        problem = problem_at(actuator, parameters, names, records, points[0], _noise_of(records))
+        rivals = tuple(rival.moved_to(rough, problem) for rival in rivals)
+        theta = entries_at(problem, points[0])
+        there = Rival.of(rough, near.theta).moved_to(rough, problem).entries
+        for place, unknown in enumerate(problem.unknowns):
+            theta[place] = there.get(unknown.name, theta[place]) if not unknown.nuisance else theta[place]
+        found = _minimise(problem, theta)
+        solution = replace(found, evaluations=found.evaluations + near.evaluations)
+    return *_weigh(problem, solution), rivals
+
+
+def _noise_of(records: Sequence[Record]) -> dict[tuple[int, str], float]:
+    return {
         (record.place, output): max(reading.noise, 1e-300)
         for record in records
         for output, reading in record.readings.items()
     }
+
+
+def _search(
+    actuator: Actuator,
+    parameters: Mapping[str, Parameter],
+    names: FreeParameters,
+    records: Sequence[Record],
+    points: Sequence[StartingPoint],
+) -> tuple[Problem, Solution, tuple[Rival, ...]]:
+    """The best minimum from some starts, and others that are as good."""
+    noise = _noise_of(records)
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
-    stage("finding where to start from the readings alone", 0.05, 0.2, 300)
-    circuit = _circuit_first(actuator, parameters, names, records)
-    points = known_first(actuator, names, records, circuit)
     shortly = _SHORTLY if explore and len(points) > 1 else _LONGEST
     for number, point in enumerate(points):
         stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
@@ -255,7 +286,7 @@ def _fit(
     ]
     least = solution.evaluation.cost
     rivals += [rival for place in valley if (rival := Rival.at(problem, place, least, per_reading)) is not None]
-    return *_weigh(problem, solution), tuple(rivals)
+    return problem, solution, tuple(rivals)
 
 
 def _share(begin: float, end: float, number: int, count: int) -> tuple[float, float]:

@@ -89,6 +89,17 @@ class Rival:
         reach = place.errors * np.sqrt(variance * min(left, SURE)) if left > 0.0 else None
         return cls.of(problem, place.solution.theta, reach)
 
+    def moved_to(self, rough: Problem, problem: Problem) -> Rival:
+        """The same in the entries of another problem of the same unknowns, some of which may count in other units."""
+        others = {unknown.name: unknown for unknown in problem.unknowns}
+        entries, reach = {}, {}
+        for unknown in rough.unknowns:
+            name = unknown.name
+            if name in others and name in self.entries:
+                ratio = 1.0 if unknown.log else unknown.scale / others[name].scale
+                entries[name], reach[name] = ratio * self.entries[name], ratio * self.reach[name]
+        return Rival(entries, reach)
+
     def sorted_as(self, problem: Problem, order: Order) -> Rival:
         """With branches and modes named as they stand in another order: the fastest is the fastest there."""
         unknowns = {unknown.name: unknown for unknown in problem.unknowns}
