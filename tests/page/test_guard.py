@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -160,3 +161,24 @@ def test_loopback_needs_nothing_and_a_proxy_only_what_it_states() -> None:
     assert checked(Settings(), proxy=False).host == "127.0.0.1"
     stated = Settings(token=TOKEN, origin="https://lab.example.org")
     assert checked(stated, proxy=True) is stated
+
+
+def test_a_browser_that_leaves_before_its_answer_is_no_fault() -> None:
+    """What an application makes of it ends at the guard; any other fault does not."""
+
+    async def impatient(scope, receive, send) -> None:
+        assert (await receive())["type"] == kind
+        raise RuntimeError("No response returned.")
+
+    async def receive() -> dict[str, object]:
+        return {"type": kind}
+
+    async def send(message: object) -> None:
+        raise AssertionError("nobody is there")
+
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"127.0.0.1:8000")]}
+    kind = "http.disconnect"
+    asyncio.run(Guard(impatient, Settings(), 8000)(scope, receive, send))
+    kind = "http.request"
+    with pytest.raises(RuntimeError):
+        asyncio.run(Guard(impatient, Settings(), 8000)(scope, receive, send))

@@ -25,6 +25,7 @@ document.documentElement.dataset.theme = localStorage.getItem("lab-theme")
 <link rel="stylesheet" href="/vendor/uPlot.min.css">
 <link rel="stylesheet" href="/static/lab.css">
 <script defer src="/vendor/uPlot.iife.js"></script>
+<script defer src="/static/figure.js"></script>
 <script defer src="/static/plot.js"></script>
 <script defer src="/static/link.js"></script>
 """

@@ -112,6 +112,9 @@ class Guard:
         except _TooLargeError:
             if not body.answered:
                 await _answer(send, 413, _TOO_LARGE)
+        except Exception:
+            if not body.is_gone:
+                raise  # else the browser left before its answer, which is no fault
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> str | None:
         """Why a request is refused, None where it is not."""
@@ -185,6 +188,7 @@ class _Body:
         self._receive = receive
         self._seen = 0
         self.is_too_large = False
+        self.is_gone = False
         self.answered = False
 
     async def receive(self) -> MutableMapping[str, Any]:
@@ -195,6 +199,7 @@ class _Body:
         _TooLargeError
         """
         message = await self._receive()
+        self.is_gone = self.is_gone or message["type"] == "http.disconnect"
         self._seen += len(message.get("body", b""))
         if self._seen > MOST_BYTES:
             self.is_too_large = True
