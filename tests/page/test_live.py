@@ -366,3 +366,29 @@ def test_whether_somebody_could_answer_is_told(recorder: Recorder, bench: Bench)
 def test_a_message_may_be_empty() -> None:
     head, arrays = unpack(pack({"kind": "rows"}, {}))
     assert (head["kind"], arrays) == ("rows", {})
+
+
+def test_a_recorder_that_is_started_here_is_followed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file is there before its start has returned: it must not be found in the meantime as well."""
+    from ipmclab.page.live import follower as module
+    from ipmclab.rig.process.client import Recorder as Client
+
+    made: list[Recorder] = []
+
+    def launch(program: str, job: dict[str, object]) -> Client:
+        made.append(Recorder(tmp_path))
+        time.sleep(1.0)  # the follower looks every 0.3 s
+        return Client(made[0].hub.file)
+
+    monkeypatch.setattr(module, "launch", launch)
+    bench = Bench(Lab.open(tmp_path), "a.program")
+    bench.follower.start()
+    bench.seats.come("anna")
+    bench.prepare("anna", {"experiment": "x.toml"})
+    with pytest.raises(IpmclabError, match="at the bench already"):
+        bench.prepare("anna", {"experiment": "x.toml"})
+    wait_until(lambda: bench.follower.is_joined)
+    assert made[0].hub.clients == 1
+    assert not bench.is_free
+    bench.follower.close()
+    made[0].hub.close()

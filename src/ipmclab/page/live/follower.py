@@ -40,6 +40,7 @@ class Follower:
         self._sending = threading.Lock()
         self._recorder: Recorder | None = None
         self._next: Recorder | None = None
+        self._launching = False
         self._left: set[Path] = set()
         self._answers = False
         self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
@@ -73,16 +74,22 @@ class Follower:
         InputError, IpmclabError
             What it refuses, or that one is running here already.
         """
-        if self.is_joined:
+        with self._lock:
+            busy = self.is_joined or self._launching or self._next is not None
+            self._launching = self._launching or not busy
+        if busy:
             raise IpmclabError(
                 "a recorder is at the bench already",
                 code="bench-busy",
                 where="bench",
                 repair="stop or abort it first",
             )
-        recorder = launch(program, job)
-        with self._lock:
-            self._next = recorder
+        try:
+            recorder = launch(program, job)
+            with self._lock:
+                self._next = recorder
+        finally:
+            self._launching = False
 
     def request(self, kind: str, **values: Any) -> bool:
         """Ask the recorder for something; False where there is none."""
@@ -128,6 +135,8 @@ class Follower:
                 recorder, self._next = self._next, None
                 self._left.add(recorder.file)
                 return recorder
+            if self._launching:
+                return None  # what is found meanwhile is the one that is coming
         folder = self._folder()
         if not (folder / "recording").is_dir():
             return None
