@@ -23,6 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _REJECT: Final = 1e-3
 _HINT: Final = 0.05
+_BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
 _ROUNDING: Final = 1.01  # times the rounding of the model: below it residuals are no noise
 
 
@@ -122,7 +123,15 @@ class Left:
     @cached_property
     def bends(self) -> bool:
         """Whether it follows the voltage times its magnitude, to which no linear model answers."""
-        return self.coloured and self._chance(bent=True) < _REJECT
+        return self.coloured and self._could_bend and self._chance(bent=True) < _REJECT
+
+    @property
+    def _could_bend(self) -> bool:
+        """Whether the voltages tell the one from the other: under a single step both are in proportion."""
+        volts = np.concatenate([r.run.voltage for r in self.problem.records if self.output in r.readings])
+        bent = volts * np.abs(volts)
+        beside = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)
+        return float(np.linalg.norm(beside)) > _BENT * float(np.linalg.norm(bent))
 
     def _chance(self, *, bent: bool) -> float:
         """How often noise alone would make the output as much likelier if it may also follow the voltage in any way."""
