@@ -322,6 +322,22 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
     assert import_step("a.csv", "a.map.toml", "a.nc").command == "ipmclab import a.csv --map a.map.toml --out a.nc"
 
 
+def test_fits_are_bounded_and_the_oldest_that_is_over_goes(workshop: Workshop) -> None:
+    from ipmclab.page.workshop import FitRequest
+
+    def ask(name: str) -> FitRequest:
+        return FitRequest(name=name, actuator="no-such-actuator", runs=("runs/step.nc",), free=("electrical",))
+
+    first = workshop.identify(ask("0"))
+    assert first.job.future.exception(60.0) is not None
+    assert (first.job.state, first.frame) == ("failed", None)
+    for number in range(1, 22):
+        workshop.identify(ask(str(number))).job.future.exception(60.0)
+    assert [one.asked.name for one in workshop.fits] == [str(number) for number in range(2, 22)]
+    with pytest.raises(InputError, match="there is no run"):
+        workshop.identify(FitRequest(name="x", actuator="friend-2", runs=("runs/none.nc",), free=("electrical",)))
+
+
 def test_the_runs_of_a_fit_are_found_by_their_content(workshop: Workshop) -> None:
     from ipmclab import identify, write_fit
 

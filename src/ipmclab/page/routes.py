@@ -15,7 +15,7 @@ from ipmclab.page.curves import header_name
 from ipmclab.page.elements.file_choice import MOST_BYTES
 from ipmclab.page.jobs.jobs import JobCancelled
 from ipmclab.page.wire import MEDIA, pack
-from ipmclab.page.workshop import Workshop, labels
+from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -131,6 +131,8 @@ async def _made(
         raise HTTPException(404, f"there is no {kind!r} of a run: {', '.join(kinds)}")
     try:
         ((name, keys),) = runs.items()
+        if len(keys) > MOST_COMPARED:
+            raise HTTPException(422, f"{len(keys)} runs, at most {MOST_COMPARED} fit on a figure")
         paths = [str(workshop.run_path(key)) for key in keys]
         out = workshop.new_scratch(f".{kind}")
         given: Any = paths[0] if name == "run" else paths

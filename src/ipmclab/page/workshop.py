@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from ipmclab.store.catalogue.catalogue import Catalogue
     from ipmclab.store.catalogue.query import CatalogueRow
 
+MOST_COMPARED: Final = 8
+"""Runs on one plot: so many can be told apart."""
+
+_MOST_FITS: Final = 20
+"""Fits of a session that are kept; then the oldest that is over goes."""
+
 _KEPT_ROWS: Final = 2_000_000
 """Rows of runs that stay in memory for the next zoom."""
 
@@ -94,7 +100,7 @@ class Workshop:
         self.jobs = Jobs()
         self.curves = CurveStore()
         self.fits: list[FitCard] = []
-        self._folder = tempfile.TemporaryDirectory(prefix="ipmclab-page-")
+        self._folder = tempfile.TemporaryDirectory(prefix="ipmclab-page-", ignore_cleanup_errors=True)
         self.scratch = Path(self._folder.name)
         self._runs: OrderedDict[tuple[str, int, int], Run] = OrderedDict()
         self._lock = threading.Lock()
@@ -250,6 +256,9 @@ class Workshop:
             "out": str(file),
         }
         made = FitCard(asked, file, self.jobs.submit("identify", arguments, title=asked.name), secrets.token_hex(4))
+        over = [one for one in self.fits if one.job.is_over]
+        for one in over[: max(0, len(self.fits) + 1 - _MOST_FITS)]:
+            self.fits.remove(one)
         self.fits.append(made)
         return made
 

@@ -87,7 +87,7 @@ class FitView:
                     plain_table(_LEFT_OUT, told["left_out"], caption="Runs left out")
             with card("Findings"):
                 finding_list(told["findings"])
-            with card("The same without the page"), ui.element("details"):
+            with card("How this fit was asked for"), ui.element("details"):
                 text("command and Python", tag="summary")
                 asked = one.asked
                 step_view()(identify_step(asked.actuator, asked.runs, asked.free, asked.per_run, asked.prior))

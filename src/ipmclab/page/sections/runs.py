@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 from urllib.parse import quote, urlencode
 
 from nicegui import ui
@@ -18,12 +18,9 @@ from ipmclab.page.jobs.jobs import Job, JobCancelled
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
 from ipmclab.page.sections.importing import build_import
 from ipmclab.page.sections.parts import card, download, finding_bands, finding_list, plain_table, text
-from ipmclab.page.workshop import Workshop, labels
+from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
 from ipmclab.store.catalogue.query import STATES, CatalogueRow
 from ipmclab.units import CHANNELS
-
-MOST_COMPARED: Final = 8
-"""Runs on one plot: so many can be told apart."""
 
 
 def build(context: Context) -> None:
