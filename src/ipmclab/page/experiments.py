@@ -70,7 +70,7 @@ FIELDS: Final = (
     FormField("signals", "Signals, one a line", "step 1 V, sine 1 V 0.1 Hz, chirp...", "step 1 V", "lines"),
     FormField("duration", "Duration of each", "such as 40 s", "40 s"),
     FormField("rate", "Rate", "such as 50 Hz", "50 Hz"),
-    FormField("measured", "Measured beside the voltage", "", "current, force", "choice", choices=_MEASURED),
+    FormField("measured", "Measured", "", "current, force", "choice", choices=_MEASURED),
     FormField("rig", "Rig (bench)", "", VIRTUAL, "rig"),
     FormField("pair", "Both polarities of each signal", "", False, "switch", "options"),
     FormField("baseline", "First a run without voltage", "", False, "switch", "options"),

@@ -33,6 +33,7 @@ document.documentElement.dataset.theme = localStorage.getItem("lab-theme")
 _HEADER: Final = """
 <a class="lab-skip" href="#app">To the content</a>
 <header class="lab-header">
+  <h1 class="lab-hidden">{title}</h1>
   <span class="lab-brand">ipmclab</span>
   <nav aria-label="Sections"><ul>{links}</ul></nav>
   <div class="lab-bench" id="lab-bench" data-bench="idle" role="group" aria-label="Bench">
@@ -47,7 +48,6 @@ _HEADER: Final = """
   <button type="button" id="lab-zero" title="Emergency: the output to 0 V now">ZERO</button>
 </header>
 <div id="lab-lost" role="alert" hidden><span></span></div>
-<h1 class="lab-hidden">{title}</h1>
 """
 
 

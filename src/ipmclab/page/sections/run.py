@@ -129,7 +129,7 @@ class _Form:
         if one.kind != "switch":
             made.props("dense outlined options-dense").classes("lab-entry")
             if one.hint:
-                made.props(f'hint="{one.hint}" hide-hint')
+                made.props(f'stack-label placeholder="{one.hint}"')
             if one.kind == "lines" or one.key in ("title", "notes"):
                 made.classes("lab-wide")
         else:
