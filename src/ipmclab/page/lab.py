@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.store.journal.laboratory import Laboratory
 
 RUNS: Final = "runs"
 """The laboratory folder in a folder that is none itself, as experiment files name it unless they say otherwise."""
@@ -59,16 +58,6 @@ class Lab:
     def laboratory_folder(self) -> Path:
         """Where the runs are: the folder itself where it is a laboratory, else ``runs`` in it."""
         return self.root if (self.root / "recording").is_dir() else self.root / RUNS
-
-    def laboratory(self) -> Laboratory:
-        """The laboratory; made where there is none.
-
-        Raises
-        ------
-        InputError
-            It cannot be made.
-        """
-        return Laboratory.open(self.laboratory_folder)
 
     def path(self, name: str | os.PathLike[str]) -> Path:
         """A file or folder in the lab, by its path below the root.

@@ -12,8 +12,6 @@ from ipmclab.page.live.seats import Seats
 OPERATOR_ONLY: Final = ("start", "stop", "abort", "mark", "answer")
 """What only the operator may ask for. Anybody may bring the output to 0 V."""
 
-FREE: Final = ("idle", "ended", "lost")
-
 
 class Bench:
     """The bench of a lab.
@@ -29,11 +27,6 @@ class Bench:
         self.follower = Follower(lambda: lab.laboratory_folder)
         self.seats = Seats()
         self._recorder = recorder
-
-    @property
-    def is_free(self) -> bool:
-        """Whether an experiment could be begun."""
-        return self.follower.state.bench in FREE and not self.follower.is_joined
 
     def prepare(self, seat: str, job: dict[str, Any]) -> None:
         """Start a recorder for an experiment; it plans, and waits for the start.
