@@ -307,7 +307,7 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
     from ipmclab.cli.app import run as run_command
 
     monkeypatch.chdir(workshop.lab.root)
-    fit = identify_step("friend-2", ["runs/step.nc"], ["electrical"], out="fitted.toml")
+    fit = identify_step("friend-2", ["runs/step.nc"], ["circuit.dc_resistivity"], out="fitted.toml")
     exec(fit.python, {})
     assert run_command([*shlex.split(fit.command)[1:-1], "again.toml"]) == 0
     assert Path("again.toml").read_text().splitlines()[:20] == Path("fitted.toml").read_text().splitlines()[:20]

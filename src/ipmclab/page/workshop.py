@@ -190,7 +190,8 @@ class Workshop:
 
     def actuators(self) -> dict[str, str]:
         """Actuators that can be chosen: what is loaded, and what it is called."""
-        return {name: name for name in [*self.library(), *self.own_actuators()]}
+        fits = [one.asked.name for one in self.fits if one.frame is not None]
+        return {name: name for name in [*fits, *self.library(), *self.own_actuators()]}
 
     @staticmethod
     def library() -> list[str]:
@@ -222,9 +223,9 @@ class Workshop:
         InputError
             A file outside the lab.
         """
-        for card in self.fits:
-            if card.key == name:
-                return str(card.file)
+        one = self.fit(name)
+        if one is not None:
+            return str(one.file)
         base, plus, stages = name.partition("+")
         if base.lower().endswith(".toml"):
             return f"{self.lab.path(base)}{plus}{stages}"
@@ -321,8 +322,13 @@ class Workshop:
         return {**fits, **{name: name for name in [*self.own_actuators(), *self.library()]}}
 
     def fit(self, key: str) -> FitCard | None:
-        """A fit of this session."""
-        return next((card for card in self.fits if card.key == key), None)
+        """A fit of this session, by its key or its name."""
+        return next((one for one in reversed(self.fits) if key in (one.key, one.asked.name)), None)
+
+    def file_name(self, name: str) -> str:
+        """An actuator as a command names it: a fit of this session by the file that it is saved as, or would be."""
+        one = self.fit(name)
+        return name if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
 
 
 def labels(keys: Sequence[str]) -> list[str]:

@@ -135,7 +135,10 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     assert read_fit(lab / "mine.toml").converged
     check(page)
 
-    page.reload()  # a fit belongs to the server
+    page.get_by_role("link", name="Simulate with it").click()
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page.get_by_text("load_actuator('mine.toml')").wait_for()
+    page.go_back()  # a fit belongs to the server
     page.get_by_text("All 5 free parameters are determined").wait_for()
     page.get_by_role("link", name="Report on it").click()
     page.get_by_text("made from step, sine").wait_for()

@@ -6,6 +6,9 @@ export default {
     this.view = new window.LabSimulate.View(this.$el, this.options, (state) => this.$emit("asked", state));
   },
   methods: {
+    changes() {
+      return this.view.changes;
+    },
     set_runs(runs) {
       this.view.setRuns(runs);
     },

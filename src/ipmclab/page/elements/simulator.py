@@ -60,6 +60,11 @@ class Simulator(Element, component="simulator.js"):
 
             self.on("asked", asked, throttle=0.5)
 
+    async def changes(self) -> dict[str, float]:
+        """What the sliders say now, where it is not what was loaded [SI]."""
+        told: dict[str, float] = await self.run_method("changes")
+        return {str(name): float(value) for name, value in told.items()}
+
     def set_runs(self, runs: Sequence[tuple[str, str]]) -> None:
         """Other runs that can be laid over."""
         self._props["options"]["runs"] = list(runs)

@@ -90,7 +90,11 @@ class FitView:
             with card("How this fit was asked for"), ui.element("details"):
                 text("command and Python", tag="summary")
                 asked = one.asked
-                step_view()(identify_step(asked.actuator, asked.runs, asked.free, asked.per_run, asked.prior))
+                step_view()(
+                    identify_step(
+                        self._workshop.file_name(asked.actuator), asked.runs, asked.free, asked.per_run, asked.prior
+                    )
+                )
 
     def _build_plot(self, one: FitCard) -> None:
         assert one.frame is not None
@@ -129,7 +133,7 @@ class FitView:
             ui.button("Save", on_click=save).props("unelevated no-caps")
             download("TOML", f"/fits/{one.key}")
             for label, address in (
-                ("Simulate with it", f"/simulate?{urlencode({'actuator': one.key})}"),
+                ("Simulate with it", f"/simulate?{urlencode({'actuator': one.asked.name})}"),
                 ("Report on it", f"/report?{urlencode({'fit': one.key})}"),
             ):
                 with ui.element("a").props(f'href="{address}"').classes("lab-download"):

@@ -142,7 +142,11 @@ class _View:
         asked = self._request()
         self._step(
             identify_step(
-                asked.actuator, asked.runs or ("RUN.nc",), asked.free or ("NAMES",), asked.per_run, asked.prior
+                self._workshop.file_name(asked.actuator),
+                asked.runs or ("RUN.nc",),
+                asked.free or ("NAMES",),
+                asked.per_run,
+                asked.prior,
             )
         )
 

@@ -107,13 +107,8 @@ class PredictionView:
             self._show(frame, names)
             with self._box, ui.element("details"):
                 text("command and Python", tag="summary")
-                files = [self._file(key) for key in chosen]
+                files = [self._workshop.file_name(key) for key in chosen]
                 step_view()(validate_step(files, runs))
-
-    def _file(self, key: str) -> str:
-        """A model as a command names it: a fit of this session only once it is saved."""
-        one = self._workshop.fit(key)
-        return key if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
 
     def _show(self, frame: Frame, names: Sequence[str]) -> None:
         told = frame.document

@@ -88,8 +88,7 @@ class _View:
             self._step(self._told_step())
 
     def _told_step(self) -> Step:
-        one = self._workshop.fit(self._fit.value)
-        file = self._fit.value if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
+        file = self._workshop.file_name(self._fit.value)
         stem = (self._name.value or "").strip().removesuffix(".html") or "report"
         return report_step(file, self._used, self._unseen.chosen, f"{stem}.html")
 

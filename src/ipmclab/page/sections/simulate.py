@@ -7,7 +7,8 @@ from typing import Any
 
 from nicegui import ui
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.page.commands import simulate_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
@@ -17,29 +18,62 @@ from ipmclab.page.workshop import labels
 
 def build(context: Context) -> None:
     """Fill the page."""
-    workshop = context.workshop
-    asked = ui.context.client.request.query_params
-    ui.add_head_html('<script defer src="/static/simulate.js"></script>')
-    state: dict[str, Any] = {"changes": {}}
-    with ui.element("section").classes("lab-card lab-bar"):
-        actuator = ui.input(
-            "Actuator, also with stages: friend-2+leak.cubic",
-            value=asked.get("actuator", "friend-2"),
-            autocomplete=list(workshop.actuators()),
-        )
-        actuator.props("dense").classes("lab-wide")
-        load = ui.button("Load").props("unelevated no-caps")
-        name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
-        save = ui.button("Save").props("outline no-caps")
-    host = ui.element("div").classes("lab-full")
-    with card("The same without the page"):
-        step = step_view()
+    _View(context).build()
 
-    def tell(question: dict[str, Any]) -> None:
-        state.update(question)
+
+class _View:
+    """The actuator that is loaded, and the sliders on it."""
+
+    def __init__(self, context: Context) -> None:
+        self._workshop = context.workshop
+        self._loaded: tuple[str, Actuator, Simulator] | None = None
+
+    def build(self) -> None:
+        asked = ui.context.client.request.query_params
+        self._run = asked.get("run")
+        ui.add_head_html('<script defer src="/static/simulate.js"></script>')
+        with ui.element("section").classes("lab-card lab-bar"):
+            self._actuator = ui.input(
+                "Actuator, also with stages: friend-2+leak.cubic",
+                value=asked.get("actuator", "friend-2"),
+                autocomplete=list(self._workshop.actuators()),
+            )
+            self._actuator.props("dense").classes("lab-wide").on("keydown.enter", self._load)
+            ui.button("Load", on_click=self._load).props("unelevated no-caps")
+            self._name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
+            ui.button("Save", on_click=self._save).props("outline no-caps")
+        self._host = ui.element("div").classes("lab-full")
+        with card("The same without the page"):
+            self._step = step_view()
+        ui.timer(0.01, self._load, once=True)
+
+    async def _load(self) -> None:
+        fail_at(self._actuator, None)
+        name = (self._actuator.value or "").strip()
         try:
-            told = simulate_step(
-                actuator.value,
+            loaded = await asyncio.to_thread(load_actuator, self._workshop.actuator_path(name))
+        except IpmclabError as error:
+            fail_at(self._actuator, error)
+            return
+        runs = await self._runs()
+        self._host.clear()
+        with self._host:
+            view = Simulator(name, loaded, runs=runs, run=self._run, on_asked=self._tell)
+        self._loaded = (name, loaded, view)
+        await self._workshop.looked()
+        if (now := await self._runs()) != runs:
+            view.set_runs(now)
+
+    async def _runs(self) -> list[tuple[str, str]]:
+        keys = await asyncio.to_thread(self._workshop.run_keys)
+        return list(zip(keys, labels(keys), strict=True))
+
+    def _tell(self, question: dict[str, Any]) -> None:
+        if self._loaded is None:
+            return
+        try:
+            step = simulate_step(
+                self._workshop.file_name(self._loaded[0]),
                 question["changes"],
                 signal=question["signal"],
                 duration=float(question["duration"] or 0.0),
@@ -48,43 +82,17 @@ def build(context: Context) -> None:
             )
         except ValueError:
             return
-        step(told)
+        self._step(step)
 
-    async def show() -> None:
-        from ipmclab import load_actuator
-
-        fail_at(actuator, None)
+    async def _save(self) -> None:
+        fail_at(self._name, None)
         try:
-            loaded = await asyncio.to_thread(load_actuator, workshop.actuator_path(actuator.value.strip()))
+            path = self._workshop.lab.new_file(self._name.value or "", ".toml")
+            if self._loaded is None:
+                raise InputError("no actuator is loaded", code="no-actuator", repair="load one")
+            _, actuator, view = self._loaded
+            write_actuator(actuator.replace(**await view.changes()), path)
         except IpmclabError as error:
-            fail_at(actuator, error)
-            return
-        runs = await listed()
-        host.clear()
-        with host:
-            view = Simulator(actuator.value.strip(), loaded, runs=runs, run=asked.get("run"), on_asked=tell)
-        await workshop.looked()
-        if (now := await listed()) != runs:
-            view.set_runs(now)
-
-    async def listed() -> list[tuple[str, str]]:
-        keys = await asyncio.to_thread(workshop.run_keys)
-        return list(zip(keys, labels(keys), strict=True))
-
-    async def keep() -> None:
-        from ipmclab import load_actuator, write_actuator
-
-        fail_at(name, None)
-        try:
-            path = context.lab.new_file(name.value or "", ".toml")
-            loaded = await asyncio.to_thread(load_actuator, workshop.actuator_path(actuator.value.strip()))
-            write_actuator(loaded.replace(**state["changes"]), path)
-        except IpmclabError as error:
-            fail_at(name, error)
+            fail_at(self._name, error)
             return
         ui.notify(f"wrote {path.name}", type="positive")
-
-    load.on_click(show)
-    actuator.on("keydown.enter", show)
-    save.on_click(keep)
-    ui.timer(0.01, show, once=True)
