@@ -98,6 +98,7 @@ class Measured:
     cpu_one: float = 0.0
     cpu_three: float = 0.0
     behind: float = 0.0
+    reloads: int = 0
     memory: list[float] = field(default_factory=list)
     heap: list[float] = field(default_factory=list)
     paint: dict[str, float] = field(default_factory=dict)
@@ -208,6 +209,7 @@ def measure(folder: Path, minutes: float, browser: Any, *, paints: int = 5, othe
         page.on("request", lambda one: _is_local(one.url) or found.outside.append(one.url))
         page.goto(f"{address}/run")
         page.wait_for_selector(".lab-live[data-drawn]")
+        page.on("load", lambda: _again(page, began, found))
         page.evaluate(_WATCH, [began["began"], JUMP])
         heap = page.context.new_cdp_session(page)
         heap.send("Performance.enable")
@@ -220,11 +222,12 @@ def measure(folder: Path, minutes: float, browser: Any, *, paints: int = 5, othe
             used.append(process.cpu_percent())
             found.memory.append(process.memory_info().rss / 1e6)
             metrics = heap.send("Performance.getMetrics")["metrics"]
+            print(f"{found.memory[-1]:.1f} MB, {used[-1]:.1f} %", file=sys.stderr, flush=True)
             found.heap.append(next(one["value"] for one in metrics if one["name"] == "JSHeapUsedSize") / 1e6)
         found.cpu_one = statistics.mean(used)
         drawn = float(page.locator(".lab-live").get_attribute("data-drawn") or 0.0)
         found.behind = time.time() - began["began"] - (drawn - began["row"] / RATE)
-        found.latency = page.evaluate("() => { window.watching = false; return window.jumps; }")
+        found.latency = page.evaluate("() => { window.watching = false; return window.jumps ?? []; }")
         found.frames_window = page.evaluate(_FRAMES)
         page.select_option(".lab-live select", "whole")
         page.wait_for_timeout(1500)
@@ -246,6 +249,13 @@ def measure(folder: Path, minutes: float, browser: Any, *, paints: int = 5, othe
         for section in SECTIONS if paints else ():
             found.paint[section] = statistics.median(_paint(browser, f"{address}/{section}") for _ in range(paints))
     return found
+
+
+def _again(page: Any, began: dict[str, float], found: Measured) -> None:
+    """The page has come back by itself, as it does when its link was lost for long: note it, and watch on."""
+    found.reloads += 1
+    page.wait_for_selector(".lab-live[data-drawn]")
+    page.evaluate(_WATCH, [began["began"], JUMP])
 
 
 def _is_local(url: str) -> bool:
@@ -293,7 +303,7 @@ def _paint(browser: Any, address: str) -> float:
 
 def lines(found: Measured, minutes: float) -> list[str]:
     """What is told of it."""
-    latency = np.array(found.latency)
+    latency = np.array(found.latency or [np.nan])
     cut = max(1, len(found.memory) // 5)
     return [
         f"{minutes:g} min in real time after {PREFILLED / 60:g} min of {len(CHANNELS)} channels at {RATE:g} rows/s",
@@ -301,6 +311,7 @@ def lines(found: Measured, minutes: float) -> list[str]:
         f"{1e3 * np.quantile(latency, 0.95):.0f} ms (95 %); bound 200 ms",
         f"frames a second: window {found.frames_window:.0f}, whole run, cursor moving {found.frames_moving:.0f}, "
         f"zooming {found.frames_zooming:.0f}; {found.points_behind / 1e6:.2f} million points behind it; bound 60",
+        f"at the end {found.behind:.1f} s behind; the page was reloaded {found.reloads} times",
         f"server: {found.cpu_one:.1f} % of a core with one browser, {found.cpu_three:.1f} % with three of which one "
         "has stalled; bound 15",
         f"server memory: {max(found.memory):.0f} MB at most, {np.median(found.memory[:cut]):.0f} MB at first, "
