@@ -102,6 +102,31 @@ def test_a_current_that_is_only_the_drift_of_its_zero() -> None:
     assert "the dc resistance is above some" in finding.repair
 
 
+def test_a_current_of_which_nothing_shows_the_limit_is_not_called_zero() -> None:
+    time = np.arange(0.0, 100.0, 0.02)
+    after = time >= 5.0
+    current = np.where(after, 20e-3 + 1e-4 * (time - 5.0), 0.0)
+    current = current + 3e-5 * np.random.default_rng(20261121).standard_normal(len(time))
+    step = dc_resistance([("ramp", Run.from_arrays(time=time, voltage=1.0 * after, current=current))], KNOWN)
+    assert not step.done
+    (finding,) = step.findings
+    assert finding.code == "not-steady"
+    assert "nothing shows towards what" in finding.message
+    assert "inf" not in finding.message
+
+
+@pytest.mark.parametrize(("offset", "noise"), [(0.0, 2e-4), (0.0, 0.0), (3e-3, 1e-5)])
+def test_a_voltage_that_ends_at_zero_is_refused(offset: float, noise: float) -> None:
+    """By its noise, exactly, or but for the zero of its sensor."""
+    run = held(65.0)
+    voltage = np.where(run.time < 30.0, run.voltage, offset)
+    voltage = voltage + noise * np.random.default_rng(20261121).standard_normal(len(run))
+    with pytest.raises(InputError) as error:
+        dc_resistance([("pulse", replace(run, voltage=voltage))], KNOWN)
+    assert error.value.code == "no-steady-state"
+    assert "0 V" in str(error.value)
+
+
 def test_above_electrolysis() -> None:
     assert "steady-above-electrolysis" in [
         one.code for one in dc_resistance([("step", held(125.0, amplitude=2.0))], KNOWN).findings

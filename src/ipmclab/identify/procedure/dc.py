@@ -37,6 +37,10 @@ _SHORTEST: Final = 15.0
 """Time [s] below which nothing is believed: the slow mode of the thesis's strip has 15.8 s, and before that a faster
 one looks as if it were the last."""
 
+_SIGMAS: Final = 3.0
+_NO_PART: Final = 0.01
+"""Times the noise of a held voltage, and part of the step to it, within which it is none."""
+
 _ELECTROLYSIS: Final = 1.23  # V
 
 
@@ -96,18 +100,19 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
             where=label,
             repair="give a run with a step that is held, and with its current",
         )
-    volts = float(np.median(run.voltage[record.edges[-1] :]))
-    if not volts:
+    edge = int(record.edges[-1])
+    volts = float(np.median(run.voltage[edge:]))
+    if abs(volts) <= max(_SIGMAS * float(np.std(run.voltage[edge:])), _NO_PART * abs(float(record.heights[-1]))):
         raise InputError(
-            "its voltage ends at 0 V: no current flows there",
+            f"its voltage ends at {volts:.2g} V, which is 0 V as far as its noise and its steps show: no current flows "
+            "there",
             code="no-steady-state",
             where=label,
             repair="give a run whose voltage is held away from 0 V",
         )
-    edge = int(record.edges[-1])
     held = float(run.time[-1] - run.time[edge])
     limit, reach = _limit(run, edge, _HALF, last.value)
-    if limit / volts <= reach / abs(volts):
+    if math.isfinite(reach) and limit / volts <= reach / abs(volts):
         return None, (_no_current(label, volts, limit, reach),)
     findings: list[Finding] = []
     others = [
