@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.fit import Fit
+from ipmclab.identify.fit_table import changed
 from ipmclab.identify.identify import identify
 from ipmclab.identify.procedure.amounts import Uncertain
 from ipmclab.identify.procedure.branches import fit_findings
@@ -19,6 +21,24 @@ from ipmclab.units import STRAIN_COEFFICIENT
 NAMES: Final = ("coupling.gain", "coupling.zero", "coupling.p1", "coupling.p2")
 STATIC: Final = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
 """d(0) = K_d Z_d/P_2d: known also where the zero is not seen."""
+
+
+def as_far_as_seen(fit: Fit) -> Fit:
+    """The fit with gain, zero and poles all open where the readings do not show all four, or other fits are as good.
+
+    Then they trade against each other, and the curvature beside one minimum can call a pole sharp that lies far from
+    the true one; d(0) stands in all of them.
+    """
+    assert fit.estimate is not None
+    coupled = {name: one for name, one in fit.parameters.items() if name in NAMES}
+    if not fit.estimate.rivals and all(one.determined for one in coupled.values()):
+        return fit
+    opened = {
+        name: replace(one, standard_error=math.inf, interval=(0.0, math.inf), determined=False)
+        for name, one in coupled.items()
+        if one.determined
+    }
+    return changed(fit, parameters={**fit.parameters, **opened})
 
 
 def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], branches: int) -> Step:
@@ -36,7 +56,7 @@ def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
     """
     actuator = actuator_of(name, known, branches)
     fit = identify(actuator, [run for _, run in runs], free=NAMES, labels=[label for label, _ in runs])
-    found = amounts_of_fit(fit, known, {}, "noise of the force")
+    found = amounts_of_fit(as_far_as_seen(fit), known, {}, "noise of the force")
     static, sure = found.product(STATIC), found.determined
     parameters = actuator.parameters()
     results = {
@@ -54,15 +74,19 @@ def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
         f"least squares on the force of {', '.join(label for label, _ in runs)} (Friend, eqs 4.9 and 4.12)",
         results,
         {"d(0)": Result(static, STRAIN_COEFFICIENT, "d(0)")} if is_known else {},
-        (*fit_findings(fit, ()), *_open(fit), *assumed_finding([static])),
+        (*fit_findings(fit, ()), *_open(fit, sure), *assumed_finding([static])),
         advice_for(static),
         done=is_known,
     )
 
 
-def _open(fit: Fit) -> tuple[Finding, ...]:
+def _open(fit: Fit, sure: Mapping[str, Uncertain]) -> tuple[Finding, ...]:
     """What the runs do not tell of the coupling, in the words of the fit."""
-    return tuple(
-        Finding("not-determined", "info", one.sentence, "d(0) is what a slow voltage moves; the rest is how quickly")
-        for one in fit.undetermined
-    )
+    repair = "d(0) is what a slow voltage moves; the rest is how quickly"
+    told = [one.sentence for one in fit.undetermined]
+    held_back = [name for name in NAMES if name not in sure and fit.parameters[name].determined]
+    if held_back:
+        told.append(
+            f"{', '.join(held_back)}: not taken over, as the rest of the coupling is open or other fits fit alike"
+        )
+    return tuple(Finding("not-determined", "info", one, repair) for one in told)

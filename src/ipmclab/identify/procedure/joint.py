@@ -15,7 +15,7 @@ from ipmclab.identify.identify import identify
 from ipmclab.identify.procedure import dc, push
 from ipmclab.identify.procedure.amounts import NORMAL_95, Uncertain, derived
 from ipmclab.identify.procedure.coupling import NAMES as COUPLING
-from ipmclab.identify.procedure.coupling import STATIC
+from ipmclab.identify.procedure.coupling import STATIC, as_far_as_seen
 from ipmclab.identify.procedure.strip import FittedAmounts, actuator_of, amounts_of_fit, branch_names
 from ipmclab.run import Finding, Run
 from ipmclab.sample import Sample
@@ -91,9 +91,9 @@ def joint(
         key: Uncertain(one.value, {s: p for s, p in one.parts.items() if s in shared}, one.assumed)
         for key, one in prior.items()
     }
-    found = amounts_of_fit(fit, held, moving, NOISE)
+    found = amounts_of_fit(as_far_as_seen(fit), held, moving, NOISE)
     amounts = found.determined
-    wider = _with_all(fit, found, held)
+    wider = _with_all(found.fit, found, held)
     return Joint(wider, amounts, found.product(STATIC), prior, _compared(staged, amounts))
 
 
