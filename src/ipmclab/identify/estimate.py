@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identify.diagnosis import DETERMINED
+from ipmclab.identify.doublet import COUPLING, without_doublet
 from ipmclab.identify.free import FreeParameters
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.observation import ASSUMED_REST, Record
@@ -285,6 +286,9 @@ def _search(
         if other.theta is not solution.theta and other.evaluation.cost <= allowed
     ]
     least = solution.evaluation.cost
+    if set(COUPLING) <= set(names.shared):
+        higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
+        rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, parameters)) is not None]
     rivals += [rival for place in valley if (rival := Rival.at(problem, place, least, per_reading)) is not None]
     return problem, solution, tuple(rivals)
 
