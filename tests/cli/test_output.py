@@ -75,3 +75,23 @@ def test_warnings_and_errors_are_told_in_full_each_with_its_repair(
     assert "..." not in told
     assert "(current)" in told
     assert all(len(line) <= 100 for line in out.splitlines())
+
+
+@pytest.mark.parametrize("code", ["exact-fixed-value", "fixed-uncertainty", "undetermined"])
+def test_the_number_that_decides_is_never_cut(code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    long = "a value that nobody knows well " * 10
+    print_briefly([Finding(code, "info", f"{long} 1 % of it moves another by {k}.5 %") for k in (29, 66)])
+    out = capsys.readouterr().out
+    told = " ".join(out.split())
+    assert "29.5 %" in told
+    assert "66.5 %" in told
+    assert "..." not in told
+    assert all(len(line) <= 100 for line in out.splitlines())
+
+
+def test_warnings_that_ask_for_the_same_stand_together(capsys: pytest.CaptureFixture[str]) -> None:
+    print_briefly([Finding("odd", "warning", f"run {k} is odd", "look at it") for k in range(3)])
+    out = capsys.readouterr().out
+    assert out.splitlines()[0] == "  warning odd (3 times)"
+    assert out.count("-> look at it") == 1
+    assert all(f"run {k} is odd" in out for k in range(3))

@@ -28,6 +28,8 @@ TEXT_WIDTH = 100
 
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
+_NEVER_CUT = frozenset({"exact-fixed-value", "fixed-uncertainty", "undetermined"})
+
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document; a number that is not finite becomes null."""
@@ -135,7 +137,10 @@ def print_remarks(texts: Sequence[str], word: str = "remark") -> None:
 
 
 def print_briefly(findings: Sequence[Finding]) -> None:
-    """Print findings of a fit: errors and warnings first and in full, with what to do; of infos one for each code."""
+    """Print findings of a fit: errors and warnings first and in full, with what to do; of infos one for each code.
+
+    What a fixed value does to the answer is one number at the end of a sentence: it is never cut.
+    """
     ordered = sorted(findings, key=lambda one: list(_STYLES).index(one.severity))
     print_findings([one for one in ordered if one.severity != "info"], width=TEXT_WIDTH)
     groups: dict[str, list[Finding]] = {}
@@ -143,25 +148,42 @@ def print_briefly(findings: Sequence[Finding]) -> None:
         if finding.severity == "info":
             groups.setdefault(finding.code, []).append(finding)
     out = console()
+    cut = min(out.width, 2 * TEXT_WIDTH) - 6
     for code, members in groups.items():
         out.print("  info", style=_STYLES["info"], end=" ")
         out.print(code, style="bold", end="")
         out.print(f" ({len(members)} times)" if len(members) > 1 else "")
-        out.print("    " + textwrap.shorten(members[0].message, min(out.width, 2 * TEXT_WIDTH) - 6, placeholder=" ..."))
+        for member in members if code in _NEVER_CUT else members[:1]:
+            if code in _NEVER_CUT:
+                out.print(_indented(member.message, "    ", min(out.width, TEXT_WIDTH)))
+            else:
+                out.print("    " + textwrap.shorten(member.message, cut, placeholder=" ..."))
     if groups:
         print("The report and --json have the full text of what is only noted (info).")
 
 
 def print_findings(findings: Sequence[Finding], *, width: int = UNBOUNDED) -> None:
-    """Print each finding: severity, code and channel; what was seen; what to do."""
+    """Print findings: severity, code and channel; what was seen; what to do.
+
+    Those that ask for the same thing stand together.
+    """
+    groups: dict[tuple[str, str, str | None, str], list[str]] = {}
+    for one in findings:
+        groups.setdefault((one.severity, one.code, one.channel, one.repair), []).append(one.message)
     out = console()
     within = min(out.width, width)
-    for finding in findings:
-        out.print(f"  {finding.severity}", style=_STYLES[finding.severity], end=" ")
-        out.print(finding.code + (f" ({finding.channel})" if finding.channel else ""), style="bold")
-        for text, indent in ((finding.message, "    "), (finding.repair, "    -> ")):
-            if text:
-                out.print(textwrap.fill(text, within, initial_indent=indent, subsequent_indent=" " * len(indent)))
+    for (severity, code, channel, repair), messages in groups.items():
+        out.print(f"  {severity}", style=_STYLES[severity], end=" ")
+        times = f" ({len(messages)} times)" if len(messages) > 1 else ""
+        out.print(code + (f" ({channel})" if channel else "") + times, style="bold")
+        for text in filter(None, messages):
+            out.print(_indented(text, "    ", within))
+        if repair:
+            out.print(_indented(repair, "    -> ", within))
+
+
+def _indented(text: str, indent: str, width: int) -> str:
+    return textwrap.fill(text, width, initial_indent=indent, subsequent_indent=" " * len(indent))
 
 
 def finding_document(finding: Finding) -> dict[str, Any]:
