@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from ipmclab.run import Run
 
 
-def check_output(path: Path, *, force: bool, suffixes: Sequence[str]) -> None:
-    """Refuse an output file that could not be written at the end.
+def check_output(path: Path, *, force: bool, suffixes: Sequence[str], option: str = "--out") -> None:
+    """Refuse an output file that could not be written at the end; ``option`` is the one that named it.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def check_output(path: Path, *, force: bool, suffixes: Sequence[str]) -> None:
         raise InputError(
             f"the file ends in {path.suffix!r}, it must end in {' or '.join(suffixes)}",
             code="bad-suffix",
-            where=f"--out {path}",
+            where=f"{option} {path}",
             repair=f"write for example {path.with_suffix(suffixes[0]).name}",
         )
     target_of(path, overwrite=force)

@@ -59,7 +59,7 @@ def posterior(
 
     check_output(out, force=force, suffixes=(".nc",))
     if figure is not None:
-        check_output(figure, force=force, suffixes=_FIGURES)
+        check_output(figure, force=force, suffixes=_FIGURES, option="--figure")
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     bayes_package("emcee")  # before the long work

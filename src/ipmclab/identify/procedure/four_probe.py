@@ -64,12 +64,12 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
     ----------
     probes : FourProbes
     width, length : Uncertain [m]
-        Of the whole strip; the length matters for points only.
+        Of the whole strip; of lines the length only says whether they lie on it.
 
     Raises
     ------
     InputError
-        Readings that are not above the offset of the meter, points that do not lie on the strip.
+        Readings that are not above the offset of the meter, contacts that do not lie on the strip.
 
     Examples
     --------
@@ -84,6 +84,7 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
         return (read - off) * sheet_factor(probes.contacts, spacing, across, along)
 
     if probes.contacts == "line":
+        _on_strip(probes, length)
         length = exact(math.inf)  # it does not matter, and neither does how well it is known
     found = derived(square, probes.resistance, zero, probes.spacing, width, length)
     if found.value <= 2.0 * found.uncertainty:
@@ -95,6 +96,21 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
             repair="look whether something still joins the contacts, and whether they lie on the strip in their order",
         )
     return found
+
+
+def _on_strip(probes: FourProbes, length: Uncertain) -> None:
+    """Refuse lines that are farther apart than the strip is long, or outer ones within the inner ones."""
+    inner = probes.spacing.value
+    outer = inner if probes.outer is None else probes.outer.value
+    if inner <= outer <= length.value:
+        return
+    told = f"{1e3 * inner:g} mm apart" + ("" if probes.outer is None else f", the outer two {1e3 * outer:g} mm,")
+    raise InputError(
+        f"four lines of which the inner two are {told} do not lie on a strip of {1e3 * length.value:g} mm",
+        code="out-of-range",
+        where="sheet_resistance.spacing" if inner > length.value else "sheet_resistance.outer_spacing",
+        repair="give spacing between the inner two lines, outer_spacing between the outer two, both on the strip",
+    )
 
 
 def share_of_one_face(

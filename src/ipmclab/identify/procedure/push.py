@@ -114,6 +114,8 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
             where="modulus.displacement",
             repair="give force and displacement of every position",
         )
+    if -float(np.min(x)) > float(np.max(x)) and -float(np.min(f)) > float(np.max(f)):
+        x, f = -x, -f  # a push towards negative: the contact is sought on the far side of the travel
     ways = _ways(x)
     touching = _touching(x, f, ways)
     findings: list[Finding] = []
