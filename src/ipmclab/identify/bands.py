@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.identify.common_error import common_covariance
 from ipmclab.identify.known import Known, known_of
 from ipmclab.identify.observation import Observation, own_endings
 from ipmclab.identify.random_effect import FEWEST
@@ -132,7 +133,11 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     since = run.time - run.time[0]
     predicted = dict(zip(outputs, drive.outputs(fit.actuator, outputs), strict=True))
     others = next_mountings(fit, fit.actuator, run.metadata.mounting_id)
-    spread = spread_between(others, drive, predicted) if others else spread_of(found, fit.actuator, drive, outputs)
+    spread = (
+        spread_of_next(fit, others, fit.actuator, drive, predicted)
+        if others
+        else spread_of(found, fit.actuator, drive, outputs)
+    )
     noise = {output: noise_of(fit.observations, output, since) for output in outputs}
     if others:
         noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
@@ -227,6 +232,22 @@ def spread_between(
         output: np.hypot(deviation[row], (middle[row] - predicted[output]) / NORMAL_95)
         for row, output in enumerate(outputs)
     }
+
+
+def spread_of_next(
+    fit: Fit, strips: Sequence[Actuator], model: Actuator, drive: Drive, predicted: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Standard deviation of a prediction of the next mounting: between mountings, and what they have in common [SI].
+
+    What was stated, or known beforehand, is wrong by the same amount in all of them, so their answers do not show it.
+    """
+    between = spread_between(strips, drive, predicted)
+    each = [] if fit.mountings is None else [one for one in fit.mountings.each if one.loadings]
+    if not each:
+        return between
+    names, covariance = common_covariance(fit, [one.loadings for one in each], [one.values for one in each])
+    common = spread_of(Known(names, covariance), model, drive, list(predicted))
+    return {output: np.hypot(between[output], common[output]) for output in predicted}
 
 
 def noise_of(

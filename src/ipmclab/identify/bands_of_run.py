@@ -16,8 +16,8 @@ from ipmclab.identify.bands import (
     noise_between,
     noise_of,
     noise_outputs,
-    spread_between,
     spread_of,
+    spread_of_next,
 )
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import Record, model_hold
@@ -63,7 +63,8 @@ def band_of_run(
     others = [] if place is not None else next_mountings(fit, fit.actuator, run.metadata.mounting_id)
     if others:
         strips = [seen_from_sensor(strip, record.series_resistance) for strip in others]
-        spread = spread_between(strips, drive, dict(zip(outputs, drive.outputs(model, outputs), strict=True)))
+        predicted = dict(zip(outputs, drive.outputs(model, outputs), strict=True))
+        spread = spread_of_next(fit, strips, model, drive, predicted)
     else:
         spread = spread_of(known_in(fit, place), model, drive, outputs)
     since = run.time - run.time[0]

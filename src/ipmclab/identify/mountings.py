@@ -7,7 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from ipmclab.errors import IpmclabError
+from ipmclab.identify.common_error import Parted, loadings_of, loadings_of_joint, parted
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.observation import label_of
 from ipmclab.identify.progress import part
@@ -38,6 +41,9 @@ class Mounting:
         Their standard errors; infinite where its runs alone do not determine one.
     noise : mapping of output to float [SI]
         Standard deviation of what its own fit leaves.
+    loadings : mapping of name to mapping of cause to float [SI]
+        The part of the errors that all mountings share: by how much each parameter moves as a fixed parameter does by
+        its stated uncertainty, or a prior by its own.
     """
 
     name: str
@@ -45,6 +51,7 @@ class Mounting:
     values: Mapping[str, float] = field(default_factory=dict)
     errors: Mapping[str, float] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    loadings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -55,8 +62,8 @@ class Mountings:
     ----------
     each : tuple of Mounting
     between : mapping of name to float
-        Standard deviation from one mounting to the next, the errors taken off: of the logarithm of what a fit moves as
-        a logarithm, else of the value [SI]. From three mountings on.
+        Standard deviation from one mounting to the next, their own errors taken off: of the logarithm of what a fit
+        moves as a logarithm, else of the value [SI]. From three mountings on.
     logarithms : tuple of str
         Which of them are logarithms.
     unlikely : mapping of name to float
@@ -75,7 +82,14 @@ class Mountings:
     def from_table(cls, table: Mapping[str, Any]) -> Mountings:
         """From what ``to_table`` gave."""
         each = tuple(
-            Mounting(str(one["name"]), tuple(one["runs"]), dict(one["values"]), dict(one["errors"]), dict(one["noise"]))
+            Mounting(
+                str(one["name"]),
+                tuple(one["runs"]),
+                dict(one["values"]),
+                dict(one["errors"]),
+                dict(one["noise"]),
+                {name: dict(moved) for name, moved in one.get("loadings", {}).items()},
+            )
             for one in table["each"]
         )
         return cls(
@@ -96,6 +110,7 @@ class Mountings:
                     "values": dict(one.values),
                     "errors": dict(one.errors),
                     "noise": dict(one.noise),
+                    "loadings": {name: dict(moved) for name, moved in one.loadings.items()},
                 }
                 for one in self.each
             ],
@@ -148,13 +163,17 @@ def with_mountings(fit: Fit, each: Sequence[Mounting]) -> Fit:
         if len(values) < 2:
             unknown[base] = _too_few(len(each), len(values))
             continue
-        found = random_effect(values, errors)
+        found = random_effect(values, errors.own, common=errors.common)
         unlikely[base] = found.unlikely
         if found.next_one is None:
             unknown[base] = _too_few(len(each), len(values))
             continue
         between[base] = found.between
         low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
+        shared = fit.parameters.get(base)
+        if errors.common > 0.0 and shared is not None and all(map(math.isfinite, shared.interval)):
+            # What bends the likelihood of all mountings together, beyond first order, is common to the next one too.
+            low, high = min(low, shared.interval[0]), max(high, shared.interval[1])
         for name in own:
             parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
     told = Mountings(tuple(each), between, tuple(base for base in between if unknowns[base].log), unlikely, unknown)
@@ -204,7 +223,8 @@ def _alone(
     outputs = {output for observation in own.observations for output in observation.noise}
     squares = {out: [run.noise[out] ** 2 for run in own.observations if out in run.noise] for out in sorted(outputs)}
     noise = {output: math.sqrt(sum(each) / len(each)) for output, each in squares.items()}
-    return Mounting(name, labels, values, errors, noise)
+    loadings = {base: moved for base, moved in loadings_of(own).items() if base in shared and moved}
+    return Mounting(name, labels, values, errors, noise, loadings)
 
 
 def _unknowns(fit: Fit) -> dict[str, Unknown]:
@@ -218,29 +238,36 @@ def _unknowns(fit: Fit) -> dict[str, Unknown]:
     return found
 
 
-def _estimates(
-    fit: Fit, entry: Unknown, own: Sequence[str], each: Sequence[Mounting]
-) -> tuple[list[float], list[float]]:
+def _estimates(fit: Fit, entry: Unknown, own: Sequence[str], each: Sequence[Mounting]) -> tuple[list[float], Parted]:
     """Entries with their standard errors, of the mountings that determine them."""
     if own and own[0] == entry.base:
-        told = [(one.values[entry.base], one.errors[entry.base]) for one in each if entry.base in one.values]
-    else:
-        of_these = [fit.parameters[name] for name in own]
-        told = [(one.value, one.standard_error if one.determined else math.inf) for one in of_these]
-    seen = [(value, error) for value, error in told if math.isfinite(error)]
-    return [entry.entry(value) for value, _ in seen], [error / entry.chain(value) for value, error in seen]
+        return _by_themselves(entry, each)
+    seen = [one for name in own if (one := fit.parameters[name]).determined and math.isfinite(one.standard_error)]
+    chains = np.array([entry.chain(one.value) for one in seen])
+    errors = np.array([one.standard_error for one in seen]) / chains
+    loadings = loadings_of_joint(fit, [one.name for one in seen]) / chains[:, None]
+    return [entry.entry(one.value) for one in seen], parted(errors, loadings)
+
+
+def _by_themselves(entry: Unknown, each: Sequence[Mounting]) -> tuple[list[float], Parted]:
+    name = entry.base
+    seen = [one for one in each if math.isfinite(one.errors.get(name, math.inf))]
+    chains = np.array([entry.chain(one.values[name]) for one in seen])
+    errors = np.array([one.errors[name] for one in seen]) / chains
+    causes = list(dict.fromkeys(cause for one in seen for cause in one.loadings.get(name, {})))
+    loadings = np.array([[one.loadings.get(name, {}).get(cause, 0.0) for cause in causes] for one in seen])
+    moved = loadings.reshape(len(seen), len(causes)) / chains[:, None]
+    return [entry.entry(one.values[name]) for one in seen], parted(errors, moved)
 
 
 def differ(each: Sequence[Mounting], actuator: Actuator) -> dict[str, float]:
-    """The shared parameters in which mountings differ by more than their errors, and how unlikely that is."""
+    """The shared parameters in which mountings differ by more than their own errors, and how unlikely that is."""
     known = actuator.parameters()
     found = {}
     for base in dict.fromkeys(name for one in each for name in one.values if name in known):
-        entry = actuator_unknown(known[base], None)
-        seen = [(one.values[base], one.errors[base]) for one in each if math.isfinite(one.errors.get(base, math.inf))]
-        if len(seen) > 1:
-            entries, errors = zip(*((entry.entry(v), error / entry.chain(v)) for v, error in seen), strict=True)
-            found[base] = random_effect(entries, errors).unlikely
+        entries, errors = _by_themselves(actuator_unknown(known[base], None), each)
+        if len(entries) > 1:
+            found[base] = random_effect(entries, errors.own).unlikely
     return {base: unlikely for base, unlikely in found.items() if unlikely < _SURELY / len(found)}
 
 

@@ -40,7 +40,9 @@ class RandomEffect:
     next_one: tuple[float, float] | None
 
 
-def random_effect(values: npt.ArrayLike, errors: npt.ArrayLike, *, level: float = 0.95) -> RandomEffect:
+def random_effect(
+    values: npt.ArrayLike, errors: npt.ArrayLike, *, common: float = 0.0, level: float = 0.95
+) -> RandomEffect:
     """The group behind some estimates, and its next member.
 
     With weights 1/(errors^2 + t) the weighted squares Q(t) about the weighted mean follow chi-square with one degree
@@ -50,10 +52,17 @@ def random_effect(values: npt.ArrayLike, errors: npt.ArrayLike, *, level: float 
     mean with variance t + 1/sum of weights (the way of Nagashima, Noma and Furukawa 2019, with mean and variance under
     the same t). Without errors this is Student's interval, mean +- t s sqrt(1 + 1/n).
 
+    An error that all estimates share moves them together: it leaves Q(t) and the weights as they are, and adds its
+    variance to that of the mean. So each normal distribution of the mixture is wider by it: the two are convolved,
+    which is exact, where adding squares of half widths is not, with tails as unlike as Student's and the normal one's.
+    No interval of such a sum is narrower than that of the common error alone.
+
     Parameters
     ----------
     values, errors : float array, shape (n_member,)
-        At least two estimates with their standard errors.
+        At least two estimates with the standard errors that are independent from one to the next.
+    common : float
+        Standard error that all estimates share.
     level : float
         Probability of the interval.
 
@@ -64,13 +73,14 @@ def random_effect(values: npt.ArrayLike, errors: npt.ArrayLike, *, level: float 
     (2.333, 1.528, [-5.26, 9.92])
     """
     from scipy.optimize import brentq
-    from scipy.special import chdtrc
+    from scipy.special import chdtrc, ndtri
 
     y, within = np.asarray(values, dtype=np.float64), np.square(np.asarray(errors, dtype=np.float64))
     freedom = len(y) - 1
     if np.ptp(y) == 0.0 and not within.any():
         alone = float(y[0])
-        return RandomEffect(alone, 0.0, 1.0, (alone, alone) if len(y) >= FEWEST else None)
+        reach = float(ndtri(0.5 + 0.5 * level)) * common
+        return RandomEffect(alone, 0.0, 1.0, (alone - reach, alone + reach) if len(y) >= FEWEST else None)
     size = float(np.log(float(np.ptp(y)) ** 2 + float(within.max())))
     ends = size - _BELOW, size + _ABOVE
 
@@ -80,7 +90,7 @@ def random_effect(values: npt.ArrayLike, errors: npt.ArrayLike, *, level: float 
     variance = float(np.exp(brentq(excess, *ends))) if excess(ends[0]) > 0.0 else 0.0
     mean = float(_squares(y, within, np.array([max(variance, np.exp(ends[0]))]))[0][0])
     unlikely = float(chdtrc(freedom, excess(ends[0]) + freedom))
-    next_one = _next_one(y, within, ends, level) if len(y) >= FEWEST else None
+    next_one = _next_one(y, within, common, ends, level) if len(y) >= FEWEST else None
     return RandomEffect(mean, float(np.sqrt(variance)), unlikely, next_one)
 
 
@@ -92,7 +102,9 @@ def _squares(y: FloatArray, within: FloatArray, between: FloatArray) -> tuple[Fl
     return means, 1.0 / total, (weights * (y - means[:, None]) ** 2).sum(axis=1)
 
 
-def _next_one(y: FloatArray, within: FloatArray, ends: tuple[float, float], level: float) -> tuple[float, float]:
+def _next_one(
+    y: FloatArray, within: FloatArray, common: float, ends: tuple[float, float], level: float
+) -> tuple[float, float]:
     from scipy.optimize import brentq
     from scipy.special import chdtrc, ndtr
 
@@ -108,7 +120,7 @@ def _next_one(y: FloatArray, within: FloatArray, ends: tuple[float, float], leve
     nodes = np.concatenate([coarse[:1], np.sqrt(edges[:-1] * edges[1:]), edges[-1:]])
     share = np.diff(np.concatenate([[0.0], below(edges), [1.0]]))
     means, errors, _ = _squares(y, within, nodes)
-    deviation = np.sqrt(nodes + errors)
+    deviation = np.sqrt(nodes + errors + common**2)
 
     def missing(end: float, part: float) -> float:
         return float(share @ ndtr((end - means) / deviation)) - part

@@ -1,0 +1,158 @@
+"""What the errors of several mountings have in common, and what each has for itself.
+
+A fixed parameter with a stated uncertainty, a prior, and what all runs of a joint fit share are wrong by the same
+amount in every mounting. Such an error does not show in how far mountings lie apart, nor average out over them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.unknowns import actuator_unknown
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit, FittedParameter
+
+FloatArray = npt.NDArray[np.float64]
+
+_NOTHING = 1e-12  # of the largest eigenvalue
+
+
+@dataclass(frozen=True, eq=False)
+class Parted:
+    """Standard errors of the same quantity in several mountings, parted.
+
+    Parameters
+    ----------
+    own : float array, shape (n_mounting,)
+        Independent from one to the next.
+    common : float
+        Standard error that all of them share.
+    """
+
+    own: FloatArray
+    common: float
+
+
+def parted(errors: npt.ArrayLike, loadings: npt.ArrayLike) -> Parted:
+    """Part standard errors by what moves all mountings together.
+
+    What the mean loading explains is common. By how much a mounting's own loading differs from it counts as error of
+    its own: the loadings come from a fit to first order, and a weight that made use of small differences between them
+    would believe in the linearisation (Peelle's puzzle).
+
+    Parameters
+    ----------
+    errors : float array, shape (n_mounting,)
+        Standard errors, everything counted.
+    loadings : float array, shape (n_mounting, n_cause)
+        Change of each mounting's estimate, with its sign, as each cause moves by one standard deviation.
+
+    Examples
+    --------
+    >>> found = parted([0.5, 0.5], [[0.4], [0.4]])
+    >>> found.own.round(3).tolist(), round(found.common, 3)
+    ([0.3, 0.3], 0.4)
+    """
+    total = np.square(np.asarray(errors, dtype=np.float64))
+    moved = np.asarray(loadings, dtype=np.float64).reshape(len(total), -1)
+    middle = moved.mean(axis=0)
+    own = np.maximum(total - (moved**2).sum(axis=1), 0.0) + ((moved - middle) ** 2).sum(axis=1)
+    return Parted(np.sqrt(own), float(np.sqrt(middle @ middle)))
+
+
+def loadings_of(fit: Fit) -> dict[str, dict[str, float]]:
+    """By how much each parameter of a fit moves [SI] as what it took from elsewhere moves by its standard uncertainty.
+
+    Elsewhere is a fixed parameter with a stated uncertainty, and what was known beforehand of a free one. A prior of
+    standard deviation s about c moves an estimate by covariance/s^2 for each unit of c.
+    """
+    table, fitted = fit.covariance, fit.parameters
+    # Stated uncertainties are independent, and their covariance with what was fitted is its leverage.
+    stated = {name: math.sqrt(row[name]) for name, row in table.items() if name not in fitted and row[name] > 0.0}
+    found = {
+        name: {cause: table[name][cause] / deviation for cause, deviation in stated.items()}
+        for name in table
+        if name in fitted
+    }
+    pulls: dict[str, dict[str, float]] = {name: {} for name in found}
+    for cause, one in fitted.items():
+        if one.prior is None or cause not in found:
+            continue
+        deviation = _prior_deviation(fit, one)
+        for name, moved in found.items():
+            from_readings = table[name][cause] - sum(moved[other] * found[cause][other] for other in stated)
+            pulls[name][f"prior {cause}"] = from_readings / deviation
+    return {name: moved | pulls[name] for name, moved in found.items()}
+
+
+def loadings_of_joint(fit: Fit, names: Sequence[str]) -> FloatArray:
+    """The same for what each mounting has for itself in a fit of all [SI], shape (n_name, n_cause).
+
+    What the covariance of two of them consists of is what the fit says of all runs together, its shared parameters
+    among it, and what was stated: their regression on these.
+    """
+    table = fit.covariance
+    causes = [name for name in table if "[" not in name]
+    between = np.array([[table[name][cause] for cause in causes] for name in names]).reshape(len(names), -1)
+    moved = np.zeros((len(names), 0))
+    if causes:
+        shared = np.array([[table[one][other] for other in causes] for one in causes])
+        # Units differ by many powers of ten.
+        scale = np.sqrt(np.maximum(shared.diagonal(), np.finfo(float).tiny))
+        size, vectors = np.linalg.eigh(shared / np.outer(scale, scale))
+        kept = size > _NOTHING * max(float(size[-1]), 0.0)
+        moved = (between / scale) @ vectors[:, kept] / np.sqrt(size[kept])
+    pulls = np.zeros((len(names), 1))
+    for row, name in enumerate(names):
+        one = fit.parameters[name]
+        if one.prior is not None:
+            left = max(table[name][name] - float(moved[row] @ moved[row]), 0.0)
+            pulls[row] = left / _prior_deviation(fit, one)
+    return np.hstack([moved, pulls])
+
+
+def common_covariance(
+    fit: Fit, loadings: Sequence[Mapping[str, Mapping[str, float]]], values: Sequence[Mapping[str, float]]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Parameters, free and stated, and their covariance [SI] from what the errors of all mountings have in common.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of all mountings together.
+    loadings, values : sequence of mapping
+        Of each mounting by itself.
+    """
+    known = fit.actuator.parameters()
+    causes = list(dict.fromkeys(cause for one in loadings for moved in one.values() for cause in moved))
+    free = [name for name in dict.fromkeys(name for one in loadings for name in one) if name in known]
+    names = (*free, *(cause for cause in causes if cause in known))
+    columns = np.zeros((len(names), len(causes)))
+    for row, name in enumerate(names):
+        for column, cause in enumerate(causes):
+            if name in free:
+                entry = actuator_unknown(known[name], None)
+                moved = [
+                    one[name].get(cause, 0.0) / entry.chain(own[name])
+                    for one, own in zip(loadings, values, strict=True)
+                    if name in one
+                ]
+                columns[row, column] = sum(moved) / len(moved) * entry.chain(fit.actuator[name])
+            elif name == cause:
+                columns[row, column] = known[name].standard_uncertainty
+    return names, columns @ columns.T
+
+
+def _prior_deviation(fit: Fit, one: FittedParameter) -> float:
+    """Standard deviation of a prior [SI], a log-normal one's about the fitted value."""
+    assert one.prior is not None
+    value, deviation = one.prior
+    log = actuator_unknown(fit.actuator.parameters()[one.name.partition("[")[0]], None).log
+    return deviation * one.value / value if log else deviation
