@@ -20,7 +20,9 @@ def sheet(
             metavar="RIG", help="A rig file (.toml), or thesis: the rig in the library.", show_default=False
         ),
     ],
-    width: Annotated[str | None, typer.Option(metavar="QUANTITY", help="Of the strip; needed unless --shorted.")] = None,
+    width: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help="Of the strip; needed unless --shorted.")
+    ] = None,
     length: Annotated[
         str | None, typer.Option(metavar="QUANTITY", help="Of the whole strip; needed for point contacts.")
     ] = None,
