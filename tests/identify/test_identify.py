@@ -16,6 +16,7 @@ SEED = 20261121
 FRIEND = load_actuator("friend-2")
 NOISE = {"current": 1e-4, "force": 1e-4, "displacement": 1e-5}
 RHO_1 = "circuit.branches.0.resistivity"
+GAINS = (("high", 1.02), ("higher", 1.02 * 1.01))
 
 
 def record(
@@ -292,6 +293,33 @@ def test_what_a_fit_leans_on_is_said() -> None:
     assert said.values["leverage"] == pytest.approx(0.29, abs=0.015)
     assert "circuit.sheet_resistance" in said.message
     assert RHO_1 in said.message
+
+
+def test_a_circuit_that_rests_on_motion_leans_on_the_coupling_and_says_so() -> None:
+    every = ("current", "displacement", "force")
+    runs = [record(signal, keep=every, rate=25.0, duration=30.0) for signal in ("step 1 V", "sine 1 V 0.1 Hz")]
+    given = {name: FRIEND.replace(**{"coupling.gain": factor * FRIEND["coupling.gain"]}) for name, factor in GAINS}
+    six = ["electrical", "circuit.sheet_resistance"]
+    fits = {name: identify(actuator, runs, free=six) for name, actuator in given.items()}
+    said = {
+        finding.message.split()[0]: finding for finding in fits["high"].findings if finding.code == "exact-fixed-value"
+    }
+    assert {"coupling.gain", "coupling.zero", "coupling.p2", "geometry.thickness"} <= set(said)
+    assert said["coupling.gain"].severity == "warning"
+    # One more fit, to a gain that is 1 % higher, moves the answer as far as the finding says.
+    moved = np.log(fits["higher"].parameters[RHO_1].value / fits["high"].parameters[RHO_1].value)
+    assert f"{RHO_1} by" in said["coupling.gain"].message
+    assert said["coupling.gain"].values["leverage"] == pytest.approx(abs(moved), rel=0.35)
+    for finding in fits["high"].findings:
+        if finding.code in ("stage-missing", "model-incomplete"):
+            assert "A wrong fixed value (coupling.*) can look the same" in finding.message
+
+
+def test_a_fit_of_the_current_says_nothing_of_the_coupling() -> None:
+    fit = identify(FRIEND, [record(), record("sine 1 V 0.1 Hz")])
+    leaning = [finding for finding in fit.findings if finding.code == "exact-fixed-value"]
+    assert [finding.message.split()[0] for finding in leaning] == ["circuit.sheet_resistance"]
+    assert leaning[0].severity == "warning"  # 1 % of it moves the first branch by 29 %
 
 
 def test_coloured_residuals_widen_the_errors() -> None:

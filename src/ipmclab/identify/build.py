@@ -25,6 +25,7 @@ from ipmclab.identify.interval import (
     with_rivals,
 )
 from ipmclab.identify.known import covariance_table
+from ipmclab.identify.leaning import leaning_findings
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.findings import noise_findings
 from ipmclab.identify.observation import Observation, Record
@@ -44,6 +45,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _NORMAL_95: Final = 1.96
 _AT_BOUND: Final = 1e-3
+_MOTION: Final = frozenset({"displacement", "force"})
 
 _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
 
@@ -209,6 +211,8 @@ def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[
     candidates = ["circuit.sheet_resistance"]
     if not isinstance(problem.responder, CircuitResponder):
         candidates += ["geometry.thickness", "beam.modulus"]
+    if any(not _MOTION.isdisjoint(record.readings) for record in problem.records):
+        candidates += [name for name in actuator.parameter_values if name.startswith("coupling.")]
     return [name for name in candidates if name not in taken and name in actuator.parameter_values]
 
 
@@ -381,32 +385,4 @@ def _fit_findings(
                     "the model lacks something that the readings show, or the parameter is not seen: fix it",
                 )
             )
-    finite = np.array([math.isfinite(fitted[order(u.name)].standard_error) for u in asked])
-    for name in (*stated, *exact):
-        moved = np.where(finite, np.abs(found.leverage[name]), 0.0)
-        largest = float(moved.max(initial=0.0))
-        if largest < 1e-9:
-            continue
-        most = order(asked[int(moved.argmax())].name)
-        leans = f"1 % of {name} moves {most} by {100.0 * largest:.2g} %"
-        if name in stated:
-            findings.append(
-                Finding(
-                    "fixed-uncertainty",
-                    "info",
-                    f"the stated uncertainty of {name} is passed on to the errors: {leans}",
-                    "",
-                    values={"leverage": largest},
-                )
-            )
-        else:
-            findings.append(
-                Finding(
-                    "exact-fixed-value",
-                    "info",
-                    f"{name} is taken as exact, because no uncertainty is stated for it: {leans}",
-                    'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file',
-                    values={"leverage": largest},
-                )
-            )
-    return findings
+    return [*findings, *leaning_findings(found, fitted, stated, exact, asked, order)]

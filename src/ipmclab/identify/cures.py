@@ -58,7 +58,7 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     """
     moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > _MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in _MEASURED.items() if name in moved]
-    known = "" if any(name.startswith("coupling.") for name in names) else " (the coupling is known)"
+    known = "" if any(name.startswith("coupling.") for name in names) else " (if the coupling is known from elsewhere)"
     for output in outputs:
         said = f"add a {output} run" if output == outputs[0] else f"a {output} run"
         found.append(Cure(f"record {output}", said + (known if output == outputs[-1] else "")))

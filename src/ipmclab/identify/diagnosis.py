@@ -224,7 +224,8 @@ def _cure(moved: set[str], records: Sequence[Record]) -> str:
         have = "current alone" if outputs == {"current"} else "these runs"
         return (
             f"{have} cannot tell the series resistance from the branches (two branches show five numbers, not six): "
-            f"fix {min(series)} at a measured value, or add runs with force or displacement and known coupling"
+            f"fix {min(series)} at a measured value, or add runs with force or displacement if the coupling is known "
+            "from elsewhere"
         )
     if "beam.modulus" in moved and "coupling.gain" in moved:
         missing = "displacement" if "displacement" not in outputs else "force"

@@ -69,7 +69,16 @@ def diagnose(
                 verdict = verdicts[left.output] if alone else "white"
                 found.append(output_diagnosis(estimate.correlated, record, left.output, verdict, basis))
     tried = tried_stages(actuator, names, every)
-    return tuple(found), _findings(actuator, every, tried)
+    return tuple(found), _findings(actuator, every, tried, _fixed_motion(actuator, names, read))
+
+
+def _fixed_motion(actuator: Actuator, names: FreeParameters, read: Sequence[str]) -> str:
+    """The fixed values on which the motion rests, where it is fitted: wrong ones leave what a missing stage leaves."""
+    coupling = [name for name in actuator.parameter_values if name.startswith("coupling.")]
+    fixed = [name for name in coupling if name not in names.actuator]
+    if not fixed or not {"displacement", "force"} & set(read):
+        return ""
+    return "coupling.*" if fixed == coupling else ", ".join(fixed)
 
 
 def _verdict(left: Left) -> Verdict:
@@ -80,14 +89,14 @@ def _verdict(left: Left) -> Verdict:
     return "bends with the voltage" if left.bends else "hangs together"
 
 
-def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried]) -> list[Finding]:
+def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried], fixed: str) -> list[Finding]:
     chosen = named(tried)
     if chosen:
-        return [_missing(actuator, chosen)]
-    return [_incomplete(left, tried) for left in every if left.coloured and (left.follows or left.bends)]
+        return [_missing(actuator, chosen, fixed)]
+    return [_incomplete(left, tried, fixed) for left in every if left.coloured and (left.follows or left.bends)]
 
 
-def _missing(actuator: Actuator, chosen: Sequence[Tried]) -> Finding:
+def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding:
     best, *others = chosen
     output = max(best.shares, key=lambda one: best.shares[one])
     explained = best.shares[output]
@@ -99,21 +108,27 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried]) -> Finding:
         "stage-missing",
         "warning",
         f"the model cannot explain what it leaves of the {output}: the residuals show {_shown(best.stage)}. A stage "
-        f"{best.stage} would take away {100.0 * explained:.0f} % of their power beyond noise{also}",
+        f"{best.stage} would take away {100.0 * explained:.0f} % of their power beyond noise{also}{_or_wrong(fixed)}",
         f"identify {models}{with_free}, and compare both by choose",
         channel=output,
         values={"stage": best.stage, "explained": explained, "evidence": best.evidence},
     )
 
 
-def _incomplete(left: Left, tried: Sequence[Tried]) -> Finding:
+def _or_wrong(fixed: str) -> str:
+    if not fixed:
+        return ""
+    return f". A wrong fixed value ({fixed}) can look the same: free it or measure it before you believe a stage"
+
+
+def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
     how = "follows the voltage" if left.follows else "follows the voltage, not in proportion to it"
     names = ", ".join(dict.fromkeys(one.stage for one in tried))
     none = f", and no stage that was tried explains it ({names})" if names else ""
     return Finding(
         "model-incomplete",
         "warning",
-        f"the model cannot explain what it leaves of the {left.output}: it {how} (p < 0.1 %){none}",
+        f"the model cannot explain what it leaves of the {left.output}: it {how} (p < 0.1 %){none}{_or_wrong(fixed)}",
         "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
         "rest on this output may be wrong by more than their intervals say",
         channel=left.output,
