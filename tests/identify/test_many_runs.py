@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 import scipy.signal
 
-from ipmclab import Run, RunMetadata, identify, simulate
+from ipmclab import Fit, Run, RunMetadata, identify, simulate
 from ipmclab.model import Actuator
 from tests.identify.many import CONTACT, FRIEND
 
@@ -84,13 +84,18 @@ def drawn(generator: np.random.Generator) -> list[Run]:
     return runs
 
 
-def test_each_run_counts_with_its_own_noise_and_has_its_own_contact() -> None:
-    """Errors at the bound of the true noises, and estimates that scatter by as much."""
+@pytest.fixture(scope="module")
+def fits() -> list[Fit]:
+    """Each run with a contact of its own, drawn four times."""
     generator = np.random.default_rng(SEED)
+    return [identify(FRIEND, drawn(generator), free=SHARED, per_run=CONTACT) for _ in range(4)]
+
+
+def test_each_run_counts_with_its_own_noise_and_has_its_own_contact(fits: list[Fit]) -> None:
+    """Errors at the bound of the true noises, and estimates that scatter by as much."""
     bound = least_errors()
     away, told = [], []
-    for _ in range(4):
-        fit = identify(FRIEND, drawn(generator), free=SHARED, per_run=CONTACT)
+    for fit in fits:
         found = fit.parameters
         assert set(found) == set(bound)
         truth = {name: FRIEND[name] for name in SHARED} | {f"{CONTACT}[{k}]": RUNS[k][3] for k in range(len(RUNS))}
@@ -108,10 +113,8 @@ def test_each_run_counts_with_its_own_noise_and_has_its_own_contact() -> None:
     assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1.1, abs=0.4)
 
 
-def test_one_value_for_all_is_not_what_each_run_has() -> None:
+def test_one_value_for_all_is_not_what_each_run_has(fits: list[Fit]) -> None:
     """The same runs with one contact for all of them: what differs is found in what is left."""
-    runs = drawn(np.random.default_rng(SEED))
-    fit = identify(FRIEND, runs, free=[*SHARED, CONTACT])
-    own = identify(FRIEND, runs, free=SHARED, per_run=CONTACT)
+    fit = identify(FRIEND, drawn(np.random.default_rng(SEED)), free=[*SHARED, CONTACT])
     # The step, whose peak shows the contact.
-    assert fit.observations[0].noise["current"] > 1.5 * own.observations[0].noise["current"]
+    assert fit.observations[0].noise["current"] > 1.5 * fits[0].observations[0].noise["current"]
