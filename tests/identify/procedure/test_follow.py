@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from benchmarks.procedure import SEED, VirtualStrip, static, trials
-from ipmclab import follow_procedure, load_actuator, read_fit, write_fit
+from ipmclab import InputError, follow_procedure, load_actuator, read_fit, write_fit
 from ipmclab.cli.app import run
 from ipmclab.identify.procedure.amounts import Uncertain, exact
+from ipmclab.identify.procedure.coupling import NAMES, as_far_as_seen
 from ipmclab.identify.procedure.follow import TO_DO
 from ipmclab.identify.procedure.template import TEMPLATE
+from ipmclab.identify.valleys import Rival
 from ipmclab.model import Actuator
 from ipmclab.report.document import html
 
@@ -134,6 +136,25 @@ def test_what_the_other_face_may_carry_is_told_or_taken_off_by_half(strip: Virtu
     assert taken.steps[1].also["R_dc"].amount.value < told.steps[1].also["R_dc"].amount.value
 
 
+@pytest.mark.parametrize(
+    ("spacing", "outer", "where"),
+    [
+        (100e-3, None, "sheet_resistance.spacing"),
+        (10e-3, 9e-3, "sheet_resistance.outer_spacing"),
+        (10e-3, 100e-3, "sheet_resistance.outer_spacing"),
+    ],
+)
+def test_lines_that_do_not_lie_on_the_strip_are_refused(
+    strip: VirtualStrip, spacing: float, outer: float | None, where: str
+) -> None:
+    whole = strip.procedure(np.random.default_rng(SEED))
+    probes = replace(whole.sheet_resistance, spacing=exact(spacing), outer=None if outer is None else exact(outer))
+    with pytest.raises(InputError) as error:
+        follow_procedure(replace(whole, sheet_resistance=probes, dc_resistance=None, branches=(), coupling=()))
+    assert (error.value.code, error.value.where) == ("out-of-range", where)
+    assert "30" in str(error.value)
+
+
 def test_a_sheet_resistance_that_is_wrong_is_told(strip: VirtualStrip) -> None:
     whole = strip.procedure(np.random.default_rng(SEED))
     wrong = replace(whole, sheet_resistance=Uncertain(1.5, {"given": 0.001}), coupling=())
@@ -177,6 +198,31 @@ def test_all_at_once_agrees_with_the_steps_and_knows_more(joint, truth: Actuator
     # And what only the dimensions limit stays as it was.
     slow = "circuit.branches.1.permittivity"
     assert together.amounts[slow].uncertainty == pytest.approx(joint.staged[slow].uncertainty, rel=0.1)
+
+
+def test_no_pole_is_given_where_the_rest_of_the_coupling_is_open(joint) -> None:
+    """At 20 S/s the zero, 210 1/s, is beyond what the force shows."""
+    assert not set(NAMES) & set(joint.joint.amounts)
+    assert all(np.isinf(joint.staged[name].uncertainty) for name in NAMES)
+    fit = joint.joint.fit
+    sharp = replace(fit.parameters["coupling.p1"], standard_error=0.05, interval=(2.8, 3.0), determined=True)
+    seen = as_far_as_seen(replace(fit, parameters={**fit.parameters, "coupling.p1": sharp}))
+    assert seen.parameters["coupling.p1"] == replace(
+        sharp, standard_error=np.inf, interval=(0.0, np.inf), determined=False
+    )
+    others = [name for name in fit.parameters if name not in NAMES]
+    assert all(seen.parameters[name] == fit.parameters[name] for name in others)
+
+
+def test_a_coupling_of_which_all_is_seen_is_given_unless_other_fits_are_as_good(joint) -> None:
+    fit = joint.joint.fit
+    known = {name: replace(fit.parameters[name], determined=True, interval=(1.0, 2.0)) for name in NAMES}
+    alone = replace(fit.estimate, rivals=())
+    whole = replace(fit, parameters={**fit.parameters, **known}, estimate=alone)
+    assert as_far_as_seen(whole) is whole
+    rival = replace(alone, rivals=(Rival.of(alone.problem, alone.solution.theta),))
+    seen = as_far_as_seen(replace(whole, estimate=rival))
+    assert not any(seen.parameters[name].determined for name in NAMES)
 
 
 def test_the_width_is_one_width(joint) -> None:
