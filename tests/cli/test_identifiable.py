@@ -43,7 +43,26 @@ def test_what_current_alone_leaves_open_is_never_a_number(command: Command, step
     assert "measure the sheet resistance (four probes), add a force run" in said
     assert "±" not in said
     rows = {line.split()[0]: line for line in printed.out.splitlines() if line.startswith("circuit.")}
-    assert "profile: below 1.3" in rows[SHEET]
+    assert "profile:" not in printed.out
+    assert "Every value within the interval of" in said
+    # What is in series with the branches moves into the dc resistance and back: R_s = 0 is as far as that goes.
+    strip = ipmclab.load_actuator("friend-2")
+    ends = [
+        ipmclab.simulate(one, "step 1 V", duration=200.0, rate=1.0).current
+        for one in (strip, strip.replace(**{SHEET: 1e-6}))
+    ]
+    assert ends[0] is not None
+    assert ends[1] is not None
+    dc = document["parameters"]["circuit.dc_resistivity"]
+    assert dc["interval"] == pytest.approx(document["profiles"]["circuit.dc_resistivity"]["interval"], rel=0.01)
+    assert dc["interval"][1] == pytest.approx(strip["circuit.dc_resistivity"] * ends[1][-1] / ends[0][-1], rel=0.02)
+    assert dc["interval"][0] < strip["circuit.dc_resistivity"]
+    assert rows["circuit.dc_resistivity"].split("not determined")[1].split()[0].startswith("4")
+    assert command("report", "six.toml", "--runs", step.name, "--out", "six.html").status == 0
+    page = (step.parent / "six.html").read_text("utf-8")
+    assert "Correlation of the estimates" not in page
+    assert "any positive value" not in page
+    assert "Every value within the interval of" in page
 
 
 def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path) -> None:

@@ -19,22 +19,47 @@ def collinearity(fit: Fit, name: str) -> str:
     return significant(index, 3) if math.isfinite(index) else "-"
 
 
-def profile_remark(fit: Fit, name: str, factor: float) -> str:
+def print_profiles(fit: Fit) -> None:
+    """Say where profiles end elsewhere than the intervals of the table, and which to quote."""
+    from ipmclab.identify.profiles import WHY_NOT_PROFILE, flat_within
+
+    known = fit.actuator.parameters()
+    flat = [name for name in fit.profiles if flat_within(fit, name)]
+    if flat:
+        print_paragraph(
+            f"Every value within the interval of {', '.join(flat)} explains these runs as well: it ends only where "
+            "another parameter would have to become negative."
+        )
+    elsewhere = []
+    for name in fit.profiles:
+        base = known.get(name.partition("[")[0])
+        text = _profile_ends(fit, name, base.quantity.to_display(1.0) if base is not None else 1.0)
+        if text:
+            elsewhere.append(f"{name} {text}{f' {base.quantity.display_unit}' if base is not None else ''}".rstrip())
+    if elsewhere:
+        print_paragraph(
+            f"The profile of the likelihood ends elsewhere than the 95 % interval: {'; '.join(elsewhere)}. Quote the "
+            f"interval: {WHY_NOT_PROFILE}."
+        )
+
+
+def _profile_ends(fit: Fit, name: str, factor: float) -> str:
     """What the profile says of a parameter, where that is not what its interval says."""
-    one = fit.profiles.get(name)
-    if one is None or all(one.is_open):
+    one = fit.profiles[name]
+    if all(one.is_open):
         return ""
     low, high = one.interval
     least, most = fit.parameters[name].interval
     below, above = one.is_open
+    if (low, high) == (least, most):
+        return ""
     same = (below or abs(low - least) <= _VISIBLE * (most - least)) and (
         above or abs(high - most) <= _VISIBLE * (most - least)
     )
     if same and math.isfinite(most - least):
         return ""
     ends = [significant(factor * number, 4) for number in (low, high)]
-    said = f"below {ends[1]}" if below else f"above {ends[0]}" if above else f"{ends[0]} to {ends[1]}"
-    return f"profile: {said}"
+    return f"below {ends[1]}" if below else f"above {ends[0]}" if above else f"{ends[0]} to {ends[1]}"
 
 
 def print_collinear(fit: Fit) -> None:

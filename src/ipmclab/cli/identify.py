@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import check_output, read_runs
-from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, profile_remark
+from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, print_profiles
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
 from ipmclab.cli.output import (
@@ -108,10 +108,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         digits = _digits(value, high - low)
         following = parameter.interval_next_mounting
         ends = [significant(factor * end, 3) for end in following] if following else ["-"]
-        remarks = [
-            "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else "",
-            profile_remark(fit, name, factor),
-        ]
+        remark = "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else ""
         rows.append(
             [
                 name,
@@ -120,13 +117,14 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
                 *([" to ".join(ends)] if next_known else []),
                 base.quantity.display_unit if base is not None else parameter.unit,
                 collinearity(fit, name),
-                "; ".join(remark for remark in remarks if remark),
+                remark,
             ]
         )
     intervals = ["95 % interval", *(["next mounting"] if next_known else [])]
     print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
+    print_profiles(fit)
     print_collinear(fit)
     left = {(one.label, one.output): WORDS[one.verdict] for one in fit.diagnoses}
     noise = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -14,11 +14,17 @@ from ipmclab.identify.progress import Tell, stage, telling
 
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
-    from ipmclab.identify.fit import Fit
+    from ipmclab.identify.fit import Fit, FittedParameter
     from ipmclab.identify.profile import Point
     from ipmclab.identify.unknowns import Unknown
 
 _BETWEEN: Final = 0.5  # of the way to the crossing: one more point
+WHY_NOT_PROFILE: Final = (
+    "it is the shortest that leaves out 5 %, reaches to every other minimum that is as good, and allows for what does "
+    "not show; a profile is followed from the best fit alone"
+)
+"""Why a profile may end elsewhere than the interval of a parameter, which is the one to quote."""
+
 _BEYOND: Final = 1.2  # times the way: where a curve ends
 
 
@@ -89,7 +95,8 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
     Returns
     -------
     fit : Fit
-        With ``profiles``, by name.
+        With ``profiles``, by name. A parameter that an open direction moves has its profile's interval: it ends where
+        another parameter would have to become negative.
 
     Raises
     ------
@@ -119,7 +126,49 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
     estimate = solved(fit)
     with telling(progress):
         found = _profiles(estimate, wanted)
-    return changed(fit, profiles={name: found[name] for name in fit.parameters if name in found})
+    told = {name: found[name] for name in fit.parameters if name in found}
+    return changed(fit, profiles=told, parameters=_ended(fit, told))
+
+
+def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]:
+    """Parameters that an open direction moves, with the intervals in which it can move them.
+
+    Along it the likelihood is flat, but not without end: where another parameter would have to become negative the
+    readings are no longer explained. Only the profile sees that. It does not see stages that do not show: where there
+    are such, the interval stays open. The other fits as good that are known lie along the direction, or widen it.
+    """
+    from ipmclab.identify.order import Order
+
+    estimate = solved(fit)
+    problem, theta = estimate.problem, estimate.solution.theta
+    moved = {n for d in fit.undetermined if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
+    ended = dict(fit.parameters)
+    if estimate.beside is not None:
+        return ended
+    order = Order(problem.values(theta, problem.records[0].place))
+    rivals = [rival.sorted_as(problem, order) for rival in estimate.rivals]
+    for unknown in problem.unknowns:
+        name = order(unknown.name)
+        if name not in moved or name not in found or ended[name].determined or ended[name].at_bound:
+            continue
+        low, high = found[name].interval
+        for rival in rivals:
+            entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
+            low, high = min(low, unknown.value(entry - reach)), max(high, unknown.value(entry + reach))
+        ended[name] = replace(ended[name], interval=(low, high))
+    return ended
+
+
+def flat_within(fit: Fit, name: str) -> bool:
+    """Whether every value within the interval of a parameter explains the readings about as well as every other."""
+    one = fit.parameters[name]
+    least = -math.inf if one.interval[0] == 0.0 else one.interval[0]
+    if one.determined or not (math.isfinite(least) or math.isfinite(one.interval[1])):
+        return False
+    return any(
+        math.isinf(direction.error) and abs(direction.coefficients.get(name, 0.0)) > 1e-3
+        for direction in fit.undetermined
+    )
 
 
 def solved(fit: Fit) -> Estimate:

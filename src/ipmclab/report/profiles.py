@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.identify.practical import COLLINEAR
+from ipmclab.identify.profiles import WHY_NOT_PROFILE, flat_within
 from ipmclab.report.figures.profiles import profiles_figure
 from ipmclab.report.svg import inline_svg
 from ipmclab.report.wording import NO_BREAK
@@ -25,8 +26,24 @@ def profiles_part(fit: Fit) -> dict[str, Any] | None:
         "caption": "Each parameter is held at other values while all others are fitted again. Where chi-square "
         f"exceeds its least by the dashed level the 95{NO_BREAK}% interval ends; a curve that stays below leaves its "
         "side open.",
-        "sentence": _collinear(fit),
+        "sentence": " ".join(filter(None, (_flat(fit), _elsewhere(fit), _collinear(fit)))),
     }
+
+
+def _flat(fit: Fit) -> str:
+    flat = [name for name in fit.profiles if flat_within(fit, name)]
+    if not flat:
+        return ""
+    return (
+        f"Every value within the interval of {', '.join(flat)} explains these runs as well: it ends only where another "
+        "parameter would have to become negative."
+    )
+
+
+def _elsewhere(fit: Fit) -> str:
+    if all(fit.parameters[name].interval == one.interval for name, one in fit.profiles.items()):
+        return ""
+    return f"Where a curve ends elsewhere than its 95{NO_BREAK}% interval, quote the interval: {WHY_NOT_PROFILE}."
 
 
 def _collinear(fit: Fit) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -140,9 +141,9 @@ def symbol_of(parameter: FittedParameter) -> str:
 
 
 def correlation_table(fit: Fit) -> CorrelationTable | None:
-    """Correlations of the estimates; None with fewer than two parameters."""
+    """Correlations of the estimates; None where no two of them have any."""
     names = list(fit.correlations)
-    if len(names) < 2:
+    if not any(math.isfinite(fit.correlations[one][other]) for one, other in itertools.combinations(names, 2)):
         return None
     symbols = tuple(symbol_of(fit.parameters[name]) for name in names)
     rows = []
