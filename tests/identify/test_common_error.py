@@ -163,3 +163,16 @@ def test_the_band_of_the_next_mounting_holds_what_all_have_in_common() -> None:
     late = common > 0.3 * common.max()
     # A tenth is beyond first order.
     assert np.all(bands.of_parameters["current"][late] >= 0.85 * common[late])
+
+
+def test_the_band_of_the_next_mounting_has_a_contact_of_its_own() -> None:
+    """Student's interval of three answers, of which the contact is all that differs."""
+    generator = np.random.default_rng(SEED)
+    contacts = {"a": 0.5, "b": 3.0, "c": 1.0}
+    runs = [noisy(generator, "step 1 V", strip=FRIEND.replace(**{CONTACT: c}), mounting=m) for m, c in contacts.items()]
+    fit = identify(FRIEND, runs, free=RHO, per_mounting=CONTACT)
+    new = noisy(generator, "step 1 V", mounting="another")
+    bands = prediction_bands(fit, new)
+    each = [simulate(FRIEND.replace(**{CONTACT: c}), new).channels["current"][5] for c in contacts.values()]
+    reach = 4.303 * np.std(each, ddof=1) * np.sqrt(4.0 / 3.0)
+    assert bands.reach("current", of_readings=False)[5] == pytest.approx(reach, rel=0.1)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.identify.common_error import common_covariance
 from ipmclab.identify.known import Known, known_of
-from ipmclab.identify.observation import Observation, own_endings
+from ipmclab.identify.observation import Observation, own_endings, own_values
 from ipmclab.identify.random_effect import FEWEST
 from ipmclab.model.sensitivity import sensitivities, simulate_outputs
 
@@ -206,7 +206,12 @@ def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[A
     seen = {observation.mounting for observation in fit.observations}
     if not mounting or mounting in seen or fit.mountings is None:
         return []
-    found = [actuator.replace(**_inside(actuator, one.values)) for one in fit.mountings.each if one.values]
+    known = values_of(fit)
+    found = [
+        actuator.replace(**_inside(actuator, one.values), **own_values(known, [f"[mounting {one.name}]"]))
+        for one in fit.mountings.each
+        if one.values
+    ]
     return found if len(found) >= FEWEST else []
 
 
