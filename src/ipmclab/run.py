@@ -100,6 +100,10 @@ class Mark:
     text: str
     kind: str = "note"
 
+    def __post_init__(self) -> None:
+        # Half a character (a lone surrogate) can be typed into no terminal, but sent by a program; no file can hold it.
+        object.__setattr__(self, "text", self.text.encode("utf-8", "replace").decode())
+
 
 @dataclass(frozen=True)
 class ZeroReading:

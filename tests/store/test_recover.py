@@ -59,7 +59,7 @@ def killed_after(process: subprocess.Popen[bytes], seconds: float) -> list[str]:
 def assert_nothing_lost(root: Path, uuid: str, told: list[str]) -> str:
     """The run of a killed writer is whole as far as it was acknowledged; how it is marked."""
     (path,) = (root / "runs").rglob(f"*_{uuid[:8]}.nc")
-    run = read_run(path)
+    run = read_run(one.path)
     acknowledged = max(int(word) for word in told if word.isdigit())
     rows = np.arange(len(run))
     assert len(run) >= acknowledged
@@ -120,6 +120,17 @@ def test_kills_of_the_recovery_itself(tmp_path: Path) -> None:
     assert assert_nothing_lost(tmp_path, uuid, told) == "recovered"
     assert len(hashes(tmp_path)) == 1
     assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_mark_that_no_file_can_hold_costs_no_run(tmp_path: Path) -> None:
+    """Half a character, as a program may send it: the mark keeps the rest of its words, and the run its rows."""
+    made = journal(tmp_path)
+    made.event("note", 0.5, "touched \ud800 the strip")
+    made.close()
+    [one] = recover(tmp_path).finished
+    run = read_run(one.path)
+    assert len(run.time) == 50
+    assert "touched ? the strip" in [mark.text for mark in run.metadata.marks]
 
 
 def test_one_bad_recording_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
