@@ -425,6 +425,23 @@ def test_the_uncertainty_of_a_fit_counts(strip: Strip) -> None:
     assert cross_check(thick, fit=replace(fit, parameters=open_errors)) == ()
 
 
+@pytest.mark.parametrize(
+    ("free", "origin", "severity"),
+    [
+        ("electrical", "simulated", "info"),
+        ("circuit.dc_resistivity", "measured", "info"),
+        ("electrical", "measured", "warning"),
+    ],
+)
+def test_a_capacitance_of_the_file_is_no_mistake_of_who_fits(free: str, origin: str, severity: str) -> None:
+    actuator = load_actuator("friend-2")
+    run = simulate(actuator, "step 1 V", duration=20.0, rate=20.0)
+    run = replace(run, metadata=replace(run.metadata, origin=origin))
+    found = the(identify(actuator, [run], free=free).findings, "capacitance-out-of-range")
+    assert found.severity == severity
+    assert found.message.startswith("friend-2 itself has this value") is (severity == "info")
+
+
 def test_richer_strips_are_read_as_they_are() -> None:
     """With slow modes and a line, force over displacement and the first current are no longer 2 R_e and a stiffness."""
     strip = load_actuator("friend-2+relaxation.displacement+clamp").replace(**{"clamp.direct_share": 1.0})

@@ -9,7 +9,9 @@ import pytest
 import scipy.stats
 
 from ipmclab import InputError, identify, prediction_bands, read_fit, simulate, validate, write_fit
+from ipmclab.identify.averages import averages
 from ipmclab.identify.mountings import why_unknown
+from ipmclab.report.tables import parameter_rows
 from ipmclab.run import Run
 from tests.identify.many import CONTACT, ELECTRICAL, FRIEND, mounted, noisy
 
@@ -42,6 +44,13 @@ def test_three_mountings_that_are_well_known_give_students_interval() -> None:
         # The mountings are known to a percent, not exactly.
         assert np.log(found) == pytest.approx([logs.mean() - reach, logs.mean() + reach], abs=0.06 * reach)
     assert "mountings-differ" in {finding.code for finding in fit.findings}
+    assert len({observation.label for observation in fit.observations}) == len(runs)
+    # That they differ is expected: one line, and no warning for each pair.
+    (expected,) = (finding for finding in fit.findings if finding.code == "prefix-disagrees")
+    assert (expected.severity, expected.channel) == ("info", "current")
+    assert expected.values["pairs"] != 1
+    assert averages(fit)
+    assert all("average of mountings" in row.remark for row in parameter_rows(fit) if row.name in averages(fit))
     assert why_unknown(fit) == ""
 
 

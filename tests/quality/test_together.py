@@ -36,7 +36,7 @@ def test_a_changed_state(read: Read, ratio: float) -> None:
     changed = [finding for finding in check_together([step, weaker]) if finding.code == "state-changed"]
     assert [finding.channel for finding in changed] == ["displacement"]
     assert changed[0].values["ratio"] == pytest.approx(ratio, abs=0.01)
-    assert "run 1 reads" in changed[0].message
+    assert "run 1 (square 1 V 0.1 Hz) reads" in changed[0].message
     assert (changed[0].values["first"], changed[0].values["second"]) == (0, 1)
 
 

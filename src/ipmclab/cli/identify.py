@@ -96,9 +96,11 @@ def identify(
 
 def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
+    from ipmclab.identify.averages import AVERAGED, averages
     from ipmclab.identify.diagnostics.output_diagnosis import WORDS
 
     known = fit.actuator.parameters()
+    averaged = averages(fit)
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
     rows = []
     for name, parameter in fit.parameters.items():
@@ -109,6 +111,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         following = parameter.interval_next_mounting
         ends = [significant(factor * end, 3) for end in following] if following else ["-"]
         remark = "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else ""
+        remark = remark or (AVERAGED if name in averaged else "")
         rows.append(
             [
                 name,

@@ -25,6 +25,7 @@ from ipmclab.identify.observation import (
     label_of,
     noise_only,
     prepare,
+    told_apart,
 )
 from ipmclab.identify.priors import prior_findings, with_priors
 from ipmclab.identify.progress import Tell, part, stage, telling
@@ -154,6 +155,8 @@ def _identify(
     ]
     if labels is not None:
         records = [replace(record, label=label) for record, label in zip(records, labels, strict=True)]
+    else:
+        records = told_apart(records)
     earlier = fitted_runs(actuator.fit_table)
     circuit_is_free = any(name.startswith(_ELECTRICAL) for name in names.actuator)
     records = [

@@ -232,6 +232,17 @@ def label_of(run: Run, place: int) -> str:
     return run.metadata.source_file or run.metadata.signal or f"run {place}"
 
 
+def told_apart(records: Sequence[Record]) -> list[Record]:
+    """Records whose labels are equal get their mounting into them."""
+    labels = [record.label for record in records]
+    return [
+        replace(record, label=f"{label} ({mounting})")
+        if labels.count(label) > 1 and (mounting := record.run.metadata.mounting_id)
+        else record
+        for label, record in zip(labels, records, strict=True)
+    ]
+
+
 def _noise(values: FloatArray, known: float | None = None) -> float:
     """How much neighbouring readings scatter; never nothing, for it is what a fit divides by."""
     if len(values) < 8:

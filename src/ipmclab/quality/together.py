@@ -80,10 +80,19 @@ def _compare(first: int, one: Record, second: int, other: Record) -> list[Findin
         if np.count_nonzero(both) >= _FEWEST:
             seconds = float(one.run.time[begins[0] + stop - 1] - one.run.time[begins[0] + lead])
             noise = math.hypot(one.channels[name].noise, other.channels[name].noise)
-            finding = _difference(name, responses[0][both], responses[1][both], noise, seconds, (first, second), one)
+            places, names = (first, second), (_name(one, first), _name(other, second))
+            finding = _difference(name, responses[0][both], responses[1][both], noise, seconds, places, names, one)
             if finding is not None:
                 found.append(finding)
     return sorted(found, key=lambda finding: finding.channel or "")
+
+
+def _name(record: Record, place: int) -> str:
+    """A run as messages name it: its place, and what it says of its file and mounting."""
+    about = record.run.metadata
+    mounting = f"mounting {about.mounting_id}" if about.mounting_id else ""
+    told = ", ".join(filter(None, (about.source_file or about.signal, mounting)))
+    return f"run {place} ({told})" if told else f"run {place}"
 
 
 def _start(record: Record) -> int:
@@ -99,7 +108,14 @@ def _from_rest(record: Record, name: str, begin: int, lead: int, stop: int) -> F
 
 
 def _difference(
-    name: str, one: FloatArray, other: FloatArray, noise: float, seconds: float, places: tuple[int, int], record: Record
+    name: str,
+    one: FloatArray,
+    other: FloatArray,
+    noise: float,
+    seconds: float,
+    places: tuple[int, int],
+    names: tuple[str, str],
+    record: Record,
 ) -> Finding | None:
     power = float(one.dot(one))
     difference = other - one
@@ -113,7 +129,7 @@ def _difference(
     changed = float(np.abs(means).max()) > least
     channel = record.channels[name]
     numbers = (
-        f"{name}: over {seconds:.4g} s of equal voltage run {places[1]} reads {ratio:.3g} times run {places[0]}; the "
+        f"{name}: over {seconds:.4g} s of equal voltage {names[1]} reads {ratio:.3g} times {names[0]}; the "
         f"difference is {channel.show(rms)} (root mean square) against a noise of {channel.show(noise)}"
     )
     return Finding(

@@ -135,7 +135,7 @@ def html(
         undetermined=[direction.sentence for direction in fit.undetermined],
         correlations=tables.correlation_table(fit),
         profiles=profiles_part(fit),
-        remarks=any(one.at_bound for one in fit.parameters.values()),
+        remarks=any(row.remark for row in tables.parameter_rows(fit)),
         next_known=any(one.interval_next_mounting for one in fit.parameters.values()),
         fixed=tables.fixed_rows(fit.actuator, list(fit.parameters)),
         validation=_validation_part(validations),

@@ -117,7 +117,7 @@ def cross_check(
         *resonance_against_stiffness(known, every),
         *peak_above_series_resistance(known, every),
         *two_states(every, compared),
-        *prefix_of_runs(together),
+        *prefix_of_runs(together, runs, _outputs(fit)),
         *prefix_of_facts(every),
         *sine_against_step(known, every),
     )
@@ -127,6 +127,12 @@ def _told_by(runs: Sequence[Run]) -> Sample | None:
     """The sample that the runs name: None where they name none, or more than one."""
     named = [run.metadata.sample for run in runs if run.metadata.sample is not None]
     return named[0] if named and all(one == named[0] for one in named) else None
+
+
+def _outputs(fit: Fit | None) -> frozenset[str]:
+    """The outputs that a fit used; nothing where there is none, or where it used none."""
+    used = () if fit is None else (output for observation in fit.observations for output in observation.noise)
+    return frozenset(used)
 
 
 def _sample_of(run: Run) -> str | None:

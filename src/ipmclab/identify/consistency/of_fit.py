@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from ipmclab.identify.consistency.capacitance import CODE as CAPACITANCE
 from ipmclab.identify.consistency.cross_check import cross_check
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import changed
-from ipmclab.run import Run
+from ipmclab.run import Finding, Run
 
 
 def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
@@ -19,5 +21,19 @@ def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
     runs : sequence of Run
         From which it was made.
     """
-    found = cross_check(fit.actuator, runs, fit=fit)
+    found = tuple(_said_of_the_file(one, fit, runs) for one in cross_check(fit.actuator, runs, fit=fit))
     return changed(fit, findings=(*fit.findings, *found)) if found else fit
+
+
+def _said_of_the_file(finding: Finding, fit: Fit, runs: Sequence[Run]) -> Finding:
+    """A capacitance that no measured run gave is the file's own, and no mistake of who fits it."""
+    if finding.code != CAPACITANCE:
+        return finding
+    simulated = all(run.metadata.origin != "measured" for run in runs)
+    fitted = any(name.endswith(".permittivity") for name in fit.parameters)
+    if fitted and not simulated:
+        return finding
+    why = "these runs were simulated, so it is that of the actuator behind them" if simulated else "no run changed it"
+    return replace(
+        finding, severity="info", message=f"{fit.actuator.name} itself has this value ({why}): {finding.message}"
+    )
