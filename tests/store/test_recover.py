@@ -59,7 +59,7 @@ def killed_after(process: subprocess.Popen[bytes], seconds: float) -> list[str]:
 def assert_nothing_lost(root: Path, uuid: str, told: list[str]) -> str:
     """The run of a killed writer is whole as far as it was acknowledged; how it is marked."""
     (path,) = (root / "runs").rglob(f"*_{uuid[:8]}.nc")
-    run = read_run(one.path)
+    run = read_run(path)
     acknowledged = max(int(word) for word in told if word.isdigit())
     rows = np.arange(len(run))
     assert len(run) >= acknowledged
