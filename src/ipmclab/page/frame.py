@@ -42,10 +42,12 @@ _HEADER: Final = """
     <span id="lab-bench-text"></span>
     <span class="lab-guard" id="lab-guard"></span>
   </div>
+  <div class="lab-act">
+    <button type="button" id="lab-theme" aria-label="Dark colours" aria-pressed="false" title="Light or dark">◐</button>
+    <button type="button" id="lab-stop" accesskey="s" disabled>STOP</button>
+    <button type="button" id="lab-zero" accesskey="0" title="Emergency: the output to 0 V now">ZERO</button>
+  </div>
   <span id="lab-said" role="alert"></span>
-  <button type="button" id="lab-theme" aria-label="Dark colours" aria-pressed="false" title="Light or dark">◐</button>
-  <button type="button" id="lab-stop" disabled>STOP</button>
-  <button type="button" id="lab-zero" title="Emergency: the output to 0 V now">ZERO</button>
 </header>
 <div id="lab-lost" role="alert" hidden><span></span></div>
 """

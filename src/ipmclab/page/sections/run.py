@@ -20,13 +20,14 @@ _MOST_DRAFTS: Final = 32
 _NEW: Final = ""
 
 _STEERING: Final = """
-<section class="lab-card" id="lab-progress" aria-label="The experiment at the bench">
+<section class="lab-card" id="lab-progress" tabindex="-1" aria-label="The experiment at the bench">
   <div id="lab-plan"></div>
   <div id="lab-outcome"></div>
   <div id="lab-question" aria-live="assertive"></div>
   <div id="lab-steer"></div>
   <p id="lab-run-said" role="status"></p>
-  <ol id="lab-steps" aria-label="Steps"></ol>
+</section>
+<section class="lab-card" id="lab-steps-card" aria-label="Steps"><ol id="lab-steps" aria-label="Steps"></ol>
   <details id="lab-watched"></details>
 </section>
 <section class="lab-card" id="lab-recorded-card" hidden><h2>Recorded</h2><ul id="lab-recorded"></ul></section>
@@ -35,7 +36,7 @@ _STEERING: Final = """
 """
 
 _READINGS: Final = """
-<section class="lab-card" aria-label="Readings">
+<section class="lab-card" id="lab-readings" aria-label="Readings">
   <div class="lab-row" id="lab-seat"></div>
   <div class="lab-numbers" id="lab-numbers" aria-live="off"></div>
   <div id="lab-progress-bar" hidden><progress aria-label="Rows read" max="1" value="0"></progress><span></span></div>
@@ -48,15 +49,14 @@ def build(context: Context) -> None:
     ui.add_head_html('<script defer src="/static/bench.js"></script>')
     with ui.element("div").classes("lab-columns"):
         with ui.element("div").classes("lab-column"):
-            ui.html(_STEERING, sanitize=False).classes("lab-column lab-when-busy")
+            ui.html(_STEERING, sanitize=False).classes("lab-column lab-when-busy lab-spread")
             with ui.element("section").classes("lab-card lab-when-free").props('aria-label="Set up an experiment"'):
                 form = _Form(context)
                 form.build()
         with ui.element("div").classes("lab-column"):
-            with ui.element("section").classes("lab-card lab-when-free").props('aria-label="What it will do"'):
-                form.build_preview()
-            ui.html(_READINGS, sanitize=False)
-            with ui.element("section").classes("lab-card").props('aria-label="Live plots"'):
+            form.build_preview()
+            ui.html(_READINGS, sanitize=False).classes("lab-second")
+            with ui.element("section").classes("lab-card lab-second").props('aria-label="Live plots"'):
                 TimePlot("Bench", live=True, height=112)
 
 
@@ -106,9 +106,11 @@ class _Form:
 
     def build_preview(self) -> None:
         """The voltage that the form asks for, and what would be done."""
-        ui.html("<h2>Voltage that will be applied</h2>", sanitize=False)
-        self._plot = TimePlot("Voltage that will be applied", height=150)
-        self._summary = ui.label().classes("lab-quiet").props("role=status")
+        self._preview = ui.element("section").classes("lab-card").props('id=lab-preview aria-label="What it will do"')
+        with self._preview:
+            ui.html("<h2>Voltage that will be applied</h2>", sanitize=False)
+            self._plot = TimePlot("Voltage that will be applied", height=150)
+            self._summary = ui.label().classes("lab-quiet").props("role=status")
 
     def _field(self, one: FormField) -> None:
         value = self._draft.values[one.key]
@@ -188,6 +190,8 @@ class _Form:
         store.forget(self._left)  # not the ones of just now: the browser may be fetching them
         self._left, self._curves = self._curves, store.add(panels) if panels else None
         self._plot.show([panel.as_dict() for panel in panels], self._curves)
+        self._preview.props["data-name"] = draft.name  # shown beside a plan of this name too
+        self._preview.update()
         self._summary.text = _summary(checked)
 
     def _tell_errors(self, errors: Any) -> None:
@@ -205,7 +209,8 @@ class _Form:
             if error.code != "file-exists":
                 self._name.error = f"{error.message}; {error.repair}"
                 return False
-            with ui.dialog() as dialog, ui.card():
+            # Focus may leave it: STOP and ZERO stay in reach of the keyboard.
+            with ui.dialog().props("allow-focus-outside") as dialog, ui.card():
                 ui.label(f"{error.message}. Replace it?")
                 with ui.row():
                     ui.button("Replace it", on_click=lambda: dialog.submit(True)).props("no-caps")

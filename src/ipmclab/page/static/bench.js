@@ -42,9 +42,19 @@
     const key = JSON.stringify(shown);
     if (drawn.get(id)?.key === key && drawn.get(id).element === element) return;
     drawn.set(id, { key, element });
-    const focused = element.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    const focused = element.contains(document.activeElement) ? document.activeElement : null;
     element.replaceChildren(...[draw(shown)].flat().filter(Boolean));
-    if (focused) element.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+    if (focused) (element.querySelector(`[data-key="${CSS.escape(focused.dataset.key ?? "")}"]`) ?? home())?.focus();
+  }
+
+  // Where the focus goes when what had it is gone. Never a button: a second Enter would press it.
+  const home = () => document.getElementById("lab-progress");
+  let last = null;
+  document.addEventListener("focusin", (event) => (last = event.target));
+  function keepFocus() {
+    const active = document.activeElement;
+    const gone = active === document.body ? last : active;
+    if (gone && (!gone.isConnected || !gone.getClientRects().length)) home()?.focus();
   }
 
   async function ask(what, values) {
@@ -136,11 +146,14 @@
     const { plan, bench } = state;
     part("lab-plan", { plan, bench, text: state.text }, () => {
       if (!plan) return make("p", { class: "lab-quiet" }, state.text);
+      const remarks = plan.remarks.map((remark) => make("p", { class: "lab-remark" }, remark));
       const short = `at least ${duration(plan.seconds)}, ${plan.rows} rows, ${size(plan.bytes_needed)} of ${size(plan.bytes_free)} free`;
       return [
         make("h2", {}, plan.title),
         make("p", { class: "lab-quiet" }, `sample ${plan.sample} on ${plan.rig}; ${short}`),
-        ...plan.remarks.map((remark) => make("p", { class: "lab-remark" }, remark)),
+        bench === "planned" || !plan.remarks.length ? null
+          : make("details", {}, make("summary", {}, "To think of"), ...remarks),
+        ...(bench === "planned" ? remarks : []),
       ];
     });
     part("lab-watched", plan?.limits ?? {}, (limits) => [
@@ -151,13 +164,14 @@
 
   function steering(state) {
     const { bench, mine, held, watching } = state;
-    part("lab-steer", { bench, mine, held }, () => {
+    const phase = bench === "planned" ? "planned" : ["preparing", "asking", "recording", "starting"].includes(bench) ? "busy" : "";
+    part("lab-steer", { phase, mine, held }, () => {
       const may = mine || !held ? {} : { disabled: true };
       const after = { rest: "lab-row" };
-      if (bench === "planned")
+      if (phase === "planned")
         return make("div", { class: after.rest }, button("Start", "start", {}, { ...may, class: "lab-button lab-primary" }),
           button("Do not begin", "stop", {}, may));
-      if (["preparing", "asking", "recording", "starting"].includes(bench)) {
+      if (phase === "busy") {
         const text = make("input", { type: "text", "aria-label": "Text of a mark", placeholder: "mark", "data-key": "mark-text", maxlength: "500" });
         return make("div", { class: after.rest },
           button("Stop and keep", "stop", {}, may), button("Abort", "abort", {}, may), text,
@@ -200,9 +214,17 @@
 
   let shown = null;
   function show(state) {
+    const before = shown?.bench;
     shown = state;
     if (!document.getElementById("lab-progress")) return;
     document.documentElement.dataset.bench = state.bench;
+    if (before !== state.bench && ["planned", "ended", "lost"].includes(state.bench))
+      document.getElementById("lab-run-said").textContent = "";
+    const preview = document.getElementById("lab-preview");
+    const file = (state.experiment ?? "").split(/[\\/]/).pop();
+    const isFree = ["idle", "ended", "lost"].includes(state.bench);
+    const isPlanned = ["starting", "planned"].includes(state.bench) && state.mine;
+    if (preview) preview.hidden = !isFree && !(isPlanned && file === `${preview.dataset.name}.toml`);
     plan(state);
     question(state);
     steering(state);
@@ -213,6 +235,7 @@
       const card = document.getElementById(id);
       if (card) card.hidden = !(id === "lab-notes-card" ? state.notes : state.recorded).length;
     }
+    if (before !== state.bench) requestAnimationFrame(keepFocus);
   }
   lab.listen(show);
   // The page is put together after this script: draw once its places are there.

@@ -137,10 +137,17 @@ async function press(what, button) {
   const { ok, message } = await lab.post(what);
   button.classList.remove("lab-pressed");
   const said = document.getElementById("lab-said");
-  said.textContent = message;
+  said.textContent = ok && what === "stop" && lab.state?.bench === "ended" ? "" : message;
   said.dataset.ok = ok;
+  said.dataset.what = what;
   clearTimeout(press.timer);
   press.timer = setTimeout(() => (said.textContent = ""), 8000);
+}
+
+// "Stopping" is not said of what has ended; what ZERO was answered is read to its end.
+function hush(state) {
+  const said = document.getElementById("lab-said");
+  if (said && state.bench === "ended" && said.dataset.what === "stop" && said.dataset.ok === "true") said.textContent = "";
 }
 
 function setTheme(theme) {
@@ -158,6 +165,7 @@ document.addEventListener("DOMContentLoaded", () => {
   );
   setTheme(document.documentElement.dataset.theme);
   lab.listen(tellHeader);
+  lab.listen(hush);
   lab.connect();
   setInterval(() => {
     if (lab.heard && performance.now() - lab.heard > 3500) {
