@@ -18,7 +18,9 @@ export default {
                 :checked="has(role.name, row.key)" @change="choose(role.name, row.key, $event.target.checked)">
             </td>
             <td v-for="column in options.columns" :class="{'lab-right': column.align === 'right'}">
-              <button v-if="column.name === 'file' && options.opens && row.key" type="button" class="lab-link" @click="open(row)">{{ row.file }}</button>
+              <button v-if="column.name === 'file' && options.opens && row.key" type="button" class="lab-link" @click="open(row)"
+                :title="row.file" :aria-label="row.file">{{ short(row.file) }}</button>
+              <span v-else-if="column.name === 'file'" :title="row.file">{{ short(row.file) }}</span>
               <template v-else>{{ row[column.field] }}</template>
             </td>
           </tr>
@@ -46,6 +48,11 @@ export default {
   methods: {
     copy(chosen) {
       return Object.fromEntries(Object.entries(chosen).map(([role, keys]) => [role, [...keys]]));
+    },
+    // Both ends of a long name tell it from others; the whole path is its title.
+    short(path) {
+      const name = path.split("/").pop().replace(/\.nc$/, "");
+      return name.length > 36 ? `${name.slice(0, 16)}…${name.slice(-18)}` : name;
     },
     sorted(column) {
       return this.by !== column.field ? "none" : this.down ? "descending" : "ascending";

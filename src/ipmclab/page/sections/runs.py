@@ -36,6 +36,7 @@ class _View:
         self._rows: list[CatalogueRow] = []
         self._curves: str | None = None
         self._asked = 0
+        self._is_looking = True  # until a worker has been through the files
 
     def build(self) -> None:
         client = ui.context.client
@@ -105,17 +106,23 @@ class _View:
         )
         rows, count = table_rows(self._rows, wanted)
         self._table.show(rows)
-        if not self._rows:
+        if not self._rows and self._is_looking:
+            told = "Looking for runs…"
+        elif not self._rows:
             told = "No runs yet: record one under Run, or import a record."
         else:
             told = f"{count} of {len(self._rows)} runs"
             if count > MOST_SHOWN:
                 told += f", the newest {MOST_SHOWN} are shown"
+            if self._is_looking:
+                told += "; looking for others…"
         self._told.set_text(told)
 
     async def _refresh(self) -> None:
         """Let a worker look at the files, then show what the catalogue has."""
         job = self._workshop.look_again()
+        self._is_looking = True
+        self._filter_rows()
         while not job.is_over:
             await asyncio.sleep(0.2)
             if job.sentence.startswith("run "):
@@ -125,8 +132,11 @@ class _View:
         except JobCancelled:
             return  # another look was asked for
         except IpmclabError as error:
+            self._is_looking = False
+            self._filter_rows()
             ui.notify(str(error), type="negative")
             return
+        self._is_looking = False
         await self._read_rows()
         if problems:
             listed = "; ".join(f"{one['path']}: {one['message']}" for one in problems[:3])

@@ -30,7 +30,7 @@
     return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
   };
   // "3.5 V for 0.02 s, then zero" is shown whole under what the guard watches.
-  const limit = (text) => (!text ? "" : text.startsWith("not watched") ? "not watched" : `limit ${text.split(/ for |, /)[0]}`);
+  const limit = (text) => (!text ? "" : text.startsWith("not watched") ? "not watched" : `limit ${text.split(/ for |, /)[0].replace("degC", "°C").replace(" percent", " %")}`);
   const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString();
   const size = (bytes) => (bytes >= 1e9 ? `${(bytes / 1e9).toPrecision(3)} GB` : `${(bytes / 1e6).toPrecision(3)} MB`);
 

@@ -31,7 +31,7 @@ const LabFigure = (() => {
         if (place === count - 1) text(toX(value), top + high + 15, number(power ? 10 ** value : value, 6), 'text-anchor="middle"');
       }
       parts.push(`${frame} fill="none" stroke="#5f6973"/>`);
-      const label = panel.unit ? `${panel.label} [${panel.unit}]` : panel.label;
+      const label = stack.titleOf(panel);
       text(0, 0, label, `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle"`);
       stack.data.get(panel.key).forEach(([time, values], which) => {
         const one = panel.series[which];

@@ -7,6 +7,11 @@ const LabPlot = (() => {
     light: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1c2126", "#7a8691"],
     dark: ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#d55e00", "#e6eaee", "#8b97a2"],
   };
+  // How a unit is written on a plot; files and their headings keep the word that can be read back.
+  const UNITS = { degC: "°C", percent: "%" };
+  // The least span of an axis: what a sensor does not resolve must not fill it.
+  const LEAST = { degC: 0.5, percent: 1 };
+  const unitOf = (panel) => UNITS[panel.unit] ?? panel.unit;
   const DASHES = { line: [], dashed: [8, 4], dotted: [2, 4] };
   const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--lab-${name}`).trim();
@@ -58,6 +63,18 @@ const LabPlot = (() => {
     clear() {
       this.begin = this.end = 0;
     }
+  }
+
+  // Numbers of an axis with as many decimals as tell neighbours apart.
+  function distinct(splits) {
+    const step = Math.abs(splits[1] - splits[0]);
+    const largest = Math.max(...splits.map(Math.abs));
+    if (!(step > 0) || largest >= 1e5 || largest < 1e-3) return splits.map((value) => String(Number(value.toPrecision(9))));
+    const decimals = Math.min(9, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+    const shown = (digits) => splits.map((value) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1"));
+    const texts = shown(decimals);
+    // A step such as 0.25 needs one more.
+    return splits.every((value, k) => Math.abs(Number(texts[k]) - value) < 1e-3 * step) ? texts : shown(decimals + 1);
   }
 
   // NaN is no reading: uPlot leaves a gap at null only.
@@ -189,7 +206,7 @@ const LabPlot = (() => {
           axes: [
             { ...axis, size: last ? 24 : 8, values: (plot, splits) => this.xValues(plot, splits, last), incrs: this.options.x.power ? [1] : undefined,
               label: last ? `${this.options.x.label} [${this.options.x.unit}]` : undefined, labelSize: 18, ticks: { ...grid, size: last ? 5 : 0 } },
-            { ...axis, size: 52, space: 20 },
+            { ...axis, size: 52, space: 20, values: (_, splits) => distinct(splits) },
           ],
           series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
           hooks: {
@@ -240,7 +257,7 @@ const LabPlot = (() => {
 
     range(panel, low, high) {
       if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
-      const least = panel.least ?? 0;
+      const least = panel.least ?? LEAST[panel.unit] ?? 0;
       const span = Math.max(high - low, least, Math.abs(high) * 1e-6, 1e-12);
       const middle = (low + high) / 2;
       return [middle - 0.56 * span, middle + 0.56 * span];
@@ -450,7 +467,7 @@ const LabPlot = (() => {
         this.data.get(panel.key).forEach(([time, values], place) => {
           if (!time.length || this.at < time[0] || this.at > time[time.length - 1]) return;
           const name = panel.series.length > 1 ? `${panel.label} (${panel.series[place].label})` : panel.label;
-          parts.push(`${name} ${number(values[nearest(time, this.at)])} ${panel.unit}`.trim());
+          parts.push(`${name} ${number(values[nearest(time, this.at)])} ${unitOf(panel)}`.trim());
         });
       });
       for (const band of this.options.bands) if (this.at >= band.begin && this.at <= band.end) parts.push(band.label);
@@ -487,6 +504,10 @@ const LabPlot = (() => {
     }
 
     // Above the panel: beside the axis a long name would not fit a low one.
+    titleOf(panel) {
+      return panel.unit ? `${panel.label} [${unitOf(panel)}]` : panel.label;
+    }
+
     drawName(plot, panel) {
       const { ctx, bbox } = plot;
       ctx.save();
@@ -494,7 +515,7 @@ const LabPlot = (() => {
       ctx.fillStyle = ink("muted");
       ctx.textAlign = "left";
       ctx.textBaseline = "bottom";
-      ctx.fillText(panel.unit ? `${panel.label} [${panel.unit}]` : panel.label, bbox.left, bbox.top - 4 * devicePixelRatio);
+      ctx.fillText(this.titleOf(panel), bbox.left, bbox.top - 4 * devicePixelRatio);
       ctx.restore();
     }
 
