@@ -15,7 +15,7 @@ import numpy as np
 
 from ipmclab.errors import InputError
 from ipmclab.page.curves import Panel, Series
-from ipmclab.page.lab import Lab
+from ipmclab.page.lab import Lab, files_of
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.units import VOLTAGE
@@ -105,9 +105,15 @@ GROUPS: Final = {
 """The headings of what is folded away."""
 
 _BY_KEY: Final = {one.key: one for one in FIELDS}
-_FILE_SIGNAL: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
 _MOST_RUNS: Final = 8
 _PREVIEW_ROWS: Final = 200_000
+_IN_A_FORM: Final = {
+    ("sample", "missing-key"): "fill in the sample's id, such as strip-1",
+    ("signal", "missing-key"): "write one, such as step 1 V",
+    ("signals", "bad-value"): "write one, such as step 1 V",
+    ("environment", "missing-key"): "fill in one of them, such as 25 degC",
+}
+"""What to do about a mistake where a form stands in place of the file: of the field and the code."""
 
 Values = dict[str, str | bool]
 
@@ -280,7 +286,10 @@ def check(lab: Lab, draft: Draft) -> Checked:
 def placed(error: InputError) -> tuple[str, str]:
     """The field that a message belongs to, empty where it is none's, and the message without its place."""
     key = error.where.removeprefix(f"{WHERE}: ")
-    text = f"{error.message}; {error.repair}" if error.repair else error.message
+    repair = _IN_A_FORM.get((key, error.code), error.repair)
+    if error.code == "missing-unit":
+        repair = repair.replace("'-", "'")  # a negative one would be refused next
+    text = f"{error.message}; {repair}" if repair else error.message
     key = re.sub(r"^signal(s\.\d+)?$", "signals", key)
     for known in _BY_KEY:
         if key == known or (known != "signals" and key.startswith(f"{known}.")):
@@ -330,7 +339,7 @@ def _outside(lab: Lab, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         named.append(("actuator", actuator.partition("+")[0]))
     signals = table.get("signals", [])
     texts = [text for text in signals if isinstance(text, str)] if isinstance(signals, list) else []
-    named += [("signals", found.strip("\"'")) for text in texts for found in _FILE_SIGNAL.findall(text)]
+    named += [("signals", found) for text in texts for found in files_of(text)]
     for key, name in named:
         try:
             lab.path(name)

@@ -25,6 +25,13 @@ from ipmclab.units import CHANNELS
 
 ENDINGS: Final = (".csv", ".txt", ".dat", ".gz", ".xlsx", ".mat", ".tdms", ".lvm")
 
+_IN_A_FORM: Final = {
+    "no-time": "say which column is the time, or fill in the sampling period",
+    "period-mismatch": "empty the sampling period",
+    "missing-key": "say above a column that it is the voltage: every run has one",
+}
+"""What to do about a mistake where a form stands in place of the map: of each code."""
+
 _HOLDS: Final = {
     "unknown": "not known (the delay is estimated)",
     "zero-before": "each row was read just before the output changed",
@@ -236,6 +243,8 @@ class _Import:
         channel = where.split("channels.", 1)[1].split(".")[0] if "channels." in where else ""
         place = next((k for k, column in enumerate(self._columns) if channel and column["channel"] == channel), None)
         told = sentence(error).replace(str(self._path), self._name)
+        if error.code in _IN_A_FORM and (error.code != "missing-key" or where == "channels"):
+            told = f"{error.message}; {_IN_A_FORM[error.code]}"
         if place is not None:
             self._map.complain({place: told})
         elif "sampling_period" in where or error.code == "no-time":

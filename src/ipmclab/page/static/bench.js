@@ -147,7 +147,8 @@
     part("lab-plan", { plan, bench, text: state.text }, () => {
       if (!plan) return make("p", { class: "lab-quiet" }, state.text);
       const remarks = plan.remarks.map((remark) => make("p", { class: "lab-remark" }, remark));
-      const short = `at least ${duration(plan.seconds)}, ${plan.rows} rows, ${size(plan.bytes_needed)} of ${size(plan.bytes_free)} free`;
+      const short = `at least ${duration(plan.seconds)}, ${plan.rows} rows, ${size(plan.bytes_needed)} of ${size(plan.bytes_free)} free` +
+        (state.rig_is_virtual ? "; a simulated bench is through sooner" : "");
       return [
         make("h2", {}, plan.title),
         make("p", { class: "lab-quiet" }, `sample ${plan.sample} on ${plan.rig}; ${short}`),

@@ -177,6 +177,8 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
         what = "without voltage" if run.purpose == "baseline" else shortened(str(run.signal))
         of = f" ({place + 1} of {len(runs)})" if len(runs) > 1 else ""
         text = f"{what}, {run.duration:g} s, with {run.rest_before:g} s and {run.rest_after:g} s at 0 V{of}"
+        zeros = run.zero_before + run.zero_after
+        text += f"; zeros are read for {zeros:g} s" if zeros else ""
         steps.append(PlannedStep("apply", text, run.zero_before + run.seconds + run.zero_after, run=run))
     steps += [prepare(name, experiment, rig) for name in wanted[apply_at + 1 :]]
     return tuple(steps)
