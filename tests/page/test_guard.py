@@ -78,6 +78,20 @@ def test_a_picture_in_another_page_is_refused_and_a_link_is_not() -> None:
     foreign = {"sec-fetch-site": "cross-site"}
     assert here.get("/page", headers={**foreign, "sec-fetch-mode": "no-cors"}).status_code == 403
     assert here.get("/page", headers={**foreign, "sec-fetch-mode": "navigate"}).status_code == 200
+    framed = {**foreign, "sec-fetch-mode": "navigate", "sec-fetch-dest": "iframe"}
+    assert here.get("/page", headers=framed).status_code == 403
+
+
+def test_a_server_at_another_port_neither_takes_nor_gives_a_seat() -> None:
+    """Browsers send the cookies of a host to all its ports."""
+    here = client()
+    told = f"{SEAT}=spoofed; {SEAT}-9000=theirs; {SEAT}-8000=ours; other=1"
+    assert here.post("/bench/zero", headers={"origin": HERE, "cookie": told}).json()["seat"] == "ours"
+    told = f"{SEAT}=spoofed; {SEAT}-9000=theirs"
+    assert here.post("/bench/zero", headers={"origin": HERE, "cookie": told}).json()["seat"] not in (
+        "spoofed",
+        "theirs",
+    )
 
 
 def test_answers_may_not_be_framed_by_others_and_load_nothing_from_elsewhere() -> None:
@@ -100,8 +114,10 @@ def test_a_browser_gets_a_seat_of_its_own_which_scripts_cannot_read() -> None:
 
     first, second = (TestClient(Guard(app, Settings(), 8000), base_url=HERE) for _ in range(2))
     answer = first.get("/html")
-    assert "HttpOnly; SameSite=Strict" in answer.headers["set-cookie"]
-    assert answer.text == first.cookies[SEAT] == first.get("/html").text  # already in the request that made it
+    assert "HttpOnly; SameSite=Lax" in answer.headers["set-cookie"]
+    assert (
+        answer.text == first.cookies[f"{SEAT}-8000"] == first.get("/html").text
+    )  # already in the request that made it
     assert second.get("/html").text != answer.text
 
 
@@ -123,10 +139,10 @@ def test_the_token_lets_in_whoever_knows_it() -> None:
         pass
     assert here.post("/bench/zero", headers={"origin": HERE}).status_code == 401
     refused = here.post("/login", data={"token": "another"}, headers={"origin": HERE})
-    assert (refused.status_code, PASS in here.cookies) == (401, False)
+    assert (refused.status_code, f"{PASS}-8000" in here.cookies) == (401, False)
     here.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
     assert here.get("/page").text == '"inside"'
-    assert TOKEN not in here.cookies[PASS]
+    assert TOKEN not in here.cookies[f"{PASS}-8000"]
 
 
 def test_elsewhere_it_is_reached_by_its_stated_name_only(tmp_path: Path) -> None:
@@ -148,6 +164,8 @@ def test_elsewhere_it_is_reached_by_its_stated_name_only(tmp_path: Path) -> None
         (Settings(host="0.0.0.0", token=TOKEN, origin="https://lab.example.org"), False, "--certificate"),
         (Settings(host="0.0.0.0", token=TOKEN, origin="http://lab.example.org"), True, "https://"),
         (Settings(host="0.0.0.0", token="short", origin="https://lab.example.org"), True, "16"),
+        (Settings(origin="https://["), False, "https://NAME"),
+        (Settings(origin="https://lab.example.org:x"), False, "https://NAME"),
         (Settings(host="127.0.0.1"), True, "--token-file"),
         (Settings(certificate=Path("c.pem")), False, "--key"),
     ],

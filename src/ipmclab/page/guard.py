@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
-from collections.abc import Awaitable, Callable, Iterable, Mapping, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
@@ -23,10 +23,11 @@ Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 SEAT: Final = "ipmclab-seat"
-"""Cookie that tells one browser from another: who holds the bench."""
+"""Cookie that tells one browser from another: who holds the bench. Browsers have it with the port behind its name,
+since they do not tell the servers of a host from each other; the application has it without."""
 
 PASS: Final = "ipmclab-pass"
-"""Cookie of a browser that knew the token."""
+"""Cookie of a browser that knew the token, with the port behind its name."""
 
 _POLICY: Final = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -38,7 +39,7 @@ _HEADERS: Final = (
     (b"content-security-policy", _POLICY.encode()),
     (b"x-frame-options", b"SAMEORIGIN"),
     (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
+    (b"referrer-policy", b"same-origin"),  # under no-referrer our own form comes with Origin: null
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 )
@@ -72,6 +73,7 @@ class Guard:
         self.app = app
         self._token = settings.token
         self._passes: set[str] = set()
+        self._seat, self._pass = f"{SEAT}-{port}", f"{PASS}-{port}"
         scheme = "http" if settings.certificate is None else "https"
         hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")} if settings.is_local else set()
         self._origins = {f"{scheme}://{host}" for host in hosts} | {f"http://{name}" for name in also}
@@ -93,9 +95,14 @@ class Guard:
             await _refuse(scope, receive, send, refusal)
             return
         cookies = _cookies(headers.get("cookie", ""))
-        if self._token is not None and cookies.get(PASS) not in self._passes:
+        if self._token is not None and cookies.get(self._pass) not in self._passes:
             await self._let_in(scope, receive, send)
             return
+        here = scope["type"] == "websocket" or bool(cookies.get(self._seat))
+        seat = None if here else secrets.token_urlsafe(16)
+        # A page that is made now is this browser's already; cookies of other servers are nobody's business.
+        cookie = f"{SEAT}={seat or cookies.get(self._seat, '')}".encode("latin-1", "replace")
+        scope = {**scope, "headers": [*_without(scope["headers"], b"cookie"), (b"cookie", cookie)]}
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
             return
@@ -103,9 +110,6 @@ class Guard:
         if not length.isdigit() or int(length) > MOST_BYTES:
             await _answer(send, 413, _TOO_LARGE)
             return
-        seat = None if SEAT in cookies else secrets.token_urlsafe(16)
-        if seat is not None:  # the page that is made now is this browser's already
-            scope = {**scope, "headers": [*_without(scope["headers"], b"cookie"), _cookie_line(headers, seat)]}
         body = _Body(receive)
         try:
             await self.app(scope, body.receive, self._answering(send, seat, body))
@@ -127,7 +131,8 @@ class Guard:
         if changes and origin is None:
             return "this needs the header Origin"
         site, mode = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-mode", "")
-        if site not in ("same-origin", "none") and mode != "navigate":
+        place = headers.get("sec-fetch-dest", "document")
+        if site not in ("same-origin", "none") and (mode, place) != ("navigate", "document"):
             return "another page may not ask anything here"
         return None
 
@@ -141,14 +146,15 @@ class Guard:
                 names = {name.lower() for name, _ in kept}
                 extra = [one for one in _HEADERS if one[0] not in names]  # an answer may have a stricter policy
                 if seat is not None and any(n.lower() == b"content-type" and b"html" in v for n, v in kept):
-                    extra.append((b"set-cookie", self._cookie(SEAT, seat)))
+                    extra.append((b"set-cookie", self._cookie(self._seat, seat, "Lax")))
                 message["headers"] = [*kept, *extra]
             await send(message)
 
         return answer
 
-    def _cookie(self, name: str, value: str) -> bytes:
-        return f"{name}={value}; Path=/; HttpOnly; SameSite=Strict{self._secure}".encode()
+    def _cookie(self, name: str, value: str, same_site: str = "Strict") -> bytes:
+        """A seat is Lax: who comes by a foreign link must keep theirs. What changes anything needs our Origin."""
+        return f"{name}={value}; Path=/; HttpOnly; SameSite={same_site}{self._secure}".encode()
 
     async def _let_in(self, scope: Scope, receive: Receive, send: Send) -> None:
         """The form for the token, and what comes of it."""
@@ -173,7 +179,7 @@ class Guard:
             return
         known = secrets.token_urlsafe(32)
         self._passes.add(known)
-        extra = [(b"location", b"/"), (b"set-cookie", self._cookie(PASS, known))]
+        extra = [(b"location", b"/"), (b"set-cookie", self._cookie(self._pass, known))]
         await _answer(send, 303, "", extra=extra)
 
 
@@ -209,11 +215,6 @@ class _Body:
 
 def _without(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[tuple[bytes, bytes]]:
     return [one for one in headers if one[0] != name]
-
-
-def _cookie_line(headers: Mapping[str, str], seat: str) -> tuple[bytes, bytes]:
-    there = f"{headers['cookie']}; " if "cookie" in headers else ""
-    return b"cookie", f"{there}{SEAT}={seat}".encode("latin-1")
 
 
 def _cookies(text: str) -> dict[str, str]:

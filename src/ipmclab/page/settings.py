@@ -63,6 +63,20 @@ def is_loopback(host: str) -> bool:
         return False
 
 
+def _is_origin(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        return (
+            parts.scheme == "https"
+            and bool(parts.hostname)
+            and (parts.port or 443) > 0
+            and parts.path in ("", "/")
+            and not (parts.query or parts.fragment or "@" in parts.netloc)
+        )
+    except ValueError:  # brackets without an address, or a port that is none
+        return False
+
+
 def checked(settings: Settings, *, proxy: bool) -> Settings:
     """The settings, if nobody who should not could get in.
 
@@ -91,15 +105,13 @@ def checked(settings: Settings, *, proxy: bool) -> Settings:
             where="--certificate",
             repair="give --certificate FILE --key FILE",
         )
-    if settings.origin is not None:
-        parts = urlsplit(settings.origin)
-        if parts.scheme != "https" or not parts.hostname or parts.path not in ("", "/") or parts.query:
-            raise InputError(
-                f"{settings.origin!r} is no address of the form https://NAME or https://NAME:PORT",
-                code="bad-origin",
-                where="--origin",
-                repair="give what browsers show in their address line",
-            )
+    if settings.origin is not None and not _is_origin(settings.origin):
+        raise InputError(
+            f"{settings.origin!r} is no address of the form https://NAME or https://NAME:PORT",
+            code="bad-origin",
+            where="--origin",
+            repair="give what browsers show in their address line",
+        )
     if settings.is_local and not proxy:
         return settings
     missing = []

@@ -19,3 +19,36 @@ def test_every_section_opens(tmp_path: Path, open_page) -> None:
             page.wait_for_function(f"document.title.startsWith('{title} ·')")
             assert page.get_by_role("button", name="ZERO").is_enabled()
         page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
+
+
+def test_the_token_is_asked_once_and_opens_the_page(tmp_path: Path, open_page) -> None:
+    token = tmp_path / "token.txt"
+    token.write_text("a-token-that-nobody-guesses")
+    (tmp_path / "lab").mkdir()
+    with served(tmp_path / "lab", "--token-file", str(token)) as address:
+        page = open_page(address)
+        page.get_by_label("The token of this page").fill("another-token-of-no-use")
+        page.get_by_role("button", name="Enter").click()
+        page.get_by_text("This is not the token.").wait_for()
+        page.get_by_label("The token of this page").fill("a-token-that-nobody-guesses")
+        page.get_by_role("button", name="Enter").click()
+        page.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
+
+
+def test_who_comes_by_a_foreign_link_keeps_the_bench(tmp_path: Path, open_page) -> None:
+    with served(tmp_path) as address:
+        page = open_page(address)
+        page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
+
+        def seats() -> set[str]:
+            return {one["value"] for one in page.context.cookies(address) if one["name"].startswith("ipmclab-seat")}
+
+        first = seats()
+        other = page.context.new_page()
+        other.route("http://foreign.test/", lambda route: route.fulfill(
+            content_type="text/html", body=f'<a href="{address}/run">to the lab</a>'
+        ))  # fmt: skip
+        other.goto("http://foreign.test/")
+        other.get_by_role("link").click()
+        other.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
+        assert seats() == first
