@@ -40,10 +40,13 @@ def test_the_script_of_the_plots_is_there_without_its_package() -> None:
         (["--port", "70000"], "no port 70000"),
         (["--token-file", "none.txt"], "no such file"),
         (["--origin", "lab.example.org"], "https://"),
+        (["--certificate", "junk.pem", "--key", "junk.pem"], "no certificate and its key"),
+        (["--token-file", "junk.pem"], "cannot be read"),
     ],
 )
 def test_bad_options_are_refused(options: list[str], told: str, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "junk.pem").write_bytes(b"\xffjunk")
     assert run(["page", "--no-open", *options]) == 2
     assert told in capsys.readouterr().err
 

@@ -56,7 +56,7 @@ def page(
         host=host,
         port=port,
         origin=origin,
-        token=token_file.read_text(encoding="utf-8").strip() if token_file is not None else None,
+        token=_token(token_file) if token_file is not None else None,
         certificate=certificate,
         key=key,
         recorder=RECORDER,
@@ -74,3 +74,12 @@ def page(
             webbrowser.open(address)
 
     serve(lab, checked(settings, proxy=proxy), tell)
+
+
+def _token(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "the token cannot be read", code="bad-token", where=f"--token-file {file}", repair="write it as plain text"
+        ) from error

@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import os
 import socket
+import ssl
 import traceback
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -41,10 +42,11 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None
     Raises
     ------
     InputError
-        The address cannot be bound.
+        The address cannot be bound, or the certificate not be used.
     """
     import uvicorn
 
+    check_certificate(settings)
     bound = bind(settings)
     port = bound.getsockname()[1]
     app = application(lab, settings)
@@ -75,6 +77,28 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None
         await serving
 
     asyncio.run(run())
+
+
+def check_certificate(settings: Settings) -> None:
+    """Look whether HTTPS can be spoken, where it is wanted.
+
+    Raises
+    ------
+    InputError
+        The files are no certificate and its key, or the key has a password.
+    """
+    if settings.certificate is None:
+        return
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(settings.certificate, settings.key, password=lambda: "")  # never ask at the terminal
+    except (OSError, ValueError) as error:  # SSLError is an OSError
+        raise InputError(
+            f"{settings.certificate} and {settings.key} are no certificate and its key",
+            code="bad-certificate",
+            where="--certificate",
+            repair="give both as PEM, the key without a password",
+        ) from error
 
 
 def bind(settings: Settings) -> socket.socket:
