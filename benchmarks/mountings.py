@@ -21,7 +21,7 @@ from scipy.stats import t as student
 
 import ipmclab
 from benchmarks.harness import finish
-from ipmclab.identify.random_effect import random_effect
+from ipmclab.identify.many_runs.random_effect import random_effect
 from tests.identify.many import ELECTRICAL, FRIEND, mounted, noisy
 
 SEED = 20261121

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ipmclab import Run, identify, prediction_bands, read_fit, simulate, write_fit
-from ipmclab.identify.common_error import parted
-from ipmclab.identify.random_effect import random_effect
+from ipmclab.identify.many_runs.common_error import parted
+from ipmclab.identify.many_runs.random_effect import random_effect
 from ipmclab.model import Actuator
 from tests.identify import many
 from tests.identify.many import CONTACT, FRIEND, noisy

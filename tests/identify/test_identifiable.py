@@ -10,9 +10,9 @@ import pytest
 
 from ipmclab import InputError, Run, RunMetadata, identifiability, identify, load_actuator, simulate
 from ipmclab.identify import Fit, Practical
-from ipmclab.identify.closed_form import null_space
-from ipmclab.identify.exchange import series_against_branches
 from ipmclab.identify.fit_file import read_fit, write_fit
+from ipmclab.identify.undetermined.closed_form import null_space
+from ipmclab.identify.undetermined.exchange import series_against_branches
 from ipmclab.model import Actuator
 from ipmclab.model.variants import with_stages
 from tests.independent.thesis import FRIEND_2, Strip, respond

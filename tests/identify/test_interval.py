@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ipmclab.identify.covariance import Uncertainty
-from ipmclab.identify.interval import _shortest, as_determined
 from ipmclab.identify.problem import Evaluation
-from ipmclab.identify.profile import Walk
 from ipmclab.identify.solve import Solution
+from ipmclab.identify.uncertainty.covariance import Uncertainty
+from ipmclab.identify.uncertainty.interval import _shortest, as_determined
+from ipmclab.identify.uncertainty.profile import Walk
 
 SEED = 20261121
 TAILS = (0.025, 0.03, 0.035, 0.04)

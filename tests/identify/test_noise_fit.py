@@ -11,7 +11,7 @@ import pytest
 import scipy.signal
 
 from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, read_fit, simulate, write_fit
-from ipmclab.identify.bands import prediction_bands
+from ipmclab.identify.many_runs.bands import prediction_bands
 from tests.independent.bounds import ELECTRICAL
 from tests.independent.thesis import FRIEND_2, respond
 

@@ -8,7 +8,7 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ipmclab.identify.random_effect import random_effect
+from ipmclab.identify.many_runs.random_effect import random_effect
 
 SEED = 20261121
 

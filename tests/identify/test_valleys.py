@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.recovery import CASES, SEED, records_of, truth_of
 from ipmclab import identify, load_actuator
-from ipmclab.identify.diagnosis import names_it
+from ipmclab.identify.undetermined.diagnosis import names_it
 from ipmclab.model.variants import with_stages
 
 

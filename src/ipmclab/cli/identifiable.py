@@ -21,7 +21,7 @@ def collinearity(fit: Fit, name: str) -> str:
 
 def print_profiles(fit: Fit) -> None:
     """Say where profiles end elsewhere than the intervals of the table, and which to quote."""
-    from ipmclab.identify.profiles import WHY_NOT_PROFILE, flat_within
+    from ipmclab.identify.uncertainty.profiles import WHY_NOT_PROFILE, flat_within
 
     known = fit.actuator.parameters()
     flat = [name for name in fit.profiles if flat_within(fit, name)]
@@ -64,7 +64,7 @@ def _profile_ends(fit: Fit, name: str, factor: float) -> str:
 
 def print_collinear(fit: Fit) -> None:
     """Print the smallest set of parameters that nearly change places, if any do."""
-    from ipmclab.identify.practical import COLLINEAR
+    from ipmclab.identify.undetermined.practical import COLLINEAR
 
     sets = fit.practical.sets if fit.practical is not None else ()
     worst = next((one for one in sets if one.index >= COLLINEAR), None)

@@ -64,9 +64,9 @@ def identify(
     """
     from ipmclab import load_actuator, write_fit
     from ipmclab.identify.identify import identify as identify_actuator
-    from ipmclab.identify.left_out import leave_one_run_out
-    from ipmclab.identify.profiles import profile
+    from ipmclab.identify.many_runs.left_out import leave_one_run_out
     from ipmclab.identify.progress import part, telling
+    from ipmclab.identify.uncertainty.profiles import profile
 
     check_output(out, force=force, suffixes=(".toml",))
     model = load_actuator(actuator)

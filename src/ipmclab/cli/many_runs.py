@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def print_many_runs(fit: Fit) -> None:
     """Print how far mountings differ, and each run as the others predict it."""
-    from ipmclab.identify.mountings import why_unknown
+    from ipmclab.identify.many_runs.mountings import why_unknown
 
     why = why_unknown(fit)
     if why:
@@ -53,7 +53,7 @@ def print_many_runs(fit: Fit) -> None:
 
 def many_runs_document(fit: Fit) -> dict[str, Any]:
     """The same as it stands in a JSON document."""
-    from ipmclab.identify.mountings import why_unknown
+    from ipmclab.identify.many_runs.mountings import why_unknown
 
     return {
         "mountings": None if fit.mountings is None else fit.mountings.to_table(),

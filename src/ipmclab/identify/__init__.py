@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from ipmclab.identify.bands import Bands, prediction_bands
-from ipmclab.identify.bootstrap import Bootstrap, bootstrap
 from ipmclab.identify.choosing.choice import Candidate, Choice
 from ipmclab.identify.choosing.choose import choose
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_file import read_fit, write_fit
 from ipmclab.identify.forecasting.forecast import Forecast, forecast, with_slow_modes
 from ipmclab.identify.forecasting.forecast_values import ForecastSettings
-from ipmclab.identify.identifiable import Identifiability, identifiability
 from ipmclab.identify.identify import identify
-from ipmclab.identify.left_out import LeftOut, leave_one_run_out
-from ipmclab.identify.mountings import Mounting, Mountings
+from ipmclab.identify.many_runs.bands import Bands, prediction_bands
+from ipmclab.identify.many_runs.left_out import LeftOut, leave_one_run_out
+from ipmclab.identify.many_runs.mountings import Mounting, Mountings
 from ipmclab.identify.observation import Observation
 from ipmclab.identify.posterior.posterior import Posterior, sample_posterior, write_posterior
-from ipmclab.identify.practical import CollinearSet, Combination, Practical
 from ipmclab.identify.procedure.follow import Characterisation, follow_procedure
 from ipmclab.identify.procedure.procedure_file import read_procedure
-from ipmclab.identify.profiles import Profile, profile
+from ipmclab.identify.uncertainty.bootstrap import Bootstrap, bootstrap
+from ipmclab.identify.uncertainty.profiles import Profile, profile
+from ipmclab.identify.undetermined.identifiable import Identifiability, identifiability
+from ipmclab.identify.undetermined.practical import CollinearSet, Combination, Practical
 from ipmclab.identify.validate import RunValidation, Validation, validate
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from ipmclab.identify.mountings import differ
+from ipmclab.identify.many_runs.mountings import differ
 
 if TYPE_CHECKING:
     from ipmclab.identify.fit import Fit

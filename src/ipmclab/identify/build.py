@@ -10,13 +10,21 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.covariance import Uncertainty, uncertainty
-from ipmclab.identify.diagnosis import DETERMINED, direction_of_one, directions, names_it, relative_errors
 from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_table import changed
-from ipmclab.identify.interval import (
+from ipmclab.identify.known import covariance_table
+from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.findings import noise_findings
+from ipmclab.identify.observation import Observation, Record
+from ipmclab.identify.order import Order
+from ipmclab.identify.problem import Problem
+from ipmclab.identify.relaxing import set_point_findings
+from ipmclab.identify.response import CircuitResponder
+from ipmclab.identify.solve import Solution
+from ipmclab.identify.uncertainty.covariance import Uncertainty, uncertainty
+from ipmclab.identify.uncertainty.interval import (
     as_determined,
     edges_are_open,
     half_width,
@@ -24,17 +32,9 @@ from ipmclab.identify.interval import (
     open_ends,
     with_rivals,
 )
-from ipmclab.identify.known import covariance_table
-from ipmclab.identify.leaning import leaning_findings
-from ipmclab.identify.noise.correlate import Correlated
-from ipmclab.identify.noise.findings import noise_findings
-from ipmclab.identify.observation import Observation, Record
-from ipmclab.identify.order import Order
-from ipmclab.identify.practical import Practical
-from ipmclab.identify.problem import Problem
-from ipmclab.identify.relaxing import set_point_findings
-from ipmclab.identify.response import CircuitResponder
-from ipmclab.identify.solve import Solution
+from ipmclab.identify.undetermined.diagnosis import DETERMINED, direction_of_one, directions, names_it, relative_errors
+from ipmclab.identify.undetermined.leaning import leaning_findings
+from ipmclab.identify.undetermined.practical import Practical
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter

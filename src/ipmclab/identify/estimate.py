@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.doublet import COUPLING, without_doublet
 from ipmclab.identify.free import FreeParameters
 from ipmclab.identify.noise.correlate import Correlated
@@ -31,6 +30,7 @@ from ipmclab.identify.starts.start import (
 )
 from ipmclab.identify.thin import thinned
 from ipmclab.identify.under_noise import at_rest_after_all, noise_of, unseen_under_noise
+from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen
 from ipmclab.identify.valleys import Place, Rival, branch_valley

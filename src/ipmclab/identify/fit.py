@@ -16,10 +16,10 @@ from ipmclab.run import Finding
 
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
-    from ipmclab.identify.left_out import LeftOut
-    from ipmclab.identify.mountings import Mountings
-    from ipmclab.identify.practical import Practical
-    from ipmclab.identify.profiles import Profile
+    from ipmclab.identify.many_runs.left_out import LeftOut
+    from ipmclab.identify.many_runs.mountings import Mountings
+    from ipmclab.identify.uncertainty.profiles import Profile
+    from ipmclab.identify.undetermined.practical import Practical
 
 FloatArray = npt.NDArray[np.float64]
 

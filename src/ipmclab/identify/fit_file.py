@@ -10,12 +10,12 @@ from typing import Any
 from ipmclab.errors import InputError
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
-from ipmclab.identify.left_out import LeftOut
-from ipmclab.identify.mountings import Mountings
+from ipmclab.identify.many_runs.left_out import LeftOut
+from ipmclab.identify.many_runs.mountings import Mountings
 from ipmclab.identify.noise.model import NoiseModel
 from ipmclab.identify.observation import Observation
-from ipmclab.identify.practical import Practical
-from ipmclab.identify.profiles import Profile
+from ipmclab.identify.uncertainty.profiles import Profile
+from ipmclab.identify.undetermined.practical import Practical
 from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.run import Finding
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ipmclab.identify.bands_of_run import band_of_run
 from ipmclab.identify.free_run import seen_from_sensor
+from ipmclab.identify.many_runs.bands_of_run import band_of_run
 from ipmclab.identify.observation import READ_OUTPUTS, model_hold, own_endings, own_values, prepare
 from ipmclab.identify.scores import Comparison
 from ipmclab.model.sensitivity import simulate_outputs

@@ -16,7 +16,7 @@ from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.free import FreeParameters, parse_free
-from ipmclab.identify.mountings import differ, each_mounting, places_of_mountings, with_mountings
+from ipmclab.identify.many_runs.mountings import differ, each_mounting, places_of_mountings, with_mountings
 from ipmclab.identify.observation import (
     READ_OUTPUTS,
     Record,

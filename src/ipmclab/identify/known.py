@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.random_effect import FEWEST
+from ipmclab.identify.many_runs.random_effect import FEWEST
 
 FloatArray = npt.NDArray[np.float64]
 

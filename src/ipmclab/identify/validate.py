@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.identify.bands_of_run import another_mounting, band_of_run, place_in
 from ipmclab.identify.fit_file import fit_of
 from ipmclab.identify.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
+from ipmclab.identify.many_runs.bands_of_run import another_mounting, band_of_run, place_in
 from ipmclab.identify.observation import (
     LONGEST_DELAY,
     READ_OUTPUTS,
@@ -24,8 +24,8 @@ from ipmclab.identify.observation import (
     prepare,
     zeros_of_fit,
 )
-from ipmclab.identify.open_coupling import open_coupling
 from ipmclab.identify.scores import Comparison, Score, score
+from ipmclab.identify.undetermined.open_coupling import open_coupling
 from ipmclab.model.given import need_actuator, need_run
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity

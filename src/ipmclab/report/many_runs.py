@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from ipmclab.identify.mountings import why_unknown
+from ipmclab.identify.many_runs.mountings import why_unknown
 from ipmclab.report.figures.mountings import fit_of_each, mountings_figure
 from ipmclab.report.page_file import render
 from ipmclab.report.svg import inline_svg

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from ipmclab.identify.practical import COLLINEAR
-from ipmclab.identify.profiles import WHY_NOT_PROFILE, flat_within
+from ipmclab.identify.uncertainty.profiles import WHY_NOT_PROFILE, flat_within
+from ipmclab.identify.undetermined.practical import COLLINEAR
 from ipmclab.report.figures.profiles import profiles_figure
 from ipmclab.report.svg import inline_svg
 from ipmclab.report.wording import NO_BREAK

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.covariance import is_coloured
 from ipmclab.identify.diagnostics.columns import of_voltage
 from ipmclab.identify.diagnostics.evidence import Evidence
 from ipmclab.identify.estimate import Estimate
@@ -18,6 +17,7 @@ from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_nois
 from ipmclab.identify.noise.problem import measured_rows
 from ipmclab.identify.noise.terms import Terms
 from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.uncertainty.covariance import is_coloured
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ipmclab.identify.covariance import Uncertainty
 from ipmclab.identify.noise.blind import Blind
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.problem import Problem
+from ipmclab.identify.uncertainty.covariance import Uncertainty
 from ipmclab.run import Finding
 
 

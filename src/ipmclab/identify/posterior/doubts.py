@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from ipmclab.identify.covariance import is_coloured
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.posterior.density import AT_FLOOR
+from ipmclab.identify.uncertainty.covariance import is_coloured
 from ipmclab.run import Finding
 
 _AGAINST: Final = frozenset(

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.identify import identify
@@ -15,6 +14,7 @@ from ipmclab.identify.procedure.amounts import Uncertain
 from ipmclab.identify.procedure.branches import fit_findings
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
 from ipmclab.identify.procedure.strip import actuator_of, amounts_of_fit
+from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.run import Finding, Run
 from ipmclab.units import STRAIN_COEFFICIENT
 

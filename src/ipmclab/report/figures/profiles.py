@@ -18,7 +18,7 @@ from ipmclab.report.wording import spelled_unit
 
 if TYPE_CHECKING:
     from ipmclab.identify import Fit
-    from ipmclab.identify.profiles import Profile
+    from ipmclab.identify.uncertainty.profiles import Profile
 
 FloatArray = npt.NDArray[np.float64]
 

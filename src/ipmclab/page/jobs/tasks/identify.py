@@ -26,9 +26,9 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab import load_actuator
     from ipmclab.identify.fit_file import write_fit
     from ipmclab.identify.identify import identify
-    from ipmclab.identify.left_out import leave_one_run_out
-    from ipmclab.identify.profiles import profile
+    from ipmclab.identify.many_runs.left_out import leave_one_run_out
     from ipmclab.identify.progress import part, telling
+    from ipmclab.identify.uncertainty.profiles import profile
     from ipmclab.page.jobs.tasks.given import read_runs
 
     progress("reading the runs", 0.0)

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.closed_form import others, sparse
-from ipmclab.identify.covariance import Uncertainty
-from ipmclab.identify.cures import cures_of, measured, said_of
-from ipmclab.identify.exchange import HARDLY, series_against_branches
 from ipmclab.identify.fit import Direction
 from ipmclab.identify.observation import Record
+from ipmclab.identify.uncertainty.covariance import Uncertainty
+from ipmclab.identify.undetermined.closed_form import others, sparse
+from ipmclab.identify.undetermined.cures import cures_of, measured, said_of
+from ipmclab.identify.undetermined.exchange import HARDLY, series_against_branches
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.identify.valleys import Rival
 from ipmclab.model import Actuator

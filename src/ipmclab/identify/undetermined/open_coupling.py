@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.identify.diagnosis import DETERMINED
+from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.run import Finding
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.bands import (
+from ipmclab.identify.free_run import seen_from_sensor
+from ipmclab.identify.many_runs.bands import (
     NORMAL_95,
     Drive,
     known_in,
@@ -19,7 +20,6 @@ from ipmclab.identify.bands import (
     spread_of,
     spread_of_next,
 )
-from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.observation import Record, model_hold
 from ipmclab.run import Finding, Run
 

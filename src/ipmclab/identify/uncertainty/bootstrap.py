@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identify.problem import Evaluation, Problem
-from ipmclab.identify.profiles import solved
 from ipmclab.identify.progress import Tell, stage, telling, tick
 from ipmclab.identify.solve import Solution, minimise, polish
+from ipmclab.identify.uncertainty.profiles import solved
 
 if TYPE_CHECKING:
     from ipmclab.identify.fit import Fit

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ipmclab.errors import IpmclabError
-from ipmclab.identify.common_error import Parted, loadings_of, loadings_of_joint, parted
 from ipmclab.identify.fit_table import changed
+from ipmclab.identify.many_runs.common_error import Parted, loadings_of, loadings_of_joint, parted
+from ipmclab.identify.many_runs.random_effect import FEWEST, random_effect
 from ipmclab.identify.observation import label_of
 from ipmclab.identify.progress import part
-from ipmclab.identify.random_effect import FEWEST, random_effect
 from ipmclab.identify.unknowns import Unknown, actuator_unknown
 from ipmclab.run import Finding, Run
 

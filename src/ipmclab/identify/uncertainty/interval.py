@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.covariance import Uncertainty
-from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.problem import Problem
-from ipmclab.identify.profile import Walk
 from ipmclab.identify.response import CircuitResponder
 from ipmclab.identify.solve import Solution
+from ipmclab.identify.uncertainty.covariance import Uncertainty
+from ipmclab.identify.uncertainty.profile import Walk
+from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.identify.unknowns import Unknown
 
 FloatArray = npt.NDArray[np.float64]

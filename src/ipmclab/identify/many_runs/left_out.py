@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.identify.bands import NORMAL_95, Drive, noise_of, spread_of
-from ipmclab.identify.diagnosis import DETERMINED
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.known import covariance_table, known_of
+from ipmclab.identify.many_runs.bands import NORMAL_95, Drive, noise_of, spread_of
 from ipmclab.identify.noise.problem import CorrelatedProblem
 from ipmclab.identify.observation import Record, model_hold, own_endings
 from ipmclab.identify.order import Order
 from ipmclab.identify.problem import Evaluation, Problem
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.identify.solve import STRUCTURAL, entry_errors, minimise, polish
+from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.run import Finding
 
 if TYPE_CHECKING:

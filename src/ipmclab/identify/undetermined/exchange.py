@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.cures import SERIES, measured
 from ipmclab.identify.fit import Direction
+from ipmclab.identify.undetermined.cures import SERIES, measured
 
 FloatArray = npt.NDArray[np.float64]
 

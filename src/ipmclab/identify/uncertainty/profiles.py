@@ -15,7 +15,7 @@ from ipmclab.identify.progress import Tell, stage, telling
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
     from ipmclab.identify.fit import Fit, FittedParameter
-    from ipmclab.identify.profile import Point
+    from ipmclab.identify.uncertainty.profile import Point
     from ipmclab.identify.unknowns import Unknown
 
 _BETWEEN: Final = 0.5  # of the way to the crossing: one more point
@@ -190,8 +190,8 @@ def solved(fit: Fit) -> Estimate:
 
 
 def _profiles(estimate: Estimate, wanted: Iterable[str]) -> dict[str, Profile]:
-    from ipmclab.identify.covariance import uncertainty
     from ipmclab.identify.order import Order
+    from ipmclab.identify.uncertainty.covariance import uncertainty
 
     problem, solution = estimate.problem, estimate.solution
     free = {unknown.base for unknown in problem.unknowns}
@@ -220,8 +220,8 @@ def _profiles(estimate: Estimate, wanted: Iterable[str]) -> dict[str, Profile]:
 def _profile(estimate: Estimate, unknown: Unknown, place: int, error: float, ratio: float, freedom: float) -> Profile:
     from scipy.special import stdtrit
 
-    from ipmclab.identify.interval import beside_bounds
-    from ipmclab.identify.profile import Point, held_at, one_side
+    from ipmclab.identify.uncertainty.interval import beside_bounds
+    from ipmclab.identify.uncertainty.profile import Point, held_at, one_side
 
     problem, solution = estimate.problem, estimate.solution
     threshold = float(stdtrit(freedom, 0.975)) ** 2

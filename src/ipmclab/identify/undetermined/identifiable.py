@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.identify.closed_form import NOTHING, NOTHING_OF_LAWS, null_space, others, sensitivity
-from ipmclab.identify.cures import Cure, cures_of, said_of
 from ipmclab.identify.fit import Direction
 from ipmclab.identify.free import parse_free
 from ipmclab.identify.observation import READ_OUTPUTS
+from ipmclab.identify.undetermined.closed_form import NOTHING, NOTHING_OF_LAWS, null_space, others, sensitivity
+from ipmclab.identify.undetermined.cures import Cure, cures_of, said_of
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator
 

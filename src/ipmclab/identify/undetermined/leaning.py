@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identify.covariance import Uncertainty
 from ipmclab.identify.fit import FittedParameter
-from ipmclab.identify.interval import half_width
 from ipmclab.identify.order import Order
+from ipmclab.identify.uncertainty.covariance import Uncertainty
+from ipmclab.identify.uncertainty.interval import half_width
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.run import Finding
 

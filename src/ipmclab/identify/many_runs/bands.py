@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.identify.common_error import common_covariance
 from ipmclab.identify.known import Known, known_of
+from ipmclab.identify.many_runs.common_error import common_covariance
+from ipmclab.identify.many_runs.random_effect import FEWEST
 from ipmclab.identify.observation import Observation, own_endings, own_values
-from ipmclab.identify.random_effect import FEWEST
 from ipmclab.model.sensitivity import sensitivities, simulate_outputs
 
 if TYPE_CHECKING:

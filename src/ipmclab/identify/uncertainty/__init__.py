@@ -1,0 +1,1 @@
+"""How sure a fit is: covariance, intervals, profiles of the likelihood, readings drawn anew."""
