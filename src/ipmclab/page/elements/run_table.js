@@ -17,7 +17,7 @@ export default {
               <input type="checkbox" :aria-label="role.label + ': ' + row.file" :disabled="!row.key"
                 :checked="has(role.name, row.key)" @change="choose(role.name, row.key, $event.target.checked)">
             </td>
-            <td v-for="column in options.columns" :class="{'lab-right': column.align === 'right'}">
+            <td v-for="column in options.columns" :class="['lab-is-' + column.name, {'lab-right': column.align === 'right'}]">
               <button v-if="column.name === 'file' && options.opens && row.key" type="button" class="lab-link" @click="open(row)"
                 :title="row.file" :aria-label="row.file">{{ short(row.file) }}</button>
               <span v-else-if="column.name === 'file'" :title="row.file">{{ short(row.file) }}</span>

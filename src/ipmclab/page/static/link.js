@@ -107,17 +107,20 @@ const WORDS = {
   recording: "recording", ended: "ended", lost: "recorder lost",
 };
 
+const isBusy = (state) => !["idle", "ended", "lost"].includes(state.bench);
+
 function tellHeader(state) {
   const bench = document.getElementById("lab-bench");
   if (!bench) return;
-  const busy = !["idle", "ended", "lost"].includes(state.bench);
+  const busy = isBusy(state);
   bench.dataset.bench = state.bench;
   const set = (id, text) => {
     const element = document.getElementById(id);
     if (element && element.textContent !== text) element.textContent = text;
   };
-  set("lab-bench-word", WORDS[state.bench] ?? state.bench);
-  set("lab-bench-text", state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
+  const ending = busy && press.asked;
+  set("lab-bench-word", ending ? { stop: "stopping", zero: "to 0 V" }[ending] : WORDS[state.bench] ?? state.bench);
+  set("lab-bench-text", ending ? "until the recorder has ended" : state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
   const guard = !busy ? "guard: off" : state.rig_is_virtual ? "guard: simulated strip" :
     `guard: ${state.guardian || (state.bench === "recording" ? "on" : "ready")}`;
   set("lab-guard", guard);
@@ -137,17 +140,21 @@ async function press(what, button) {
   const { ok, message } = await lab.post(what);
   button.classList.remove("lab-pressed");
   const said = document.getElementById("lab-said");
-  said.textContent = ok && what === "stop" && lab.state?.bench === "ended" ? "" : message;
+  said.textContent = ok && lab.state?.bench === "ended" ? "" : message;
   said.dataset.ok = ok;
-  said.dataset.what = what;
+  press.asked = ok ? what : "";
+  if (lab.state) tellHeader(lab.state);
   clearTimeout(press.timer);
   press.timer = setTimeout(() => (said.textContent = ""), 8000);
 }
 
-// "Stopping" is not said of what has ended; what ZERO was answered is read to its end.
+// "Stopping" is not said of what has ended: the header then says what the output is at.
 function hush(state) {
-  const said = document.getElementById("lab-said");
-  if (said && state.bench === "ended" && said.dataset.what === "stop" && said.dataset.ok === "true") said.textContent = "";
+  if (["stop", "zero"].includes(press.asked) && !isBusy(state)) {
+    press.asked = "";
+    document.getElementById("lab-said").textContent = "";
+    tellHeader(state);
+  }
 }
 
 function setTheme(theme) {
