@@ -268,9 +268,71 @@ def test_only_the_operator_steers_and_anybody_may_zero(recorder: Recorder, bench
     wait_until(lambda: [one.kind for one in recorder.asked] == ["start", "zero", "mark"])
     assert recorder.asked[-1].values["text"] == "fan on"
     assert anna.post("/bench/explode").status_code == 404
-    assert anna.post("/bench/mark", content=b"not json").status_code == 409
+    assert anna.post("/bench/mark", content=b"not json").status_code == 400
     assert anna.post("/bench/release").status_code == 200
     assert ben.post("/bench/stop").status_code == 200  # it was free
+
+
+@pytest.mark.parametrize("number", ["x" * 70_000, 10**4000, -1, 1.5, True, None, {}, float("nan")])
+def test_an_answer_that_is_none_does_not_reach_the_recorder(recorder: Recorder, bench: Bench, number: object) -> None:
+    wait_until(lambda: bench.follower.is_joined)
+    app = FastAPI()
+    app.include_router(routes(bench))
+    anna = TestClient(app, cookies={"ipmclab-seat": "anna"})
+    for body in (
+        json.dumps({"number": number, "value": "done"}),
+        "[" * 200_000,
+        '{"number": 1, "x": "' + "x" * 300_000,
+    ):
+        assert anna.post("/bench/answer", content=body.encode()).status_code == 400
+    long = json.dumps({"number": 1, "value": "\U0001d400\ud800" * 9000})
+    assert anna.post("/bench/answer", content=long.encode()).status_code == 200
+    wait_until(lambda: [one.kind for one in recorder.asked] == ["answer"])
+    assert recorder.hub.clients == 1
+
+
+def test_a_recorder_that_hung_up_and_runs_on_is_joined_again(recorder: Recorder, bench: Bench) -> None:
+    """Whatever it was that it could not understand: STOP and ZERO reach it, and nobody is told that it is gone."""
+    recorder.tell("run", **RUN)
+    wait_until(lambda: bench.follower.state.bench == "recording")
+    time.sleep(1.1)
+    version = bench.follower.state.version
+    bench.follower.request("answer", number="x" * 70_000)
+    wait_until(lambda: bench.follower.state.version > version)  # it has told everything once more
+    wait_until(lambda: bench.follower.is_joined and recorder.hub.clients == 1)
+    assert bench.follower.state.bench in ("starting", "recording")
+    bench.follower.request("answer", number="x" * 70_000)  # at once again: it is not joined for a moment
+    wait_until(lambda: not bench.follower.is_joined)
+    app = FastAPI()
+    app.include_router(routes(bench))
+    anna = TestClient(app, cookies={"ipmclab-seat": "anna"})
+    assert anna.post("/bench/zero").status_code == 200
+    assert anna.post("/bench/stop").status_code == 200
+    wait_until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
+    wait_until(lambda: bench.follower.state.bench == "recording")
+
+
+def test_who_cannot_reach_a_recorder_does_not_say_that_nothing_drives(
+    recorder: Recorder, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wait_until(lambda: bench.follower.is_joined)
+
+    def refuse(file: Path) -> None:
+        raise IpmclabError("it is crowded", code="no-recorder", where="bench", repair="wait")
+
+    monkeypatch.setattr("ipmclab.page.live.follower.Recorder", refuse)
+    bench.follower.request("answer", number="x" * 70_000)
+    wait_until(lambda: bench.follower.state.bench == "lost")
+    assert "may be driving" in bench.follower.state.document()["text"]
+    with pytest.raises(IpmclabError, match="may be driving the output") as told:
+        bench.ask("anna", "zero")
+    assert told.value.code == "recorder-unreached"
+
+
+def test_readings_are_saved_under_any_name(bench: Bench) -> None:
+    app = FastAPI()
+    app.include_router(routes(bench))
+    assert TestClient(app).get("/live/readings", params={"csv": "步 1"}).status_code == 200
 
 
 def test_zero_reaches_the_recorder_while_a_fit_holds_the_worker(

@@ -1,18 +1,27 @@
-"""Arrays on their way to a browser: a JSON head and float64 columns in one binary message, aligned for JavaScript."""
+"""What goes between page and browser: arrays under a JSON head, aligned for JavaScript, and JSON that was asked."""
 
 from __future__ import annotations
 
 import json
 import struct
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from fastapi import Request
+
 FloatArray = npt.NDArray[np.float64]
 
 MEDIA: Final = "application/octet-stream"
+BAD_REQUEST: Final = "bad-request"
+"""Code of the error of a request that no page of ours makes: 400."""
+
+_MOST_ASKED: Final = 256 * 1024
 _LENGTH: Final = struct.Struct("<I")
 
 
@@ -32,3 +41,30 @@ def pack(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> bytes:
     text = json.dumps({**head, "arrays": [[name, len(one)] for name, one in columns.items()]}).encode()
     text += b" " * (-(len(text) + _LENGTH.size) % 8)
     return b"".join([_LENGTH.pack(len(text)), text, *(one.tobytes() for one in columns.values())])
+
+
+async def read_object(request: Request) -> dict[str, Any]:
+    """The JSON object that was asked; empty where nothing was sent.
+
+    Raises
+    ------
+    InputError
+        Too long, or no JSON object.
+    """
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > _MOST_ASKED:
+            break
+    try:
+        found = json.loads(body or b"{}") if len(body) <= _MOST_ASKED else None
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(
+            f"this is no JSON object of at most {_MOST_ASKED // 1024} KiB",
+            code=BAD_REQUEST,
+            where="request",
+            repair="reload the page",
+        )
+    return found

@@ -50,6 +50,13 @@ class Bench:
         if what in OPERATOR_ONLY and not self.seats.holds(seat):
             self.seats.take(seat)  # it is free, or this says whose it is
         if not self.follower.request(what, **values):
+            if self.follower.may_run:
+                raise IpmclabError(
+                    "the recorder at the bench cannot be reached, and may be driving the output",
+                    code="recorder-unreached",
+                    where="bench",
+                    repair="switch the amplifier off if in doubt; its record is kept",
+                )
             raise IpmclabError(
                 "no recorder is at the bench, so nothing drives the output from here",
                 code="no-recorder",

@@ -21,6 +21,13 @@ from ipmclab.rig.process.messages import Message
 _LOOK: Final = 0.3
 """How often [s] a laboratory without a recorder is looked at."""
 
+_AGAIN: Final = 1.0
+"""How long [s] after it was joined a recorder that was lost is joined again at the earliest."""
+
+_HANGS: Final = 30.0
+"""How long [s] one that does not answer is left alone by the follower; who asks for something tries it at once."""
+
+_NEVER: Final = float("inf")
 _WAIT: Final = 0.25
 _AIR: Final = ("temperature", "relative_humidity")
 
@@ -38,10 +45,11 @@ class Follower:
         self._folder = folder
         self._lock = threading.Lock()
         self._sending = threading.Lock()
+        self._joining = threading.Lock()
         self._recorder: Recorder | None = None
         self._next: Recorder | None = None
         self._launching = False
-        self._left: set[Path] = set()
+        self._not_before: dict[Path, float] = {}  # when a recorder is joined again: never one that was followed
         self._answers = False
         self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
         self._ended = threading.Event()
@@ -66,6 +74,23 @@ class Follower:
         """Whether a recorder is there now."""
         return self._recorder is not None
 
+    @property
+    def may_run(self) -> bool:
+        """Whether a recorder is there that was not heard to end, joined or not."""
+        if self._launching:
+            return False
+        with contextlib.suppress(OSError):
+            return any(self._not_before.get(file) != _NEVER for file in recorders(self._folder()))
+        return False
+
+    def reach(self) -> None:
+        """Join a recorder that is there now, where none is joined: what is asked next must reach it. May take long."""
+        with self._joining:
+            if self._recorder is None and self._next is None and not self._launching:
+                recorder = self._searched(at_once=True)
+                with self._lock:
+                    self._next = recorder
+
     def launch(self, program: str, job: dict[str, Any]) -> None:
         """Start a recorder and follow it.
 
@@ -74,7 +99,7 @@ class Follower:
         InputError, IpmclabError
             What it refuses, or that one is running here already.
         """
-        with self._lock:
+        with self._joining, self._lock:
             busy = self.is_joined or self._launching or self._next is not None
             self._launching = self._launching or not busy
         if busy:
@@ -109,58 +134,81 @@ class Follower:
             self.request("subscribe", blocks=True, answers=there)
 
     def _follow(self) -> None:
+        lost: Recorder | None = None
+        since = 0.0
         while not self._ended.is_set():
-            recorder = self._found()
+            recorder = self._joined()
             if recorder is None:
+                if lost is not None and self._told_lost(lost, since):
+                    lost = None
                 self._ended.wait(_LOOK)
                 continue
-            with self._sending:
-                self._recorder = recorder
-                recorder.request("subscribe", blocks=True, answers=self._answers)
             self.state.joined(recorder.about)
+            began, lost = time.monotonic(), None
             try:
                 self._listen(recorder)
-            except IpmclabError as error:
-                self.state.lost(str(error))
+            except IpmclabError:
+                lost, since = recorder, time.monotonic()  # it may only have hung up
+                self._not_before[recorder.file] = began + _AGAIN
             finally:
                 with self._sending:
                     self._recorder = None
                     if not self._ended.is_set():
                         recorder.close()
 
-    def _found(self) -> Recorder | None:
-        """The recorder that was started here, else the newest of the folder that answers."""
-        with self._lock:
-            if self._next is not None:
+    def _told_lost(self, recorder: Recorder, since: float) -> bool:
+        """Say that a recorder is gone; False while it may run and only cannot be reached, which is said as such."""
+        if self.may_run:
+            if time.monotonic() - since > _AGAIN and self.state.bench != "lost":
+                self.state.lost("the recorder does not answer, and may be driving the output; it is tried again")
+            return False
+        try:
+            recorder.next()  # it was closed: this waits for what its guardian says
+        except IpmclabError as error:
+            self.state.lost(str(error))
+        return True
+
+    def _joined(self) -> Recorder | None:
+        """The recorder that was started here, else the newest of the folder that answers; requests go to it."""
+        with self._joining:
+            with self._lock:
                 recorder, self._next = self._next, None
-                self._left.add(recorder.file)
-                return recorder
-            if self._launching:
-                return None  # what is found meanwhile is the one that is coming
+                if recorder is None and self._launching:
+                    return None  # what is found meanwhile is the one that is coming
+            recorder = recorder or self._searched()
+            if recorder is None:
+                return None
+            self._not_before[recorder.file] = _NEVER
+            with self._sending:
+                self._recorder = recorder
+                recorder.request("subscribe", blocks=True, answers=self._answers)
+            return recorder
+
+    def _searched(self, at_once: bool = False) -> Recorder | None:
         folder = self._folder()
         if not (folder / "recording").is_dir():
             return None
         with contextlib.suppress(OSError):
-            found = [file for file in recorders(folder) if file not in self._left]
-            for file in reversed(found):
+            for file in reversed(recorders(folder)):
+                until = self._not_before.get(file, 0.0)
+                if until == _NEVER or (until > time.monotonic() and not at_once):
+                    continue
                 try:
-                    recorder = Recorder(file)
+                    return Recorder(file)
                 except IpmclabError as error:
                     if error.code == "recorder-hangs":
-                        self._left.add(file)
-                        self.state.lost(str(error))
+                        self._not_before[file] = time.monotonic() + _HANGS
+                        if self.state.bench != "lost":
+                            self.state.lost(str(error))
                     else:
                         forget_dead_recorders(folder)
-                    continue
-                self._left.add(file)
-                return recorder
         return None
 
     def _listen(self, recorder: Recorder) -> None:
         looked = 0.0
         status = recorder.file.with_suffix(aftermath.SUFFIX)
         while not self._ended.is_set():
-            message = recorder.next(_WAIT)
+            message = recorder.next(_WAIT, patience=0.0)
             if time.monotonic() - looked > 1.0:
                 looked = time.monotonic()
                 self.state.guarded(aftermath.read(status)[0])

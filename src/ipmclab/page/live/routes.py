@@ -13,10 +13,12 @@ import numpy as np
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse, Response
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.page.curves import header_name
 from ipmclab.page.guard import seat_of
 from ipmclab.page.live.bench import Bench
 from ipmclab.page.live.view import View
+from ipmclab.page.wire import BAD_REQUEST, read_object
 
 TICK: Final = 0.05
 """How often [s] a browser is sent new readings."""
@@ -28,6 +30,7 @@ ALIVE: Final = 1.0
 """At least so often [s] it hears something, so that it notices a link that is dead."""
 
 _MOST_TEXT: Final = 2000
+_MOST_QUESTIONS: Final = 1_000_000
 
 
 def routes(bench: Bench) -> APIRouter:
@@ -54,11 +57,14 @@ def routes(bench: Bench) -> APIRouter:
     async def steer(what: str, request: Request) -> JSONResponse:
         seat = seat_of(request.headers.get("cookie", ""))
         try:
-            values = await _values(request)
+            values = await read_object(request)
+            if what not in ("hold", "release") and not bench.follower.is_joined:
+                await asyncio.to_thread(bench.follower.reach)  # STOP and ZERO must not wait for the next look
             message = _steer(bench, seat, what, values)
         except IpmclabError as error:
             told = {**error.as_dict(), "message": f"{error.message}; {error.repair}"}
-            return JSONResponse(told, 409 if error.exit_status == 1 else 422)
+            status = 400 if error.code == BAD_REQUEST else 409 if error.exit_status == 1 else 422
+            return JSONResponse(told, status)
         except KeyError:
             return JSONResponse({"message": f"the bench cannot be asked for {what!r}"}, 404)
         return JSONResponse({"message": message})
@@ -66,21 +72,10 @@ def routes(bench: Bench) -> APIRouter:
     @router.get("/live/readings")
     async def readings(csv: str = "readings") -> Response:
         text = await asyncio.to_thread(_csv, bench)
-        name = "".join(letter for letter in csv if letter.isalnum() or letter in "._+-") or "readings"
-        headers = {"content-disposition": f'attachment; filename="{name}.csv"'}
+        headers = {"content-disposition": f'attachment; filename="{header_name(csv)}.csv"'}
         return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
 
     return router
-
-
-async def _values(request: Request) -> dict[str, Any]:
-    try:
-        found = json.loads(await request.body() or b"{}")
-    except ValueError:
-        found = None
-    if not isinstance(found, dict):
-        raise IpmclabError("this is no JSON object", code="bad-request", where="bench", repair="reload the page")
-    return found
 
 
 def _steer(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> str:
@@ -94,10 +89,28 @@ def _steer(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> str:
         case "zero" | "stop" | "abort" | "start":
             return bench.ask(seat, what)
         case "mark":
-            return bench.ask(seat, what, text=str(values.get("text", "")).strip()[:_MOST_TEXT] or "mark")
+            return bench.ask(seat, what, text=_text(values.get("text", "")).strip() or "mark")
         case "answer":
-            return bench.ask(seat, what, number=values.get("number"), value=str(values.get("value", ""))[:_MOST_TEXT])
+            return bench.ask(seat, what, number=_number(values), value=_text(values.get("value", "")))
     raise KeyError(what)
+
+
+def _number(values: dict[str, Any]) -> int:
+    """Which question is answered. What is too long for the recorder would make it hang up on this page."""
+    number = values.get("number")
+    if type(number) is not int or not 0 <= number < _MOST_QUESTIONS:
+        raise InputError(
+            f"this answers no question: its number must be a whole one from 0 to {_MOST_QUESTIONS - 1}",
+            code=BAD_REQUEST,
+            where="bench",
+            repair="reload the page",
+        )
+    return number
+
+
+def _text(value: object) -> str:
+    """A text as it may be written down: bounded, and without what UTF-8 cannot hold."""
+    return str(value)[:_MOST_TEXT].encode("utf-8", "replace").decode()
 
 
 async def _listen(socket: WebSocket, view: View) -> None:
@@ -105,7 +118,7 @@ async def _listen(socket: WebSocket, view: View) -> None:
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             text = await socket.receive_text()
-            with contextlib.suppress(ValueError, TypeError, KeyError):
+            with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError, OverflowError, AttributeError):
                 view.choose(json.loads(text[:_MOST_TEXT]))
 
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import detached
-from ipmclab.rig.process.aftermath import fate
+from ipmclab.rig.process.aftermath import PATIENCE, fate
 from ipmclab.rig.process.hub import SUFFIX, hang_up
 from ipmclab.rig.process.messages import Message, decode, encode
 
@@ -75,8 +75,14 @@ class Recorder:
         except OSError:
             return
 
-    def next(self, within: float | None = None) -> Message | None:
+    def next(self, within: float | None = None, *, patience: float = PATIENCE) -> Message | None:
         """The next message, or None when none came within so many seconds.
+
+        Parameters
+        ----------
+        within : float [s], optional
+        patience : float [s]
+            How long a guardian that still acts is waited for when the recorder is gone.
 
         Raises
         ------
@@ -89,7 +95,7 @@ class Recorder:
             return decode(self._connection.recv_bytes())
         except (OSError, EOFError) as error:
             raise IpmclabError(
-                f"the recorder's process is gone; {fate(self.file)}",
+                f"the recorder's process is gone; {fate(self.file, patience)}",
                 code="recorder-lost",
                 where=str(self.file.parent.parent),
                 repair=f"ipmclab recover {self.file.parent.parent} keeps what it had recorded",
