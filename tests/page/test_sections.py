@@ -190,6 +190,17 @@ def test_no_run_outside_the_folder_is_sent(client: Client, workshop: Workshop, k
     assert answer.json()["code"] == "outside-folder"
 
 
+@pytest.mark.parametrize("name", ["/etc/passwd", "../secret.csv", "'../secret.csv'"])
+def test_a_signal_takes_samples_from_the_folder_only(client: Client, workshop: Workshop, name: str) -> None:
+    for folder in (workshop.lab.root, workshop.lab.root.parent):
+        (folder / "secret.csv").write_text("time,voltage\n0,0\n1,1\n")
+    asked = {"actuator": "friend-2", "changes": {}, "duration": 2, "rate": 10}
+    refused = client.post("/simulate", json={**asked, "signal": f"step 1 V for 1 s then file {name}"})
+    assert (refused.status_code, refused.json()["code"]) == (422, "outside-folder")
+    if name.startswith("'"):  # wherever the server was started
+        assert client.post("/simulate", json={**asked, "signal": "file secret.csv"}).status_code == 200
+
+
 def test_a_run_is_downloaded_as_it_is_and_in_other_formats(client: Client, workshop: Workshop) -> None:
     sent = client.get("/runs/file", params={"run": "runs/step.nc"})
     assert sent.content == (workshop.lab.root / "runs" / "step.nc").read_bytes()
@@ -230,7 +241,9 @@ def test_a_report_is_shown_without_anything_that_runs(client: Client, workshop: 
     assert client.get("/reports/..%2Freport.html").status_code == 404
 
 
-@pytest.mark.parametrize("body", [b"", b"[]", b"{}", b'{"actuator": "friend-2", "changes": {"x": "y"}}', b"\xff"])
+@pytest.mark.parametrize(
+    "body", [b"", b"[]", b"{}", b'{"actuator": "friend-2", "changes": {"x": "y"}}', b"\xff", b"[" * 200_000]
+)
 def test_a_question_that_is_none_is_refused(client: Client, body: bytes) -> None:
     assert client.post("/simulate", content=body).status_code in (400, 422)
 

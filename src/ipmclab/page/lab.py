@@ -13,6 +13,7 @@ from ipmclab.errors import InputError
 RUNS: Final = "runs"
 """The laboratory folder in a folder that is none itself, as experiment files name it unless they say otherwise."""
 
+_FILE: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
 _NAME = re.compile(r"[\w][\w .+-]{0,79}")
 
 
@@ -112,3 +113,16 @@ class Lab:
     def tables(self) -> list[Path]:
         """The TOML files of the root, which may be experiments, actuators, rigs..."""
         return sorted(path for path in self.root.glob("*.toml") if path.is_file())
+
+
+def files_of(signal: str) -> list[str]:
+    """The files that the text of a signal takes samples from.
+
+    Examples
+    --------
+    >>> files_of("file 'my sweep.csv' for 3 s then file other.nc gain=-1")
+    ['my sweep.csv', 'other.nc']
+    """
+    return [
+        found[1:-1] if found[0] == found[-1] in "\"'" and len(found) > 1 else found for found in _FILE.findall(signal)
+    ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -14,7 +13,8 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.curves import header_name
 from ipmclab.page.elements.file_choice import MOST_BYTES
 from ipmclab.page.jobs.jobs import JobCancelled
-from ipmclab.page.wire import MEDIA, pack
+from ipmclab.page.lab import files_of
+from ipmclab.page.wire import BAD_REQUEST, MEDIA, pack, read_object
 from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
 
 if TYPE_CHECKING:
@@ -37,15 +37,15 @@ def routes(workshop: Workshop) -> APIRouter:
     @router.post("/simulate", response_model=None)
     async def simulate(request: Request) -> Response:
         try:
-            given = json.loads(await request.body())
+            given = await read_object(request)
             arguments = _simulation(workshop, given)
             job = workshop.jobs.submit("simulate", arguments, replaces=str(given.get("client", ""))[:40] or None)
             frame = await asyncio.wrap_future(job.future)
         except IpmclabError as error:
-            return JSONResponse(error.as_dict(), 422)
+            return JSONResponse(error.as_dict(), 400 if error.code == BAD_REQUEST else 422)
         except JobCancelled:
             return Response(status_code=204)  # a newer position of the slider took its place
-        except (ValueError, TypeError, KeyError, AttributeError):
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
             return JSONResponse({"message": "this is no question of the page", "where": "", "repair": "reload it"}, 400)
         return Response(pack(frame.document, frame.arrays), media_type=MEDIA)
 
@@ -115,8 +115,12 @@ def _simulation(workshop: Workshop, given: Mapping[str, Any]) -> dict[str, Any]:
     if given.get("run"):
         arguments["run"] = str(workshop.run_path(str(given["run"])))
     else:
+        signal = str(given["signal"])[:2000]
+        for name in files_of(signal):
+            workshop.lab.path(name)  # no samples from elsewhere
         arguments |= {
-            "signal": str(given["signal"])[:2000],
+            "signal": signal,
+            "folder": str(workshop.lab.root),
             "duration": float(given["duration"]),
             "rate": float(given["rate"]),
         }

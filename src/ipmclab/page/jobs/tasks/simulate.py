@@ -32,7 +32,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     """Simulate a signal, or the voltage of a run; frequency response and shape beside it.
 
     ``actuator`` (name or file), ``changes`` (name to SI value), then ``signal`` with ``duration`` [s],
-    ``rate`` [Hz] and ``hold``, or ``run`` (file). Arrays are in SI units.
+    ``rate`` [Hz], ``hold`` and the ``folder`` of files that it names, or ``run`` (file). Arrays are in SI units.
 
     Raises
     ------
@@ -41,6 +41,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     """
     from ipmclab.errors import InputError
     from ipmclab.model.simulate import simulate
+    from ipmclab.signals.text import parse
 
     actuator = _actuator(arguments["actuator"], _stamp(arguments["actuator"]))
     changes = arguments.get("changes") or {}
@@ -64,7 +65,8 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
                 where="rate",
                 repair="give a shorter duration or a lower rate, or use ipmclab simulate",
             )
-        run_ = simulate(changed, arguments["signal"], duration=duration, rate=rate, hold=arguments.get("hold", "zero"))
+        signal = parse(arguments["signal"], folder=arguments.get("folder", ""))
+        run_ = simulate(changed, signal, duration=duration, rate=rate, hold=arguments.get("hold", "zero"))
         measured = None
     document |= {
         "rows": len(run_),
