@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -132,6 +133,25 @@ def test_a_fit_can_be_cancelled_and_its_worker_goes_on(jobs: Jobs, runs: Path, t
     with pytest.raises(JobCancelled):
         waiting.future.result(PATIENCE)
     assert jobs.submit("identify", _fit(runs, tmp_path / "fit.toml")).future.result(PATIENCE).document["converged"]
+
+
+def test_a_fit_is_cancelled_while_its_worker_starts(runs: Path, tmp_path: Path, monkeypatch) -> None:
+    begun, told = threading.Event(), threading.Event()
+    start = subprocess.Popen
+
+    def slow(*given, **more):
+        begun.set()
+        told.wait(PATIENCE)
+        return start(*given, **more)
+
+    monkeypatch.setattr("ipmclab.page.jobs.jobs.subprocess.Popen", slow)
+    with Jobs() as jobs:
+        job = jobs.submit("identify", _fit(runs, tmp_path / "fit.toml"))
+        assert begun.wait(PATIENCE)
+        jobs.cancel(job)
+        told.set()
+        with pytest.raises(JobCancelled):
+            job.future.result(PATIENCE)
 
 
 def test_a_worker_that_is_deaf_or_dies_is_replaced(runs: Path) -> None:

@@ -180,8 +180,12 @@ class _Lane:
                 job._end("cancelled", error=JobCancelled())
                 return
             child = self._child
-        if child is None:
-            return
+        if child is not None:
+            self._take_back(job, child)
+
+    @staticmethod
+    def _take_back(job: Job, child: subprocess.Popen[bytes]) -> None:
+        """Tell a worker that a job is not wanted, and end it where it does not heed that."""
         with contextlib.suppress(OSError, ValueError):
             assert child.stdin is not None
             child.stdin.write(pack({"cancel": job.number}))
@@ -229,11 +233,16 @@ class _Lane:
 
     def _do(self, job: Job) -> None:
         child = self._ready()
+        if job.is_cancelled.is_set():  # while it was started
+            job._end("cancelled", error=JobCancelled())
+            return
         assert child.stdin is not None
         assert child.stdout is not None
         with contextlib.suppress(OSError):  # a worker that died tells so below
             child.stdin.write(pack({"id": job.number, "task": job.task, "arguments": job.arguments}))
             child.stdin.flush()
+        if job.is_cancelled.is_set():  # between the two: the worker before this one may have been told
+            self._take_back(job, child)
         while (frame := read_frame(child.stdout)) is not None:
             told = frame.document
             if told["id"] != job.number:
