@@ -77,7 +77,8 @@ def random_effect(
 
     y, within = np.asarray(values, dtype=np.float64), np.square(np.asarray(errors, dtype=np.float64))
     freedom = len(y) - 1
-    if np.ptp(y) == 0.0 and not within.any():
+    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(y).max())
+    if np.ptp(y) <= rounding and within.max() <= rounding**2:
         alone = float(y[0])
         reach = float(ndtri(0.5 + 0.5 * level)) * common
         return RandomEffect(alone, 0.0, 1.0, (alone - reach, alone + reach) if len(y) >= FEWEST else None)
