@@ -86,7 +86,13 @@ class ClientDesk:
 
     def on_request(self, request: Message) -> None:
         """What a client asks for, in its thread."""
-        text = str(request.values.get("text", ""))
+        # What UTF-8 cannot hold, half a surrogate pair, would make a run that can neither be written nor recovered.
+        values = {
+            name: value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
+            for name, value in request.values.items()
+        }
+        request = Message(request.kind, values)
+        text = str(values.get("text", "")).encode("utf-8", "replace").decode()
         match request.kind:
             case "start":
                 with self._changed:
