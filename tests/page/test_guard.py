@@ -164,6 +164,8 @@ def test_elsewhere_it_is_reached_by_its_stated_name_only(tmp_path: Path) -> None
         (Settings(host="0.0.0.0", token=TOKEN, origin="https://lab.example.org"), False, "--certificate"),
         (Settings(host="0.0.0.0", token=TOKEN, origin="http://lab.example.org"), True, "https://"),
         (Settings(host="0.0.0.0", token="short", origin="https://lab.example.org"), True, "16"),
+        (Settings(origin="https://lab.example.org", certificate=Path("c"), key=Path("k")), False, "--token-file"),
+        (Settings(origin="https://lab.example.org", token=TOKEN), False, "--proxy"),
         (Settings(origin="https://["), False, "https://NAME"),
         (Settings(origin="https://lab.example.org:x"), False, "https://NAME"),
         (Settings(host="127.0.0.1"), True, "--token-file"),

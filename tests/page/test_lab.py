@@ -30,6 +30,16 @@ def test_a_link_that_leads_outside_is_refused(tmp_path: Path) -> None:
     for name in ("link", "up/secret"):
         with pytest.raises(InputError, match="not in the folder"):
             lab.path(name)
+    (folder / "out.toml").symlink_to(tmp_path / "secret")
+    (folder / "nowhere.toml").symlink_to(tmp_path / "none")
+    (folder / "mine.toml").write_text("")
+    assert [path.name for path in lab.tables()] == ["mine.toml"]
+
+
+@pytest.mark.parametrize("name", ["CON", "nul.toml", "com1.x"])
+def test_a_file_has_no_name_of_a_device(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="plain file name"):
+        Lab.open(tmp_path).new_file(name, ".toml")
 
 
 @given(st.text(max_size=30))

@@ -329,6 +329,13 @@ def test_who_cannot_reach_a_recorder_does_not_say_that_nothing_drives(
     assert told.value.code == "recorder-unreached"
 
 
+def test_who_asked_in_vain_does_not_hold_the_bench(bench: Bench) -> None:
+    bench.seats.come("anna")
+    with pytest.raises(IpmclabError, match="no recorder is at the bench"):
+        bench.ask("anna", "stop")
+    assert not bench.seats.held
+
+
 def test_readings_are_saved_under_any_name(bench: Bench) -> None:
     app = FastAPI()
     app.include_router(routes(bench))

@@ -15,7 +15,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
-from ipmclab.page.settings import MOST_BYTES, Settings
+from ipmclab.page.settings import MOST_BYTES, Settings, bracketed
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -75,7 +75,8 @@ class Guard:
         self._passes: set[str] = set()
         self._seat, self._pass = f"{SEAT}-{port}", f"{PASS}-{port}"
         scheme = "http" if settings.certificate is None else "https"
-        hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")} if settings.is_local else set()
+        names = {"127.0.0.1", "localhost", "[::1]", bracketed(settings.host)} if settings.is_local else set()
+        hosts = {f"{name}:{port}" for name in names}
         self._origins = {f"{scheme}://{host}" for host in hosts} | {f"http://{name}" for name in also}
         self._hosts = hosts | set(also)
         if settings.origin is not None:
@@ -98,8 +99,8 @@ class Guard:
         if self._token is not None and cookies.get(self._pass) not in self._passes:
             await self._let_in(scope, receive, send)
             return
-        here = scope["type"] == "websocket" or bool(cookies.get(self._seat))
-        seat = None if here else secrets.token_urlsafe(16)
+        asks = scope["type"] == "http" and scope["method"] == "GET"  # nothing else makes a page that has a seat
+        seat = secrets.token_urlsafe(16) if asks and not cookies.get(self._seat) else None
         # A page that is made now is this browser's already; cookies of other servers are nobody's business.
         cookie = f"{SEAT}={seat or cookies.get(self._seat, '')}".encode("latin-1", "replace")
         scope = {**scope, "headers": [*_without(scope["headers"], b"cookie"), (b"cookie", cookie)]}

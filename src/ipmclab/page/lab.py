@@ -14,6 +14,7 @@ RUNS: Final = "runs"
 """The laboratory folder in a folder that is none itself, as experiment files name it unless they say otherwise."""
 
 _FILE: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
+_DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b", re.IGNORECASE)  # no files to Windows
 _NAME = re.compile(r"[\w][\w .+-]{0,79}")
 
 
@@ -101,7 +102,7 @@ class Lab:
             A name that is no plain file name.
         """
         stem = name.strip().removesuffix(suffix)
-        if _NAME.fullmatch(stem) is None or stem.endswith((".", " ")):
+        if _NAME.fullmatch(stem) is None or _DEVICES.match(stem) or stem.endswith((".", " ")):
             raise InputError(
                 f"{name!r} is no plain file name",
                 code="bad-name",
@@ -112,7 +113,15 @@ class Lab:
 
     def tables(self) -> list[Path]:
         """The TOML files of the root, which may be experiments, actuators, rigs..."""
-        return sorted(path for path in self.root.glob("*.toml") if path.is_file())
+        return self.files("*.toml")
+
+    def files(self, pattern: str) -> list[Path]:
+        """The files of the root that a pattern names, without links that lead outside or nowhere."""
+        return sorted(path for path in self.root.glob(pattern) if path.is_file() and self.is_inside(path))
+
+    def is_inside(self, path: Path) -> bool:
+        """Whether a path is in the lab wherever its links lead."""
+        return Path(os.path.realpath(path)).is_relative_to(self.root)
 
 
 def files_of(signal: str) -> list[str]:

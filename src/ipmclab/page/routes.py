@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import FileResponse, JSONResponse, Response
+from starlette.background import BackgroundTask
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.curves import header_name
@@ -68,6 +69,9 @@ def routes(workshop: Workshop) -> APIRouter:
         except InputError as error:
             path.unlink(missing_ok=True)
             return JSONResponse({"message": str(error)}, 413)
+        except BaseException:  # the browser left, or the disk is full: half a record is of no use
+            path.unlink(missing_ok=True)
+            raise
         return JSONResponse({"key": path.name, "name": stem})
 
     @router.get("/runs/file", response_model=None)
@@ -145,9 +149,11 @@ async def _made(
     except IpmclabError as error:
         raise HTTPException(404 if error.code == "no-such-file" else 422, str(error)) from error
     except TimeoutError as error:
+        workshop.jobs.cancel(job)
         raise HTTPException(503, "the workers are busy: try again when the fit is done") from error
     name = header_name("_".join(labels(keys[:4])))
-    return FileResponse(out, media_type=kinds[kind], filename=f"{name}.{kind}")
+    gone = BackgroundTask(out.unlink, missing_ok=True)
+    return FileResponse(out, media_type=kinds[kind], filename=f"{name}.{kind}", background=gone)
 
 
 def _sent(find: Any, media: str) -> Response:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.guard import Guard
 from ipmclab.page.lab import Lab
-from ipmclab.page.settings import Settings
+from ipmclab.page.settings import Settings, bracketed
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -65,7 +65,7 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None
     )
     server = uvicorn.Server(config)
     scheme = "http" if settings.certificate is None else "https"
-    name = "127.0.0.1" if settings.is_local else settings.host
+    name = bracketed(settings.host)
     address = settings.origin or f"{scheme}://{name}:{port}"
 
     async def run() -> None:

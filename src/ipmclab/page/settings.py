@@ -53,6 +53,17 @@ class Settings:
         return is_loopback(self.host)
 
 
+def bracketed(host: str) -> str:
+    """A host as an address line has it.
+
+    Examples
+    --------
+    >>> bracketed("::1")
+    '[::1]'
+    """
+    return f"[{host}]" if ":" in host else host
+
+
 def is_loopback(host: str) -> bool:
     """Whether an address is this computer's own, whom nobody else reaches."""
     if host == "localhost":
@@ -112,7 +123,7 @@ def checked(settings: Settings, *, proxy: bool) -> Settings:
             where="--origin",
             repair="give what browsers show in their address line",
         )
-    if settings.is_local and not proxy:
+    if settings.is_local and settings.origin is None and not proxy:
         return settings
     missing = []
     if settings.token is None:
@@ -122,10 +133,11 @@ def checked(settings: Settings, *, proxy: bool) -> Settings:
     if settings.certificate is None and not proxy:
         missing.append("--certificate FILE --key FILE (or --proxy, where a proxy in front of it speaks HTTPS)")
     if missing:
+        option = "--host" if settings.origin is None else "--origin"
         raise InputError(
-            f"others reach {settings.host}: whoever finds it could drive the bench",
+            f"others reach {settings.origin or settings.host}: whoever finds it could drive the bench",
             code="unsafe-address",
-            where="--host",
-            repair=f"add {', '.join(missing)}; or leave --host away, and reach this computer through an SSH tunnel",
+            where=option,
+            repair=f"add {', '.join(missing)}; or leave {option} away, and reach this computer through an SSH tunnel",
         )
     return settings

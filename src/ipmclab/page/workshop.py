@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import secrets
 import tempfile
 import threading
@@ -227,9 +226,9 @@ class Workshop:
         if one is not None:
             return str(one.file)
         base, plus, stages = name.partition("+")
-        if base.lower().endswith(".toml"):
+        if base.lower().endswith(".toml") and not set(stages) & set("/\\"):
             return f"{self.lab.path(base)}{plus}{stages}"
-        if os.sep in base or "/" in base or "\\" in base:
+        if set(name) & set("/\\"):
             raise InputError(
                 f"{name!r} is neither an actuator of the library nor a .toml file of this folder",
                 code="unknown-actuator",
@@ -313,8 +312,8 @@ class Workshop:
 
     def reports(self) -> list[str]:
         """The reports of the lab, the newest first."""
-        found = sorted(self.lab.root.glob("*.html"), key=lambda path: path.stat().st_mtime, reverse=True)
-        return [path.name for path in found if path.is_file()]
+        found = sorted(self.lab.files("*.html"), key=lambda path: path.stat().st_mtime, reverse=True)
+        return [path.name for path in found]
 
     def models(self) -> dict[str, str]:
         """What can predict: fits of this session by their keys, then actuators; and what each is called."""

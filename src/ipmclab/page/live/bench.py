@@ -47,9 +47,12 @@ class Bench:
         IpmclabError
             It is not for this browser to ask, or no recorder is there.
         """
-        if what in OPERATOR_ONLY and not self.seats.holds(seat):
+        taken = what in OPERATOR_ONLY and not self.seats.holds(seat)
+        if taken:
             self.seats.take(seat)  # it is free, or this says whose it is
         if not self.follower.request(what, **values):
+            if taken:
+                self.seats.release(seat)
             if self.follower.may_run:
                 raise IpmclabError(
                     "the recorder at the bench cannot be reached, and may be driving the output",

@@ -95,6 +95,7 @@ class Seats:
     def leave(self, seat: str) -> None:
         """A page of a browser was closed."""
         self._there[seat] -= 1
+        self._there = +self._there  # who is gone is forgotten
         if seat == self._holder:
             self._seen = self._clock()
         self.version += 1
