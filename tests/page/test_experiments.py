@@ -103,6 +103,12 @@ def test_all_mistakes_are_told_at_once_each_at_its_field(lab: Lab) -> None:
     assert "no such rig file" in check(lab, with_values(Draft.new(), **right)).errors["rig"]
 
 
+@pytest.mark.parametrize("repeats", ["0", "1001", "200000000", "9" * 5000])
+def test_an_experiment_has_no_more_repeats_than_can_be_planned(lab: Lab, repeats: str) -> None:
+    """The page plans at each key: nothing in a field may take it long."""
+    assert set(check(lab, with_values(Draft.new(), sample="s", repeats=repeats)).errors) == {"repeats"}
+
+
 @pytest.mark.parametrize("one", [field for field in FIELDS if field.kind == "text"], ids=lambda field: field.key)
 def test_no_text_in_any_field_is_a_fault(lab: Lab, one) -> None:
     for text in ("", "x", "-1", "1e999 V", "\0", "['a']", '"', "5 s 5 s", "∞ V", "file x", "a" * 3000):

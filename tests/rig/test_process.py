@@ -153,13 +153,13 @@ def test_requests_reach_the_session(desk: ClientDesk) -> None:
     steered = Steered()
     desk.steer(steered)
     client = Recorder(file_of(desk))
-    for kind, values in (("mark", {"text": "fan on"}), ("stop", {}), ("zero", {}), ("abort", {"text": "smoke"})):
+    for kind, values in (("mark", {"text": "fan on\ud800"}), ("stop", {}), ("zero", {}), ("abort", {"text": "smoke"})):
         client.request(kind, **values)
     end = time.monotonic() + 5.0
     while len(steered.asked) < 4:
         assert time.monotonic() < end
         time.sleep(0.01)
-    assert steered.asked == ["mark: fan on", "stop", "zero", "abort: smoke"]
+    assert steered.asked == ["mark: fan on?", "stop", "zero", "abort: smoke"]  # what UTF-8 has not is no text
     client.close()
 
 

@@ -227,7 +227,7 @@ def _as_toml(one: FormField, value: str | bool) -> Any:
     if one.kind == "choice":
         return [word.strip() for word in text.split(",")]
     if one.kind == "number":
-        return int(text) if text.lstrip("+-").isdecimal() else text or None
+        return int(text) if len(text) < 10 and text.lstrip("+-").isdecimal() else text or None
     return text or None
 
 

@@ -35,6 +35,9 @@ MEASURABLE: Final = ("current", "displacement", "force")
 STEPS: Final = ("hydrate", "clamp", "chamber-on", "equilibrium", "chamber-off", "zero", "preload", "apply")
 """Steps of Friend's section 3.5 in their order; ``hydrate`` also comes last."""
 
+MOST_REPEATS: Final = 1000
+"""Of each signal: a plan of more takes longer to make than anybody waits for it."""
+
 _REST: Final = "5 s"
 _PAUSE: Final = "2 min"
 _ZERO: Final = "10 s"
@@ -323,9 +326,12 @@ def experiment_from_table(
             raise InputError(
                 error.message, code=error.code, where=place(key), repair="give a longer duration, or shorten the signal"
             ) from error
-    if read.repeats < 1:
+    if not 1 <= read.repeats <= MOST_REPEATS:
         raise InputError(
-            f"repeats is {read.repeats}", code="out-of-range", where=place("repeats"), repair="give 1 or more"
+            f"repeats is {read.repeats}",
+            code="out-of-range",
+            where=place("repeats"),
+            repair=f"give 1 to {MOST_REPEATS}",
         )
     pressure = read.clamp_pressure
     return Experiment(
