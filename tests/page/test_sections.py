@@ -217,6 +217,7 @@ def test_a_run_is_downloaded_as_it_is_and_in_other_formats(client: Client, works
     figure = client.get("/runs/figure", params={"run": ["runs/step.nc", "runs/sine.nc"], "kind": "svg"})
     assert figure.text.lstrip().startswith("<?xml")
     assert client.get("/runs/export", params={"run": "runs/step.nc", "kind": "exe"}).status_code == 404
+    assert not list(workshop.scratch.iterdir())  # what was sent is not kept
 
 
 def test_an_upload_is_bounded(client: Client, workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
