@@ -57,7 +57,7 @@ def routes(bench: Bench) -> APIRouter:
     async def steer(what: str, request: Request) -> JSONResponse:
         seat = seat_of(request.headers.get("cookie", ""))
         try:
-            values = await read_object(request)
+            values = await read_object(request) if what in ("mark", "answer") else {}
             if what not in ("hold", "release") and not bench.follower.is_joined:
                 await asyncio.to_thread(bench.follower.reach)  # STOP and ZERO must not wait for the next look
             message = _steer(bench, seat, what, values)
