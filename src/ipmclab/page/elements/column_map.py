@@ -112,5 +112,8 @@ def _number(text: str, channel: str, what: str) -> float:
         return parse_quantity(text.strip(), NUMBER, where=f"channels.{channel}")
     except InputError as error:
         raise InputError(
-            f"{what} is {error.message}", code=error.code, where=f"channels.{channel}", repair=error.repair
+            f"{what}, {text.strip()!r}, is no plain number",
+            code=error.code,
+            where=f"channels.{channel}",
+            repair="write for example -1.5",
         ) from error

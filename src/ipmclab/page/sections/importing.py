@@ -116,7 +116,7 @@ class _Import:
         self._map = ColumnMap(seen["names"], seen["rows"], seen["guesses"], self._mapped)
         with ui.element("div").classes("lab-bar"):
             self._period = ui.input("Sampling period, without a time column").props(
-                "dense outlined placeholder='20 ms'"
+                "dense outlined stack-label placeholder='20 ms'"
             )
             self._hold = ui.select(_HOLDS, value="unknown", label="The voltage between rows")
             self._hold.props("dense outlined options-dense")

@@ -224,17 +224,28 @@ class _Form:
             self._choice.set_options({_NEW: "a new one", **{name: name for name in experiments(self._lab)}})
         return True
 
+    def _look_at_name(self) -> bool:
+        """Whether the file can be called that; what is wrong stands at its field."""
+        self._name.error = None
+        if not self._draft.name:
+            self._name.error = "give the experiment a file name, such as step-1V"
+            return False
+        try:
+            self._lab.new_file(self._draft.name, ".toml")
+        except InputError as error:
+            self._name.error = f"{error.message}; {error.repair}"
+            return False
+        return True
+
     async def _prepare(self) -> None:
         """Save, and let the recorder plan it: it then waits for the start."""
         self._is_tried = True
         await self._look()
+        is_named = self._look_at_name()
         if self._checked is None or self._checked.errors:
             self._message.text = self._message.text or "correct the fields that are marked"
             return
-        if not self._draft.name:
-            self._name.error = "give the experiment a file name, such as step-1V"
-            return
-        if not await self._save():
+        if not is_named or not await self._save():
             return
         self._prepare_button.disable()
         try:

@@ -380,7 +380,8 @@ const LabSimulate = (() => {
         try {
           await this.one(question);
           this.host.dataset.took = String(performance.now() - since);
-          this.took.textContent = `answered in ${Math.round(performance.now() - since)} ms`;
+          this.took.textContent = this.host.dataset.error ? "not answered: what is shown is from before"
+            : `answered in ${Math.round(performance.now() - since)} ms`;
         } catch (error) {
           this.complain({ message: `the simulation cannot be reached: ${error.message}`, where: "", repair: "it goes on when the link is back" });
         }
@@ -407,10 +408,16 @@ const LabSimulate = (() => {
       for (const field of this.fields.values()) field.complain("");
       this.alert.hidden = true;
       this.host.dataset.error = error ? error.code ?? "fault" : "";
+      this.host.classList.toggle("lab-is-old", Boolean(error));
+      // The server tells the first mistake; what can be seen from here is told of every field.
+      const isEmpty = (field) => field.input.type === "number" && field.input.value === "";
+      for (const field of this.fields.values()) if (!field.row.hidden && isEmpty(field)) field.complain("Write a number.");
+      for (const name of ["duration", "rate"])
+        if (Number(this.fields.get(name).input.value) < 0) this.fields.get(name).complain("Must be above 0.");
       if (!error) return;
       const text = error.repair ? `${error.message}; ${error.repair}` : error.message;
       const field = this.fields.get(error.where) ?? this.fields.get(this.written(error.where));
-      if (field && !field.row.hidden) field.complain(text);
+      if (field && !field.row.hidden) field.complain(isEmpty(field) ? "Write a number." : text);
       else {
         this.alert.textContent = text;
         this.alert.hidden = false;
