@@ -28,8 +28,8 @@ def served(folder: Path, *options: str) -> Iterator[str]:
     assert "Traceback" not in told, told
 
 
-# For these tests only: its event loop runs until it is closed, and tests after them start loops of their own.
-@pytest.fixture(scope="package")
+# Of a module: its event loop runs until it is closed, and tests after these start loops of their own.
+@pytest.fixture(scope="module")
 def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
     """The system's Chromium, headless."""
     from playwright.sync_api import sync_playwright

@@ -52,3 +52,24 @@ def test_who_comes_by_a_foreign_link_keeps_the_bench(tmp_path: Path, open_page) 
         other.get_by_role("link").click()
         other.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
         assert seats() == first
+
+
+def test_zero_stays_in_its_corner_and_above_a_dialog(tmp_path: Path, open_page) -> None:
+    (tmp_path / "t.toml").write_text('signal = "step 1 V"\nrate = "50 Hz"\n', encoding="utf-8")
+    seen = """() => {
+      const { right, top, x, y, width, height } = document.getElementById("lab-zero").getBoundingClientRect();
+      return [innerWidth - right, top, document.elementFromPoint(x + width / 2, y + height / 2).id];
+    }"""
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/run")
+        page.get_by_label("File name").fill("t")
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.get_by_role("button", name="Replace it").wait_for()
+        places = []
+        for width in (1280, 1024, 820, 600, 420):
+            page.set_viewport_size({"width": width, "height": 720})
+            places.append(tuple(page.evaluate(seen)))
+        assert len(set(places)) == 1
+        assert places[0][2] == "lab-zero"
+        page.get_by_role("button", name="ZERO", include_hidden=True).focus()
+        assert page.evaluate("document.activeElement.id") == "lab-zero"
