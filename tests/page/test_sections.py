@@ -277,7 +277,7 @@ def test_what_a_column_is_said_to_be_becomes_a_map() -> None:
     }
     with pytest.raises(InputError, match="two columns are said to be the voltage"):
         channel_tables(names, [{**BLANK, "channel": "voltage"}] * 2 + [{**BLANK, "channel": ""}] * 2)
-    with pytest.raises(InputError, match=r"the factor is '1,5' has a comma") as caught:
+    with pytest.raises(InputError, match=r"the factor, '1,5', is no plain number; write a point .*1\.5") as caught:
         channel_tables(("U",), [{**BLANK, "channel": "voltage", "factor": "1,5"}])
     assert caught.value.where == "channels.voltage"
 

@@ -115,5 +115,7 @@ def _number(text: str, channel: str, what: str) -> float:
             f"{what}, {text.strip()!r}, is no plain number",
             code=error.code,
             where=f"channels.{channel}",
-            repair="write for example -1.5",
+            repair=f"write a point for the comma: {text.strip().replace(',', '.')}"
+            if "," in text
+            else "write for example -1.5",
         ) from error
