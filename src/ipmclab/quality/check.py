@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from ipmclab.quality.asked import asked_beyond
 from ipmclab.quality.contact import missing_contact
 from ipmclab.quality.drift import before_step
+from ipmclab.quality.kept import kept
 from ipmclab.quality.kink import RATE_ROWS, rate_jumps
 from ipmclab.quality.limits import clipping, possible_range_limit, range_limits
 from ipmclab.quality.lost import flagged_rows, lost_readings
@@ -76,10 +77,14 @@ def check(run: Run, actuator: Actuator | None = None) -> tuple[Finding, ...]:
 
 def check_record(record: Record, actuator: Actuator | None = None) -> tuple[Finding, ...]:
     """``check``, for a caller that goes on to use what it computes of the record."""
-    found = _without_echoes([finding for one in _CHECKS for finding in one(record)])
+    found = list(kept(record.run, "check", lambda: _checked(record)))
     if actuator is not None:
         found += predicted_ringing(record, actuator)
     return tuple(sorted(found, key=lambda finding: _ORDER[finding.severity]))
+
+
+def _checked(record: Record) -> list[Finding]:
+    return _without_echoes([finding for one in _CHECKS for finding in one(record)])
 
 
 def _without_echoes(findings: list[Finding]) -> list[Finding]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ipmclab.quality.check import check
 from ipmclab.quality.extreme import HOW, breaks_of, highest
+from ipmclab.quality.kept import kept
 from ipmclab.quality.period import period_of
 from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
 from ipmclab.quality.steady import settle
@@ -91,6 +92,10 @@ def measure(run: Run) -> tuple[Metric, ...]:
     >>> {metric.name: round(metric.value, 4) for metric in measure(run)}
     {'largest': 0.06, 'peak_at_first_edge': 0.06, 'time_to_peak': 0.0, 'steady_value': 0.01, 'mean_of_last_tenth': 0.01}
     """
+    return kept(run, "metrics", lambda: _measured(run))
+
+
+def _measured(run: Run) -> tuple[Metric, ...]:
     record = Record.of(run)
     masks = usable(run, [finding for finding in check(run) if finding.effect == "mask"])
     period = period_of(run)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.quality.kept import kept
 from ipmclab.quality.noise import noise_of_readings, quantum_of, runs_of_true, stale_fraction
 from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
 from ipmclab.units import CHANNELS
@@ -126,6 +127,11 @@ class Record:
 
     @classmethod
     def of(cls, run: Run) -> Record:
+        """Of a run, as it was found the last time."""
+        return kept(run, "record", lambda: cls._made_of(run))
+
+    @classmethod
+    def _made_of(cls, run: Run) -> Record:
         edges, heights = voltage_edges(run.voltage)
         channels: dict[str, Channel] = {}
         empty: list[str] = []

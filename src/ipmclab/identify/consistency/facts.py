@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from ipmclab.data import published_measurements
 from ipmclab.quality import measure, period_of
 from ipmclab.quality.check import check_record
+from ipmclab.quality.kept import kept
 from ipmclab.quality.record import Record
 from ipmclab.run import Run
 from ipmclab.units import CHANNELS
@@ -161,13 +163,18 @@ def facts_of_runs(runs: Sequence[Run]) -> tuple[Fact, ...]:
     >>> [(fact.metric, fact.signal) for fact in facts_of_runs([run])][:2]
     [('peak_current', 'step 1 V'), ('max_displacement', 'step 1 V')]
     """
-    return tuple(fact for place, run in enumerate(runs) for fact in _facts_of(run, place))
+    each = (kept(run, f"facts {place}", partial(_all_facts_of, run, place)) for place, run in enumerate(runs))
+    return tuple(fact for of_run in each for fact in of_run)
 
 
 def label_of(run: Run, place: int) -> str:
     """A run as messages name it."""
     name = run.metadata.source_file or run.metadata.signal
     return f"run {place} ({name})" if name else f"run {place}"
+
+
+def _all_facts_of(run: Run, place: int) -> tuple[Fact, ...]:
+    return tuple(_facts_of(run, place))
 
 
 def _facts_of(run: Run, place: int) -> Iterable[Fact]:

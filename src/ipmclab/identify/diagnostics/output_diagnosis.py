@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
 Verdict = Literal["white", "hangs together", "follows the voltage", "bends with the voltage"]
@@ -58,7 +58,7 @@ class OutputDiagnosis:
 
     def to_table(self) -> dict[str, Any]:
         """In the types that TOML has."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> OutputDiagnosis:

@@ -44,7 +44,7 @@ def output_diagnosis(
     raw = raw + correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
     rows = _lags(len(white))
     through = problem.whitenings.get(key) if isinstance(problem, CorrelatedProblem) else None
-    voltage = np.array([_earlier(record, lag)[record.readings[output].used] for lag in rows])
+    voltage = _of_rows(_earlier(record, rows), record.readings[output].used)
     if len(rows):
         voltage = through.apply(voltage) if through is not None else voltage
         own = basis[piece]
@@ -58,7 +58,7 @@ def output_diagnosis(
         lags=tuple(float(lag / record.run.rate) for lag in rows),
         autocorrelation=_correlations(raw, rows),
         whitened=_correlations(white, rows),
-        with_voltage=tuple(_correlation(white, one[inside]) for one in voltage),
+        with_voltage=_with(white, _of_rows(voltage, inside)),
         band=_BAND / max(len(white), 1) ** 0.5,
     )
 
@@ -70,11 +70,18 @@ def _lags(count: int) -> list[int]:
     return sorted({round(lag) for lag in np.geomspace(1.0, _LONGEST * count, _LAGS)})
 
 
-def _earlier(record: Record, lag: int) -> FloatArray:
-    """The voltage so many rows earlier; before the first row that of a strip at rest, or the first one."""
+def _earlier(record: Record, lags: list[int]) -> FloatArray:
+    """The voltage so many rows earlier, a row for each lag; before the first that of a strip at rest, or the first."""
     voltage = record.run.voltage
-    before = voltage[0] if record.start == "free" else 0.0
-    return np.concatenate([np.full(lag, before), voltage[: len(voltage) - lag]])
+    longest = max(lags, default=0)
+    before = np.full(longest, voltage[0] if record.start == "free" else 0.0)
+    whole = np.concatenate([before, voltage])
+    return np.array([whole[longest - lag : len(whole) - lag] for lag in lags]).reshape(len(lags), len(voltage))
+
+
+def _of_rows(values: FloatArray, wanted: npt.NDArray[np.bool_]) -> FloatArray:
+    """Some columns; all of them without a copy."""
+    return values if wanted.all() else values[:, wanted]
 
 
 def imitated(correlated: Correlated) -> FloatArray:
@@ -89,6 +96,7 @@ def _correlations(values: FloatArray, lags: list[int]) -> tuple[float, ...]:
     return tuple(float(values[lag:] @ values[: len(values) - lag]) / power if power > 0.0 else 0.0 for lag in lags)
 
 
-def _correlation(one: FloatArray, other: FloatArray) -> float:
-    size = float(np.sqrt((one @ one) * (other @ other)))
-    return float(one @ other) / size if size > 1e-300 else 0.0
+def _with(one: FloatArray, others: FloatArray) -> tuple[float, ...]:
+    sizes = np.sqrt((one @ one) * np.einsum("ij,ij->i", others, others))
+    found = np.divide(others @ one, sizes, out=np.zeros(len(others)), where=sizes > 1e-300)
+    return tuple(float(value) for value in found)
