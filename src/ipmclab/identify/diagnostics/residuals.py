@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -48,7 +49,7 @@ def output_diagnosis(
     if len(rows):
         voltage = through.apply(voltage) if through is not None else voltage
         own = basis[piece]
-        voltage = voltage - (voltage @ own) @ own.T
+        voltage -= (voltage @ own) @ own.T
     return OutputDiagnosis(
         label=record.label,
         output=output,
@@ -63,14 +64,15 @@ def output_diagnosis(
     )
 
 
-def _lags(count: int) -> list[int]:
+@cache
+def _lags(count: int) -> tuple[int, ...]:
     """From one row to a quarter of a record, evenly spaced as logarithms."""
     if count < 8:
-        return []
-    return sorted({round(lag) for lag in np.geomspace(1.0, _LONGEST * count, _LAGS)})
+        return ()
+    return tuple(sorted({round(lag) for lag in np.geomspace(1.0, _LONGEST * count, _LAGS)}))
 
 
-def _earlier(record: Record, lags: list[int]) -> FloatArray:
+def _earlier(record: Record, lags: tuple[int, ...]) -> FloatArray:
     """The voltage so many rows earlier, a row for each lag; before the first that of a strip at rest, or the first."""
     voltage = record.run.voltage
     longest = max(lags, default=0)
@@ -91,7 +93,7 @@ def imitated(correlated: Correlated) -> FloatArray:
     return np.asarray(np.linalg.qr(here.jacobian @ directions)[0])
 
 
-def _correlations(values: FloatArray, lags: list[int]) -> tuple[float, ...]:
+def _correlations(values: FloatArray, lags: tuple[int, ...]) -> tuple[float, ...]:
     power = float(values @ values)
     return tuple(float(values[lag:] @ values[: len(values) - lag]) / power if power > 0.0 else 0.0 for lag in lags)
 
