@@ -73,7 +73,7 @@ def test_a_sample_comes_from_its_table_or_from_its_actuator() -> None:
         ({"rate": "0 Hz"}, "out-of-range", "rate", "above 0"),
         ({"duration": "1,5 s"}, "decimal-comma", "duration", "decimal point"),
         ({"rest_before": "-1 s"}, "out-of-range", "rest_before", "0 or more"),
-        ({"repeats": 0}, "out-of-range", "repeats", "1 or more"),
+        ({"repeats": 0}, "out-of-range", "repeats", "give 1 to 1000"),
         ({"sampel": "x"}, "unknown-key", "sampel", "did you mean 'sample'"),
         ({"measured": ["curent"]}, "unknown-channel", "measured", "did you mean 'current'"),
         ({"measured": ["force", "displacement"]}, "blocked-tip", "measured", "two experiments"),

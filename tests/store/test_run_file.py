@@ -221,6 +221,12 @@ def change_the_shunt(path: Path) -> None:
         stored.attrs["metadata_json"] = stored.attrs["metadata_json"].replace('resistance": 1.0', 'resistance": 9.0')
 
 
+def break_the_text(path: Path) -> None:
+    """A byte of the metadata's text that is no UTF-8."""
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b'"signal": "step', b'"signal": "\x80tep'))
+
+
 def change_a_value(path: Path) -> None:
     with h5py.File(path, "r+") as stored:
         stored["voltage"][7] = 1.5
@@ -271,6 +277,7 @@ def turn_time_back(path: Path) -> None:
         (edit_document(lambda d: d.update(format_version=-1)), "damaged, the format version is -1; take a copy"),
         (edit_document(lambda d: d.update(format_version=True)), "damaged, the format version is True"),
         (edit_document(lambda d: d.pop("metadata")), "metadata: None"),
+        (break_the_text, "the checksum of the metadata does not match: metadata_sha256 is"),
         (change_the_shunt, "the checksum of the metadata does not match: metadata_sha256 is"),
         (change_a_value, "the checksum does not match"),
         (remove_the_voltage, "no voltage in it"),

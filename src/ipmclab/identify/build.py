@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis
 from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
@@ -50,7 +51,13 @@ _MOTION: Final = frozenset({"displacement", "force"})
 _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
 
 
-def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, findings: tuple[Finding, ...]) -> Fit:
+def build_fit(
+    actuator: Actuator,
+    runs: Sequence[Run],
+    result: Estimate,
+    findings: tuple[Finding, ...],
+    diagnoses: tuple[OutputDiagnosis, ...] = (),
+) -> Fit:
     """Errors, intervals, correlations, diagnosis and the fitted actuator."""
     problem, solution = result.problem, result.solution
     parameters = result.parameters
@@ -162,6 +169,7 @@ def build_fit(actuator: Actuator, runs: Sequence[Run], result: Estimate, finding
         software_version=__version__,
         practical=Practical.of(problem, solution, order),
         covariance=_covariance(asked, values, found, stated, problem.base, order),
+        diagnoses=diagnoses,
         estimate=result,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))

@@ -173,13 +173,13 @@ def _identify(
     diagnoses, lacking = diagnose(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
     told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
-    fit = replace(build_fit(actuator, given, result, told), diagnoses=diagnoses)
+    fit = build_fit(actuator, given, result, told, diagnoses)
     beyond = beyond_findings(fit, records)
     if names.priors:
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, replace(names, priors={}), records), ())
         beyond += prior_findings(actuator, fit, alone)
-    return changed(fit, findings=(*fit.findings, *beyond))
+    return changed(fit, findings=(*fit.findings, *beyond)) if beyond else fit
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:

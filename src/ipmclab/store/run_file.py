@@ -194,7 +194,8 @@ def _text(file: h5py.File, attribute: str) -> str | None:
 
 
 def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+    # HDF5 hands over bytes that are no UTF-8 (a damaged file) as surrogates: they are counted as those bytes.
+    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
 def _write(run: Run, document: str, path: Path) -> None:

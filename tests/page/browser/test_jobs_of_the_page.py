@@ -66,8 +66,9 @@ def test_runs_are_found_looked_at_compared_and_taken_along(address: str, open_pa
         page.get_by_role("button", name="Save the figure as it is shown: square").click()
     assert "<svg" in Path(saved.value.path()).read_text()
     page.get_by_label("Search").fill("")
+    page.get_by_text("3 of 3 runs").wait_for()
     page.get_by_role("button", name="Run", exact=True).click()
-    assert page.locator(".lab-run-table tbody tr").first.inner_text().split()[0] == "sine"
+    page.locator(".lab-run-table tbody tr:first-child").filter(has_text="sine").wait_for()
     page.get_by_label("Show: runs/step.nc").focus()
     page.keyboard.press("Space")
     page.get_by_role("heading", name="2 runs compared").wait_for()

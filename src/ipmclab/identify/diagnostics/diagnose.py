@@ -7,10 +7,11 @@ from typing import Final
 
 from ipmclab.identify.diagnostics.left import Left
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
-from ipmclab.identify.diagnostics.residuals import imitated, output_diagnosis
+from ipmclab.identify.diagnostics.residuals import output_diagnosis
 from ipmclab.identify.diagnostics.stages import Tried, named, tried_stages
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.noise.pieces import imitated
 from ipmclab.identify.observation import READ_OUTPUTS
 from ipmclab.model import Actuator
 from ipmclab.run import Finding
@@ -60,7 +61,7 @@ def diagnose(
     read = [output for output in READ_OUTPUTS if any(output in record.readings for record in problem.records)]
     every = [Left.of(estimate, output) for output in read]
     verdicts = {left.output: _verdict(left) for left in every}
-    basis = imitated(estimate.correlated)
+    basis = imitated(estimate.correlated.solution.evaluation)
     found = []
     for record in problem.records:
         for left in every:

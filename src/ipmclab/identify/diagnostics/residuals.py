@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identify.noise.correlate import Correlated
-from ipmclab.identify.noise.pieces import directions_of
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
 from ipmclab.identify.observation import Record
 
@@ -84,13 +83,6 @@ def _earlier(record: Record, lags: tuple[int, ...]) -> FloatArray:
 def _of_rows(values: FloatArray, wanted: npt.NDArray[np.bool_]) -> FloatArray:
     """Some columns; all of them without a copy."""
     return values if wanted.all() else values[:, wanted]
-
-
-def imitated(correlated: Correlated) -> FloatArray:
-    """What the free parameters can do to the residuals: orthonormal columns, shape (n_residual, n_directions)."""
-    here = correlated.solution.evaluation
-    directions = directions_of(here)
-    return np.asarray(np.linalg.qr(here.jacobian @ directions)[0])
 
 
 def _correlations(values: FloatArray, lags: tuple[int, ...]) -> tuple[float, ...]:

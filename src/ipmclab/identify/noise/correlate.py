@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.identify.noise.blind import Blind, blind_outputs
 from ipmclab.identify.noise.columns import CONSTANTS, constants
 from ipmclab.identify.noise.model import NoiseModel
-from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, directions_of, refine_noise
+from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, directions_of, imitated, refine_noise
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
 from ipmclab.identify.noise.robust import contradicts
 from ipmclab.identify.noise.screen import needs_search
@@ -207,8 +207,7 @@ def _pieces(problem: Problem, here: Evaluation, without: Set[str]) -> tuple[list
             if len(residual) < 2 * CONSTANTS:
                 continue
             if basis is None:
-                directions = directions_of(here)
-                basis = here.jacobian @ directions
+                basis = imitated(here)
             explained = _explained(basis[piece][inside], record.run.time[record.readings[output].exact], residual)
             found.append(Piece.of(record, output, problem.unknowns))
             if needs_search(residual, explained):

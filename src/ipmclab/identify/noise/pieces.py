@@ -83,6 +83,11 @@ def directions_of(here: Evaluation) -> FloatArray:
     return np.asarray(directions[: len(seen)][seen].T / singular[seen])
 
 
+def imitated(here: Evaluation) -> FloatArray:
+    """What the free parameters can do to the residuals: orthonormal columns, shape (n_residual, n_directions)."""
+    return np.asarray(here.jacobian @ directions_of(here))
+
+
 class System:
     """The normal equations of a fit at one point, as sums over its outputs and runs.
 
