@@ -91,13 +91,18 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     _need_as_many_readings(len(unknowns_of(names, parameters, records)), records)
     given_up: set[int] = set()
     while True:
-        problem, solution, rivals = _fit(actuator, parameters, names, records)
-        problem, solution = _without_idle(problem, solution, names)
+        searched, near, rivals, along = _fit(actuator, parameters, names, records)
+        problem, solution = _without_idle(searched, near, names)
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
             break
         given_up |= moving
         records = [replace(record, start="free") if record.place in moving else record for record in records]
+    if problem is not searched:
+        # With fewer unknowns all is known better, at the other minima and along the valleys too.
+        rivals = _still_rivals(problem, solution, rivals)
+        along = _allowed(problem, solution, _along_valleys(actuator, names, problem, solution)) if along else ()
+    rivals += along
     stage("asking what the readings do not show", 0.5, 0.6)
     resting = at_rest_after_all(problem, solution, _asked(problem, names), given_up)
     if resting:
@@ -118,16 +123,27 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     correlated = noise_of(problem, solution, _asked(problem, names))
     problem, solution = correlated.problem, correlated.solution
     if correlated.noise:
-        rivals = _still_rivals(problem, solution, rivals)
+        rivals = _still_rivals(problem, solution, [replace(r, reach=dict.fromkeys(r.reach, 0.0)) for r in rivals])
     return Estimate(parameters, problem, solution, rivals, tuple(findings), correlated, unseen, beside, white)
 
 
+def _allowed(problem: Problem, solution: Solution, valley: Sequence[Place]) -> tuple[Rival, ...]:
+    """The places of a valley that the readings allow."""
+    least = solution.evaluation.cost
+    variance = least / len(solution.evaluation.residual)
+    found = (Rival.at(problem, place, least, variance) for place in valley)
+    return tuple(rival for rival in found if rival is not None)
+
+
 def _still_rivals(problem: Problem, solution: Solution, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
-    """Those of other minima that are as good under correlated noise, where they lie then."""
+    """Those of other minima that are as good in another problem, where they lie then."""
     names = [unknown.name for unknown in problem.unknowns]
     allowed = solution.evaluation.cost * (1.0 + _RIVAL / len(solution.evaluation.residual))
     found = []
     for rival in rivals:
+        if any(rival.reach.values()):  # it need not be as good: the readings cannot tell it from the best
+            found.append(rival)
+            continue
         theta = np.array([rival.entries.get(name, own) for name, own in zip(names, solution.theta, strict=True)])
         other = polish(problem, theta) or _minimise(problem, theta, evaluations=_SHORTLY)
         if other.evaluation.cost <= allowed:
@@ -217,26 +233,27 @@ def _again(problem: Problem, near: Solution) -> Solution:
 
 def _fit(
     actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[Record]
-) -> tuple[Problem, Solution, tuple[Rival, ...]]:
+) -> tuple[Problem, Solution, tuple[Rival, ...], tuple[Rival, ...]]:
+    """The best minimum, other minima that are as good, and the places along its valleys that are."""
     stage("finding where to start from the readings alone", 0.05, 0.2, 300)
     circuit = _circuit_first(actuator, parameters, names, records)
     points = known_first(actuator, names, records, circuit)
     dear = not (is_lumped(actuator.structure) and all(set(record.readings) == {"current"} for record in records))
     shorter = thinned(records, points[0].delays) if dear else None
     if shorter is None:
-        problem, solution, rivals = _search(actuator, parameters, names, records, points)
+        problem, solution, rivals, along = _search(actuator, parameters, names, records, points)
     else:
-        rough, near, rivals = _search(actuator, parameters, names, shorter, points)
+        rough, near, rivals, along = _search(actuator, parameters, names, shorter, points)
         stage("fitting every row", 0.45, 0.5)
         problem = problem_at(actuator, parameters, names, records, points[0], _noise_of(records))
-        rivals = tuple(rival.moved_to(rough, problem) for rival in rivals)
+        rivals, along = (tuple(rival.moved_to(rough, problem) for rival in some) for some in (rivals, along))
         theta = entries_at(problem, points[0])
         there = Rival.of(rough, near.theta).moved_to(rough, problem).entries
         for place, unknown in enumerate(problem.unknowns):
             theta[place] = there.get(unknown.name, theta[place]) if not unknown.nuisance else theta[place]
         found = _minimise(problem, theta)
         solution = replace(found, evaluations=found.evaluations + near.evaluations)
-    return *_weigh(problem, solution), rivals
+    return *_weigh(problem, solution), rivals, along
 
 
 def _noise_of(records: Sequence[Record]) -> dict[tuple[int, str], float]:
@@ -253,8 +270,8 @@ def _search(
     names: FreeParameters,
     records: Sequence[Record],
     points: Sequence[StartingPoint],
-) -> tuple[Problem, Solution, tuple[Rival, ...]]:
-    """The best minimum from some starts, and others that are as good."""
+) -> tuple[Problem, Solution, tuple[Rival, ...], tuple[Rival, ...]]:
+    """The best minimum from some starts, others that are as good, and the places along its valleys that are."""
     noise = _noise_of(records)
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
@@ -285,12 +302,10 @@ def _search(
         for of, other in tried
         if other.theta is not solution.theta and other.evaluation.cost <= allowed
     ]
-    least = solution.evaluation.cost
     if set(COUPLING) <= set(names.shared):
         higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
         rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, parameters)) is not None]
-    rivals += [rival for place in valley if (rival := Rival.at(problem, place, least, per_reading)) is not None]
-    return problem, solution, tuple(rivals)
+    return problem, solution, tuple(rivals), _allowed(problem, solution, valley)
 
 
 def _share(begin: float, end: float, number: int, count: int) -> tuple[float, float]:
