@@ -288,8 +288,8 @@ def main() -> None:
     options = parser.parse_args()
     lines = [
         "| model | freed | at the noise floor | converged | truth inside, all | truth inside, determined | "
-        "not determined, named | bound below 40 % | of these determined (least of one parameter) | median width / bound's | "
-        "median time | longest |",
+        "not determined, named | bound below 40 % | of these determined (least of one parameter) | "
+        "median width / bound's | median time | longest |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name, case in CASES.items():
@@ -299,7 +299,8 @@ def main() -> None:
         lines.append(
             f"| {name} | {case.free} | {tally.at_floor} of {tally.trials} | {tally.converged} of {tally.trials} | "
             f"{_part(tally.inside, tally.counted)} | {_part(tally.inside_determined, tally.determined)} | "
-            f"{_part(tally.counted - tally.determined, tally.counted)} | {_told_of_the_sharp(tally)} | {np.median(tally.seconds):.2f} s | "
+            f"{_part(tally.counted - tally.determined, tally.counted)} | "
+            f"{_told_of_the_sharp(tally)} | {np.median(tally.seconds):.2f} s | "
             f"{max(tally.seconds):.1f} s |"
         )
         print(lines[-1], tally.outside, f"falsely sure {tally.falsely_sure}", flush=True)

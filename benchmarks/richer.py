@@ -28,6 +28,7 @@ from ipmclab.model.variants import with_stages
 SEED = 20261121
 Array = npt.NDArray[np.float64]
 _CHANGE = 1e-4
+_ABOVE = ("step 2.5 V", "sine 3 V 0.1 Hz")
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Case:
     truth: Mapping[str, float]
     free: str
     keep: tuple[str, ...] = ("current",)
-    signals: tuple[str, ...] = ("step 2 V", "sine 2.5 V 0.1 Hz")
+    signals: tuple[str, ...] = _ABOVE
     duration: float = 45.0
     rate: float = 50.0
 

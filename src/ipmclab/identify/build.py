@@ -31,6 +31,7 @@ from ipmclab.identify.uncertainty.interval import (
     half_width,
     interval_of,
     open_ends,
+    reaches_out,
     with_rivals,
 )
 from ipmclab.identify.undetermined.diagnosis import DETERMINED, direction_of_one, directions, names_it, relative_errors
@@ -80,8 +81,12 @@ def build_fit(
         interval_of(problem, solution, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
         for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
     ]
-    told_twice = {*beside, *(name for rival in rivals for name in rival.entries)}
-    nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
+    apart = {
+        unknown.name
+        for unknown, one in zip(asked, alone, strict=True)
+        if any(reaches_out(unknown, (one.low, one.high), rival) for rival in rivals)
+    }
+    nearer = [math.inf if u.name in apart | {*beside} else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
     open_directions = directions(asked, values, sharper, problem.records, model, rivals)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
@@ -97,7 +102,7 @@ def build_fit(
         first = open_ends(unknown) if unknown.name in beyond else (alone[number].low, alone[number].high)
         interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
         variance = float(found.covariance[number, number])
-        wider = half_width(unknown, interval) / _NORMAL_95 if others else 0.0
+        wider = half_width(unknown, interval) / _NORMAL_95 if unknown.name in apart else 0.0
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)

@@ -17,6 +17,7 @@ from ipmclab.identify.uncertainty.covariance import Uncertainty
 from ipmclab.identify.uncertainty.profile import Walk
 from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.identify.unknowns import Unknown
+from ipmclab.identify.valleys import Rival
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -154,6 +155,15 @@ def edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
         and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
         for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
     )
+
+
+def reaches_out(unknown: Unknown, interval: tuple[float, float], rival: Rival) -> bool:
+    """Whether another fit that is as good leaves an interval: one within it says nothing new."""
+    if unknown.name not in rival.entries:
+        return False
+    entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
+    low, high = beside_bounds(unknown, entry - reach, entry + reach)
+    return low < interval[0] or high > interval[1]
 
 
 def with_rivals(
