@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
+_NOTHING: Final = 1e-150  # what lies no farther apart has a square that is no number
 FEWEST: Final = 3
 """Members from which a next one is told: two show no spread that could be relied on."""
 
@@ -77,7 +78,7 @@ def random_effect(
 
     y, within = np.asarray(values, dtype=np.float64), np.square(np.asarray(errors, dtype=np.float64))
     freedom = len(y) - 1
-    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(y).max())
+    rounding = max(8.0 * np.finfo(np.float64).eps * float(np.abs(y).max()), _NOTHING)
     if np.ptp(y) <= rounding and within.max() <= rounding**2:
         alone = float(y[0])
         reach = float(ndtri(0.5 + 0.5 * level)) * common
