@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import subprocess
 import sys
 import threading
 import time
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,6 +23,7 @@ from ipmclab import load_actuator, simulate, write_run
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.jobs.frames import pack, read_frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
+from ipmclab.page.jobs.tasks import LOOK, TASKS, Entry, find_task, unpacked
 
 PATIENCE = 60.0
 
@@ -198,6 +203,72 @@ def test_a_foreign_record_is_seen_and_imported(jobs: Jobs, tmp_path: Path) -> No
     table["channels"]["voltage"]["column"] = "U"
     with pytest.raises(InputError, match="no column 'U'"):
         jobs.submit("import", {"path": str(path), "map": table}).future.result(PATIENCE)
+
+
+def test_a_short_job_that_takes_long_is_ended_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("time,voltage\n0,1\n1,2\n")
+    monkeypatch.setitem(TASKS, "preview", Entry("preview", LOOK, 0.01))  # no worker starts as quickly
+    with Jobs() as jobs:
+        job = jobs.submit("preview", {"path": str(path)}, title="import")
+        with pytest.raises(IpmclabError, match=r"longer than 0\.01 s, so it was ended") as caught:
+            job.future.result(PATIENCE)
+        assert (caught.value.code, caught.value.where) == ("too-long", "import")
+        assert "shorter record" in caught.value.repair
+        monkeypatch.undo()
+        assert jobs.submit("preview", {"path": str(path)}).future.result(PATIENCE).document["count"] == 2
+
+
+def test_what_a_bad_upload_could_ask_is_limited_and_a_fit_is_not() -> None:
+    assert {name for name, entry in TASKS.items() if entry.limit is None} == {
+        "inspect",
+        "identify",
+        "validate",
+        "report",
+    }
+
+
+@pytest.mark.parametrize("ending", ["csv.gz", "xlsx", "5.mat", "7.mat"])
+def test_a_small_file_that_holds_too_much_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    monkeypatch.setattr(unpacked, "MOST_UNPACKED", 2**21)
+    for rows, is_refused in ((1000, False), (600_000, True)):
+        path = tmp_path / f"{rows}.{ending}"
+        _write_zeros(path, rows)
+        assert path.stat().st_size < 2**19
+        if is_refused:
+            with pytest.raises(InputError, match="more than 2 MiB") as refused:
+                unpacked.refuse_large(path)
+            assert "ipmclab import" in refused.value.repair
+        else:
+            assert unpacked.unpacked_size(path) >= 2 * rows
+            unpacked.refuse_large(path)
+
+
+def test_the_worker_looks_at_the_size_of_a_record_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("time,voltage\n0,1\n1,2\n")
+    monkeypatch.setattr(unpacked, "MOST_UNPACKED", 10)
+    for task in ("preview", "import"):
+        with pytest.raises(InputError, match="the most that is read here"):
+            find_task(task)({"path": str(path), "map": {}}, lambda *_: None)
+
+
+def _write_zeros(path: Path, rows: int) -> None:
+    """A record of zeros, which packs well."""
+    if path.name.endswith("gz"):
+        path.write_bytes(gzip.compress(b"0,0\n" * rows))
+    elif path.name.endswith("xlsx"):
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as book:
+            book.writestr("xl/worksheets/sheet1.xml", b"<c>0</c>" * rows)
+    elif path.name.endswith("5.mat"):
+        scipy.io.savemat(path, {"data": np.zeros(rows)}, do_compression=True)
+    else:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file.create_dataset("data", data=np.zeros(rows), compression="gzip")
+        with path.open("r+b") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file")
 
 
 def _fit(runs: Path, out: Path) -> dict[str, object]:

@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from typing import IO, Any, Final, Literal
 
@@ -62,6 +62,7 @@ class Job:
         self.started: float | None = None
         self.ended: float | None = None
         self.is_cancelled = threading.Event()
+        self.is_late = False
 
     @property
     def is_over(self) -> bool:
@@ -243,24 +244,15 @@ class _Lane:
             child.stdin.flush()
         if job.is_cancelled.is_set():  # between the two: the worker before this one may have been told
             self._take_back(job, child)
-        while (frame := read_frame(child.stdout)) is not None:
-            told = frame.document
-            if told["id"] != job.number:
-                continue
-            if "progress" in told:
-                job.sentence, job.fraction = told["progress"], told["fraction"]
-            elif "done" in told:
-                job._end("done", Frame(told["done"], frame.arrays))
-                return
-            elif "cancelled" in told:
-                job._end("cancelled", error=JobCancelled())
-                return
-            else:
-                job._end("failed", error=_as_error(told["error"]))
+        with self._limited(job, child):
+            if self._answered(job, child.stdout):
                 return
         last_words = self._end_child()
         if job.is_cancelled.is_set() or self._is_closed:
             job._end("cancelled", error=JobCancelled())
+            return
+        if job.is_late:
+            job._end("failed", error=_too_long(job))
             return
         job._end(
             "failed",
@@ -271,6 +263,47 @@ class _Lane:
                 repair="try again with fewer or shorter runs; recordings are not touched by this",
             ),
         )
+
+    @staticmethod
+    def _answered(job: Job, stream: IO[bytes]) -> bool:
+        """Take what a worker tells of a job; False where the worker ended before the job did."""
+        while (frame := read_frame(stream)) is not None:
+            told = frame.document
+            if told["id"] != job.number:
+                continue
+            if "progress" in told:
+                job.sentence, job.fraction = told["progress"], told["fraction"]
+                continue
+            if "done" in told:
+                job._end("done", Frame(told["done"], frame.arrays))
+            elif "cancelled" in told:
+                job._end("cancelled", error=JobCancelled())
+            else:
+                job._end("failed", error=_as_error(told["error"]))
+            return True
+        return False
+
+    @staticmethod
+    @contextlib.contextmanager
+    def _limited(job: Job, child: subprocess.Popen[bytes]) -> Iterator[None]:
+        """End the worker of a job that takes longer than it may."""
+
+        def end() -> None:
+            job.is_late = True
+            child.kill()
+
+        limit = TASKS[job.task].limit
+        if limit is None:
+            yield
+            return
+        timer = threading.Timer(limit, end)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            timer.join()  # it must not end what the worker does next
 
     def _ready(self) -> subprocess.Popen[bytes]:
         """The worker, started where there is none."""
@@ -315,6 +348,15 @@ class _Lane:
             self._stderr.close()
             self._stderr = None
         return last
+
+
+def _too_long(job: Job) -> IpmclabError:
+    return IpmclabError(
+        f"it took longer than {TASKS[job.task].limit:g} s, so it was ended",
+        code="too-long",
+        where=job.title or job.task,
+        repair="try a shorter record or fewer runs; at the terminal ipmclab has no such limit",
+    )
 
 
 def _as_error(told: Mapping[str, Any]) -> IpmclabError:

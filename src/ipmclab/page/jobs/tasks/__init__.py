@@ -14,11 +14,15 @@ Progress = Callable[..., None]
 Task = Callable[[dict[str, Any], Progress], Frame]
 
 
+_SHORT: Final = 120.0
+
+
 class Entry(NamedTuple):
-    """Where a task is, and the lane it waits in."""
+    """Where a task is, the lane it waits in, and how long [s] it may take: None for as long as its user waits."""
 
     module: str
     lane: str
+    limit: float | None = _SHORT
 
 
 SIMULATE: Final = "simulate"
@@ -36,10 +40,10 @@ TASKS: Final[dict[str, Entry]] = {
     "export": Entry("export", LOOK),
     "preview": Entry("preview", LOOK),
     "import": Entry("importing", LOOK),
-    "inspect": Entry("inspect", LOOK),
-    "identify": Entry("identify", WORK),
-    "validate": Entry("validate", WORK),
-    "report": Entry("report", WORK),
+    "inspect": Entry("inspect", LOOK, None),  # as long as there are runs that nobody has looked into
+    "identify": Entry("identify", WORK, None),
+    "validate": Entry("validate", WORK, None),
+    "report": Entry("report", WORK, None),
 }
 
 

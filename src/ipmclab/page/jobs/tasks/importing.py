@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.jobs.tasks.unpacked import refuse_large
 
 if TYPE_CHECKING:
     from ipmclab.page.jobs.tasks import Progress
@@ -16,7 +18,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     Raises
     ------
     InputError
-        What ``import_run`` refuses, with the key of the map.
+        What ``import_run`` refuses, with the key of the map; or it holds too much.
     """
     from ipmclab.page.jobs.tasks.given import finding_row
     from ipmclab.quality import check
@@ -24,6 +26,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab.store.import_map import ImportMap
 
     progress("importing")
+    refuse_large(Path(arguments["path"]))
     table = arguments["map"]
     imported = import_run(arguments["path"], ImportMap.from_table(table, where="map") if table else None)
     if arguments.get("out"):

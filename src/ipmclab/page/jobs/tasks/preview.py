@@ -11,6 +11,7 @@ import numpy as np
 
 from ipmclab.errors import InputError
 from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.jobs.tasks.unpacked import refuse_large
 from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     Raises
     ------
     InputError
-        It cannot be read so.
+        It cannot be read so, or holds too much.
     """
     from pydantic import TypeAdapter, ValidationError
 
@@ -51,6 +52,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
 
     progress("reading the file")
     path = Path(arguments["path"])
+    refuse_large(path)
     layout = arguments.get("file") or guess_layout(path)
     try:
         file = TypeAdapter(File).validate_python(layout)
