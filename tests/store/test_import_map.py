@@ -140,12 +140,12 @@ def test_a_map_file_is_toml(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"lab\.toml: no such file"):
         load_import_map(path)
     path.write_text("hold = zero")
-    with pytest.raises(InputError, match=r"lab\.toml: it is not TOML: .*line 1"):
+    with pytest.raises(InputError, match=r"lab\.toml: not a TOML file: .*line 1"):
         load_import_map(path)
     path.write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match=r"lab\.toml: the file cannot be read as text"):
         load_import_map(path)
-    with pytest.raises(InputError, match="this is a folder; name an import map in it"):
+    with pytest.raises(InputError, match="this is a folder, not an import map; name a file in it"):
         load_import_map(tmp_path)
     path.write_text((MAPS / "step_1V.toml").read_text(encoding="utf-8"), encoding="utf-8-sig")
     assert load_import_map(path) == load_import_map(MAPS / "step_1V.toml")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +13,7 @@ from ipmclab.cli.files import read_runs
 from ipmclab.cli.options import Json
 from ipmclab.cli.output import finding_document, print_findings, print_json, progress
 from ipmclab.errors import InputError, suggest
+from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
     from ipmclab.run import Finding, Run
@@ -109,11 +109,8 @@ def _is_actuator(item: str) -> bool:
     base = item if Path(item).exists() else item.partition("+")[0].strip()
     path = Path(base)
     if path.suffix.lower() == ".toml":
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, ValueError, RecursionError):
-            return True  # whose message tells what is wrong with it
-        return "geometry" in table
+        table = glance(path)
+        return table is None or "geometry" in table  # its reader tells what is wrong with it
     # A name without an ending that is no file is meant for the library, rightly or not.
     return not path.suffix and not path.exists() and path.name == base
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ipmclab.destination import target_of
 from ipmclab.errors import InputError
+from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
     from ipmclab.run import Run
@@ -65,10 +65,7 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
 
 def _toml_for_a_run(path: Path) -> InputError:
     """What to say of a TOML file that stands where a run is expected."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        table = {}
+    table = glance(path) or {}
     if "geometry" in table:
         kind, repair = "this is an actuator, not a run", "the actuator, where one is needed, comes first, then the runs"
     elif "channels" in table:

@@ -16,6 +16,7 @@ from ipmclab.cli.options import Json
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record_view import View, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.toml_file import parse_table, read_text
 
 if TYPE_CHECKING:
     from ipmclab.rig.process.client import Recorder
@@ -124,18 +125,9 @@ def _answers(pairs: list[str], file: Path | None) -> dict[str, str]:
     """The answers of the command line, after those of a file."""
     found: dict[str, str] = {}
     if file is not None:
-        import tomllib
-
-        try:
-            table = tomllib.loads(file.read_text(encoding="utf-8-sig"))
-        except ValueError as error:
-            raise InputError(
-                f"it is not TOML: {error}",
-                code="bad-toml",
-                where=str(file),
-                repair='write lines such as clamp = "done"',
-            ) from error
-        for name, value in table.items():
+        missing = InputError("no such file", code="no-such-file", where=str(file), repair="see where it was written")
+        text = read_text(file, kind="a file of answers", missing=missing)
+        for name, value in parse_table(text, where=str(file), repair='write lines such as clamp = "done"').items():
             if not isinstance(value, str):
                 raise InputError(
                     f"{value!r} is not a text", code="bad-value", where=f"{file}: {name}", repair="write it in quotes"

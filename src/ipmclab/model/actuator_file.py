@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
@@ -17,6 +16,7 @@ from ipmclab.model.parameters import Declaration
 from ipmclab.model.structure import Structure
 from ipmclab.model.variants import with_stages
 from ipmclab.sample import Sample
+from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import Quantity, format_quantity, parse_quantity
 
 _LIBRARY: Final = resources.files("ipmclab.model") / "library"
@@ -69,22 +69,15 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     if isinstance(name_or_path, str) and "+" in name_or_path and not path.exists():
         base, stages = _base(name_or_path)
         return with_stages(load_actuator(base), *stages)
-    _refuse_other_things(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
-    except FileNotFoundError:
-        states = [name for name in library_names() if name.startswith(f"{name_or_path}-")]
-        raise InputError(
-            f"there is no actuator {str(name_or_path)!r}, neither in the library nor as a file",
-            code="no-actuator",
-            where="actuator",
-            repair=f"choose one of {', '.join(states)}" if states else suggest(str(name_or_path), library_names()),
-        ) from None
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
-        ) from error
-    return actuator_from_text(text, where=str(path))
+    _refuse_a_run(path)
+    states = [name for name in library_names() if name.startswith(f"{name_or_path}-")]
+    missing = InputError(
+        f"there is no actuator {str(name_or_path)!r}, neither in the library nor as a file",
+        code="no-actuator",
+        where="actuator",
+        repair=f"choose one of {', '.join(states)}" if states else suggest(str(name_or_path), library_names()),
+    )
+    return actuator_from_text(read_text(path, kind="an actuator", missing=missing), where=str(path))
 
 
 def is_library_name(name: str) -> bool:
@@ -108,17 +101,11 @@ def _base(name: str) -> tuple[str, list[str]]:
     return parts[0].strip(), parts[1:]
 
 
-def _refuse_other_things(path: Path) -> None:
-    """Refuse a folder and a run, which stand here when arguments are in the wrong order."""
+def _refuse_a_run(path: Path) -> None:
+    """Refuse a run, which stands here when arguments are in the wrong order."""
     try:
-        if path.is_dir():
-            raise InputError(
-                "this is a folder, not an actuator", code="is-a-folder", where=str(path), repair="name a file in it"
-            )
         with path.open("rb") as stream:
             is_run = stream.read(len(_RUN_SIGNATURE)) == _RUN_SIGNATURE
-    except InputError:
-        raise
     except (OSError, ValueError):
         return  # reading the text says what is wrong
     if is_run:
@@ -143,12 +130,7 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
     ------
     InputError
     """
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # a huge integer or deep nesting raises another than TOMLDecodeError
-        raise InputError(
-            f"not a TOML file: {error}", code="bad-toml", where=where, repair="compare with the library's friend-2"
-        ) from error
+    document = parse_table(text, where=where, repair="compare with the library's friend-2")
     for key in document:
         if key not in (*_TABLES, *_OTHER_KEYS):
             known = (*_TABLES, *_OTHER_KEYS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ from ipmclab.page.curves import Panel, Series
 from ipmclab.page.lab import Lab, files_of
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
+from ipmclab.toml_file import glance, parse_table, read_text
 from ipmclab.units import VOLTAGE
 
 if TYPE_CHECKING:
@@ -151,12 +151,8 @@ class Draft:
             No such file, or no TOML.
         """
         path = lab.new_file(name, ".toml")
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"it cannot be read: {error}", code="bad-file", where=path.name, repair="correct the file"
-            ) from error
+        missing = InputError("no such file", code="no-such-file", where=path.name, repair="see what the lab holds")
+        table = parse_table(read_text(path, kind="an experiment", missing=missing), where=path.name)
         values: Values = {one.key: one.default if one.kind == "switch" else "" for one in FIELDS}
         values["measured"], values["rig"], values["repeats"] = "current, force", VIRTUAL, "1"
         rest = _copied(table)
@@ -397,10 +393,7 @@ def experiments(lab: Lab) -> list[str]:
     """The names of the experiment files of the lab."""
     found = []
     for path in lab.tables():
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, ValueError):
-            continue
+        table = glance(path) or {}
         if ("signal" in table or "signals" in table) and "rate" in table and "channels" not in table:
             found.append(path.stem)
     return found
@@ -410,10 +403,7 @@ def rigs(lab: Lab) -> list[str]:
     """What a rig may be: the virtual one, and the rig files of the lab."""
     found = [VIRTUAL]
     for path in lab.tables():
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, ValueError):
-            continue
+        table = glance(path) or {}
         if "channels" in table or "bench" in table:
             found.append(path.name)
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -17,6 +16,7 @@ from ipmclab.sample import Sample
 from ipmclab.store.document import METADATA_QUANTITIES, parse_metadata
 from ipmclab.store.importers import File
 from ipmclab.store.strict import Pair, Rows, Strict, as_input_error
+from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import CHANNELS, TIME, Quantity, parse_quantity, spell_unit
 
 MAPPED: Final[dict[str, Quantity]] = {"time": TIME, **CHANNELS}
@@ -253,27 +253,9 @@ def load_import_map(path: str | os.PathLike[str]) -> ImportMap:
         No such file, not TOML, or anything in it that ``ImportMap.from_table`` refuses.
     """
     where = str(path)
-    try:
-        if Path(path).is_dir():
-            raise InputError("this is a folder", code="is-a-folder", where=where, repair="name an import map in it")
-        text = Path(path).read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
-    except FileNotFoundError as error:
-        raise InputError(
-            "no such file", code="no-such-file", where=where, repair="see the maps under docs/import_maps"
-        ) from error
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the file cannot be read as text: {error}", code="bad-file", where=where, repair="give a TOML file"
-        ) from error
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"it is not TOML: {error}", code="bad-toml", where=where, repair="correct the line that it names"
-        ) from error
-    return ImportMap.from_table(table, where=where)
+    missing = InputError("no such file", code="no-such-file", where=where, repair="see the maps under docs/import_maps")
+    text = read_text(Path(path), kind="an import map", missing=missing)
+    return ImportMap.from_table(parse_table(text, where=where), where=where)
 
 
 def _contradiction(where: str, message: str, repair: str) -> InputError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -19,6 +18,7 @@ from ipmclab.identify.procedure.strip import GEOMETRY
 from ipmclab.model import geometry
 from ipmclab.run import Run
 from ipmclab.sample import Sample
+from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import (
     DENSITY,
     DISPLACEMENT,
@@ -68,24 +68,15 @@ def read_procedure(path: str | Path) -> Procedure:
     0.005
     """
     path = Path(path)
-    if path.is_dir():
-        raise InputError(
-            "this is a folder, not a procedure", code="is-a-folder", where=str(path), repair="name a file in it"
-        )
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
-    except FileNotFoundError:
-        raise InputError(
-            "there is no such file",
-            code="no-procedure",
-            where=str(path),
-            repair="write one to fill in: ipmclab procedure --template --out mine.toml",
-        ) from None
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
-        ) from error
-    return procedure_from_text(text, where=str(path), folder=path.parent)
+    missing = InputError(
+        "there is no such file",
+        code="no-procedure",
+        where=str(path),
+        repair="write one to fill in: ipmclab procedure --template --out mine.toml",
+    )
+    return procedure_from_text(
+        read_text(path, kind="a procedure", missing=missing), where=str(path), folder=path.parent
+    )
 
 
 def procedure_from_text(text: str, *, where: str = "procedure", folder: Path | None = None) -> Procedure:
@@ -108,15 +99,8 @@ def procedure_from_text(text: str, *, where: str = "procedure", folder: Path | N
     from ipmclab.identify.procedure.tables import ProcedureTable
     from ipmclab.store.strict import as_input_error
 
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"not a TOML file: {error}",
-            code="bad-toml",
-            where=where,
-            repair="compare with the template: ipmclab procedure --template",
-        ) from error
+    repair = "compare with the template: ipmclab procedure --template"
+    document = parse_table(text, where=where, repair=repair)
     try:
         table = ProcedureTable.model_validate(document)
     except ValidationError as error:

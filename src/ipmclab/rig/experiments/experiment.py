@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ from ipmclab.rig.experiments.folder import check_folder
 from ipmclab.sample import Sample
 from ipmclab.signals import Signal, parse
 from ipmclab.store.strict import Strict, as_input_error
+from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import (
     CHANNELS,
     FREQUENCY,
@@ -242,29 +242,13 @@ def load_experiment(path: str | Path) -> Experiment:
         No such file, not TOML, or what ``experiment_from_table`` refuses.
     """
     path = Path(path)
-    try:
-        if path.is_dir():
-            raise InputError("this is a folder", code="is-a-folder", where=str(path), repair="name a file in it")
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(
-            "no such file",
-            code="no-such-file",
-            where=str(path),
-            repair="ipmclab record --template prints an experiment file to start from",
-        ) from None
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
-        ) from error
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"it is not TOML: {error}", code="bad-toml", where=str(path), repair="correct the line that it names"
-        ) from error
+    missing = InputError(
+        "no such file",
+        code="no-such-file",
+        where=str(path),
+        repair="ipmclab record --template prints an experiment file to start from",
+    )
+    table = parse_table(read_text(path, kind="an experiment", missing=missing), where=str(path))
     experiment = experiment_from_table(table, folder=path.parent, where=str(path), name=path.stem)
     check_folder(experiment.folder, where=f"{path}: folder")
     return experiment

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import math
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Channel, Converter, FourProbe, Output, Rig, Thermometer, VirtualStrip
 from ipmclab.rig.files.wiring import check_wiring
+from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import (
     CHANNELS,
     CURRENT,
@@ -77,26 +77,13 @@ def load_rig(name_or_path: str | Path) -> Rig:
         name = _ALIASES.get(name_or_path, name_or_path)
         return rig_from_text((_LIBRARY / f"{name}.toml").read_text(encoding="utf-8"), where=name)
     path = Path(name_or_path)
-    try:
-        if path.is_dir():
-            raise InputError(
-                "this is a folder, not a rig file", code="is-a-folder", where=str(path), repair="name a file in it"
-            )
-        text = path.read_text(encoding="utf-8-sig")  # Windows' own editor may put a mark at the start
-    except FileNotFoundError:
-        raise InputError(
-            f"there is no rig {str(name_or_path)!r}, neither in the library nor as a file",
-            code="no-rig",
-            where="rig",
-            repair=suggest(str(name_or_path), library_rigs()),
-        ) from None
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"the file cannot be read as text: {error}", code="bad-file", where=str(path), repair="give a TOML file"
-        ) from error
-    return rig_from_text(text, where=str(path), folder=path.parent)
+    missing = InputError(
+        f"there is no rig {str(name_or_path)!r}, neither in the library nor as a file",
+        code="no-rig",
+        where="rig",
+        repair=suggest(str(name_or_path), library_rigs()),
+    )
+    return rig_from_text(read_text(path, kind="a rig file", missing=missing), where=str(path), folder=path.parent)
 
 
 def rig_from_text(text: str, *, where: str = "rig", folder: Path | None = None) -> Rig:
@@ -119,12 +106,7 @@ def rig_from_text(text: str, *, where: str = "rig", folder: Path | None = None) 
     from ipmclab.rig.files.tables import RigTable
     from ipmclab.store.strict import as_input_error
 
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"not a TOML file: {error}", code="bad-toml", where=where, repair="compare with the page on rigs"
-        ) from error
+    document = parse_table(text, where=where, repair="compare with the page on rigs")
     _check_channel_names(document.get("channels"), where)
     try:
         table = RigTable.model_validate(document)
