@@ -53,10 +53,9 @@ def routes(workshop: Workshop) -> APIRouter:
     @router.post("/uploads", response_model=None)
     async def upload(request: Request, name: str = "record") -> Response:
         stem = header_name(name)
-        path = workshop.new_scratch(f"-{stem}")
         size = 0
         try:
-            with path.open("wb") as stream:
+            with workshop.uploads.receive(stem) as path, path.open("wb") as stream:
                 async for piece in request.stream():
                     size += len(piece)
                     if size > MOST_BYTES:
@@ -67,11 +66,7 @@ def routes(workshop: Workshop) -> APIRouter:
                         )
                     await asyncio.to_thread(stream.write, piece)
         except InputError as error:
-            path.unlink(missing_ok=True)
-            return JSONResponse({"message": str(error)}, 413)
-        except BaseException:  # the browser left, or the disk is full: half a record is of no use
-            path.unlink(missing_ok=True)
-            raise
+            return JSONResponse({"message": str(error)}, 413 if error.code == "too-large" else 503)
         return JSONResponse({"key": path.name, "name": stem})
 
     @router.get("/runs/file", response_model=None)

@@ -18,6 +18,7 @@ from ipmclab.page.curves import CurveStore
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
 from ipmclab.page.lab import Lab
+from ipmclab.page.uploads import Uploads
 
 if TYPE_CHECKING:
     from ipmclab.run import Run
@@ -101,6 +102,7 @@ class Workshop:
         self.fits: list[FitCard] = []
         self._folder = tempfile.TemporaryDirectory(prefix="ipmclab-page-", ignore_cleanup_errors=True)
         self.scratch = Path(self._folder.name)
+        self.uploads = Uploads(self.scratch)
         self._runs: OrderedDict[tuple[str, int, int], Run] = OrderedDict()
         self._lock = threading.Lock()
         self._look: Job | None = None

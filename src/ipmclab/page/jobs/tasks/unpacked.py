@@ -25,10 +25,14 @@ def refuse_large(path: Path) -> None:
     Raises
     ------
     InputError
-        It holds more than ``MOST_UNPACKED`` bytes.
+        It holds more than ``MOST_UNPACKED`` bytes, or is not there any more.
     """
     try:
         size = unpacked_size(path)
+    except FileNotFoundError as error:
+        raise InputError(
+            "this record is not kept any more", code="no-such-file", where=path.name, repair="choose it once more"
+        ) from error
     except Exception:  # what cannot be unpacked is told by its importer
         size = path.stat().st_size
     if size > MOST_UNPACKED:
