@@ -233,6 +233,17 @@ def test_steps_are_ticked_in_their_order_and_what_comes_again_is_noted() -> None
     assert {one["state"] for one in state.document()["steps"]} == {"done"}
 
 
+def test_what_is_known_of_a_long_run_stays_bounded() -> None:
+    """A browser is sent all of it at each event."""
+    state = State()
+    state.take(Message("run", RUN))
+    for k in range(2000):
+        state.take(Message("event", {"time": k / 10.0, "text": f"mark {k}", "kind": "mark"}))
+    told = state.document()
+    assert "mark 1999" in told["notes"][-1]["text"]
+    assert max(len(one) for one in told.values() if isinstance(one, list)) <= 60
+
+
 def test_who_comes_in_the_middle_of_a_run_is_shown_its_beginning(recorder: Recorder, bench: Bench) -> None:
     """The rows that were told before come from the journal."""
     from ipmclab.store.journal.journal import Journal, JournalHeader

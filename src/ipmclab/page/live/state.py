@@ -52,7 +52,6 @@ class State:
             "run": None,
             "progress": None,
             "latest": {},
-            "events": [],
             "notes": [],
             "recorded": [],
             "ended": None,
@@ -75,7 +74,7 @@ class State:
         """All of it, as JSON holds it."""
         with self._lock:
             told = {**self._told, "generation": self.generation, "version": self.version}
-            for name in ("events", "notes", "recorded", "steps"):
+            for name in ("notes", "recorded", "steps"):
                 told[name] = list(told[name])
             told["text"] = told["text"] or WORDS[told["bench"]]
         return told
@@ -145,14 +144,13 @@ class State:
                 case "run":
                     self.generation += 1
                     self.journal = None
-                    self._changed(bench="recording", run=values, progress=None, latest={}, events=[], text="")
+                    self._changed(bench="recording", run=values, progress=None, latest={}, text="")
                 case "begun":
                     self.journal = Path(values["journal"])
                 case "progress":
                     self._told["progress"] = values
                     self.pulse += 1
                 case "event":
-                    self._told["events"].append(values)
                     self._note(f"{values['time']:.2f} s: {values['text']}")
                     self._changed()
                 case "note":
