@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ipmclab.errors import InputError
-from ipmclab.page.experiments import FIELDS, Draft, check, experiments, preview, rigs, save
+from ipmclab.page.experiments import FIELDS, Draft, check, experiments, limit_at, preview, rigs, save
 from ipmclab.page.lab import Lab
 from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
 
@@ -49,6 +50,23 @@ def with_values(draft: Draft, **values: str | bool) -> Draft:
 @pytest.fixture
 def lab(tmp_path: Path) -> Lab:
     return Lab.open(tmp_path)
+
+
+def test_a_new_experiment_has_a_limit_of_the_current_that_its_bench_sees(lab: Lab) -> None:
+    path = lab.root / "wide.toml"
+    text = (resources.files("ipmclab.rig.files.library") / "thesis.toml").read_text("utf-8")
+    path.write_text(text.replace('["-0.2 V", "0.2 V"]', '["-1 V", "1 V"]'), encoding="utf-8")
+    assert [limit_at(lab, name) for name in ("virtual", "wide.toml", "none.toml", "../x.toml")] == [
+        "190 mA",
+        "",
+        "",
+        "",
+    ]
+    for rig in ("virtual", "wide.toml"):
+        limit = {"limits.current": limit_at(lab, rig)}
+        plan = check(lab, with_values(Draft.new(), sample="s", rig=rig, **limit)).plan
+        assert plan is not None
+        assert not plan.limits.unwatched(plan.rig, plan.experiment.measured)
 
 
 def test_a_file_is_the_same_experiment_after_the_form(lab: Lab) -> None:

@@ -18,9 +18,10 @@ from ipmclab.page.lab import Lab, files_of
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.toml_file import glance, parse_table, read_text
-from ipmclab.units import VOLTAGE
+from ipmclab.units import CURRENT, VOLTAGE
 
 if TYPE_CHECKING:
+    from ipmclab.rig.channels import Rig
     from ipmclab.rig.experiments.plan import Plan
 
 WHERE: Final = "experiment"
@@ -107,6 +108,7 @@ GROUPS: Final = {
 _BY_KEY: Final = {one.key: one for one in FIELDS}
 _MOST_RUNS: Final = 8
 _PREVIEW_ROWS: Final = 200_000
+_OF_RANGE: Final = 0.95  # of what a channel reads: beyond it a reading is cut, and no more than a limit
 _IN_A_FORM: Final = {
     ("sample", "missing-key"): "fill in the sample's id, such as strip-1",
     ("signal", "missing-key"): "write one, such as step 1 V",
@@ -138,8 +140,11 @@ class Draft:
 
     @classmethod
     def new(cls) -> Draft:
-        """What a new experiment starts from."""
-        return cls("", {one.key: one.default for one in FIELDS}, {})
+        """What a new experiment starts from, on the virtual bench."""
+        from ipmclab.rig.files.rig_file import load_rig
+
+        limit = seen_limit(load_rig(VIRTUAL))
+        return cls("", {one.key: one.default for one in FIELDS} | {"limits.current": limit}, {})
 
     @classmethod
     def read(cls, lab: Lab, name: str) -> Draft:
@@ -387,6 +392,32 @@ def preview(experiment: Experiment) -> list[Panel]:
         kept = np.concatenate([[True], turns[1:] | turns[:-1], [True]])
         series.append(Series(f"v{place}", label, time[kept], values[kept], place % 6, styles[place % 3]))
     return [Panel("voltage", "voltage", "V", series, VOLTAGE.to_display(1.0))]
+
+
+def limit_at(lab: Lab, rig: str) -> str:
+    """The limit of the current that a form proposes for a rig of the lab; nothing where it cannot be read."""
+    from ipmclab.rig.files.rig_file import load_rig
+
+    try:
+        return seen_limit(load_rig(rig if rig == VIRTUAL else lab.path(rig)))
+    except InputError:
+        return ""
+
+
+def seen_limit(rig: Rig) -> str:
+    """A limit of the current that the rig sees to be passed; nothing where it sees the one that holds unless stated.
+
+    Examples
+    --------
+    >>> from ipmclab.rig import THESIS_RIG
+    >>> seen_limit(THESIS_RIG)
+    '190 mA'
+    """
+    standard = Limits().current
+    if standard is None or "current" not in {channel.name for channel in rig.channels}:
+        return ""
+    most = _OF_RANGE * max(-rig["current"].range[0], rig["current"].range[1])
+    return "" if standard.most <= most else f"{CURRENT.to_display(most):.4g} {CURRENT.display_unit}"
 
 
 def experiments(lab: Lab) -> list[str]:

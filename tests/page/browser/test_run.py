@@ -84,6 +84,15 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
     with served(lab) as address:
         port = address.rpartition(":")[2]
         operator = open_page(f"{address}/run")
+        limit = operator.get_by_label("Current", exact=True)
+        operator.get_by_text("Limits of the guard").click()
+        limit.wait_for()
+        assert limit.input_value() == "190 mA"  # the channel of the virtual rig reads 200 mA
+        operator.get_by_label("Rig (bench)").click()
+        operator.get_by_role("option", name="rig.toml").wait_for()
+        assert serious(operator) == []  # with a list that is open
+        operator.get_by_role("option", name="rig.toml").click()
+        operator.wait_for_function("field => field.value === ''", arg=limit.element_handle())  # this one reads 1 A
         choose(operator, "square")
         operator.wait_for_function("document.querySelector('.lab-stack:not(.lab-live) canvas')")
         operator.get_by_text("1 run, at least 1 min 35 s").wait_for()
@@ -152,6 +161,11 @@ def test_three_browsers_one_of_them_stalled_lose_nothing(lab: Path, open_page) -
         with pages[2].expect_download() as drawn:
             pages[2].get_by_role("button", name="Save the figure as it is shown: Bench").click()
         assert Path(drawn.value.path()).read_text("utf-8").startswith("<svg")
+        recorded = pages[2].get_by_role("region", name="Recorded").get_by_role("link")
+        name = recorded.inner_text()
+        recorded.click()
+        pages[2].get_by_role("button", name=f"Save the data, all rows: {name.removesuffix('.nc')}").wait_for()
+        pages[2].locator("tr.lab-chosen", has=pages[2].locator(f'[title$="{name}"]')).wait_for()
     (path,) = (lab / "runs" / "runs").rglob("*.nc")
     run = read_run(path)
     assert run.metadata.state == "complete"

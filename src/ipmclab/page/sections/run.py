@@ -12,7 +12,19 @@ from nicegui.elements.mixins.validation_element import ValidationElement
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.context import Context
 from ipmclab.page.elements.time_plot import TimePlot
-from ipmclab.page.experiments import FIELDS, GROUPS, Checked, Draft, FormField, check, experiments, preview, rigs, save
+from ipmclab.page.experiments import (
+    FIELDS,
+    GROUPS,
+    Checked,
+    Draft,
+    FormField,
+    check,
+    experiments,
+    limit_at,
+    preview,
+    rigs,
+    save,
+)
 
 _DRAFTS: dict[str, Draft] = {}
 _MOST_DRAFTS: Final = 32
@@ -30,7 +42,8 @@ _STEERING: Final = """
 <section class="lab-card" id="lab-steps-card" aria-label="Steps"><ol id="lab-steps" aria-label="Steps"></ol>
   <details id="lab-watched"></details>
 </section>
-<section class="lab-card" id="lab-recorded-card" hidden><h2>Recorded</h2><ul id="lab-recorded"></ul></section>
+<section class="lab-card" id="lab-recorded-card" aria-label="Recorded" hidden><h2>Recorded</h2>
+  <ul id="lab-recorded"></ul></section>
 <section class="lab-card" id="lab-notes-card" hidden><h2>What happened</h2>
   <ul id="lab-notes" tabindex="0" aria-label="What happened"></ul></section>
 """
@@ -122,7 +135,7 @@ class _Form:
         elif one.kind == "rig":
             known = rigs(self._lab)
             options = [*known, *([str(value)] if value not in known else [])]
-            made = ui.select(options, label=one.label, value=value, on_change=self._changed)
+            made = ui.select(options, label=one.label, value=value, on_change=self._change_rig)
         elif one.kind == "lines":
             made = ui.textarea(one.label, value=str(value), on_change=self._changed)
             made.props("autogrow debounce=250 input-style='min-height: 2.6em'")
@@ -153,6 +166,17 @@ class _Form:
             made.value = value
         self._name.value = self._draft.name
         self._filling = False
+        await self._look()
+
+    async def _change_rig(self) -> None:
+        """Another bench: a limit of the current that nobody chose becomes one that this bench sees to be passed."""
+        if self._filling:
+            return
+        before = str(self._draft.values["rig"])
+        proposed = await asyncio.to_thread(limit_at, self._lab, before)
+        field = self._inputs["limits.current"]
+        if (field.value or "").strip() == proposed:
+            field.value = await asyncio.to_thread(limit_at, self._lab, str(self._inputs["rig"].value))
         await self._look()
 
     async def _changed(self) -> None:

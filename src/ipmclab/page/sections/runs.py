@@ -41,7 +41,7 @@ class _View:
     def build(self) -> None:
         client = ui.context.client
         client.on_delete(lambda: self._workshop.curves.forget(self._curves))
-        self._opened = client.request.query_params.getlist("run")
+        self._opened = [self._key(name) for name in client.request.query_params.getlist("run")]
         with ui.element("section").classes("lab-card"):
             with ui.element("div").classes("lab-title"):
                 text("Runs", tag="h2")
@@ -57,6 +57,13 @@ class _View:
         self._import.set_visibility(False)
         self._chosen = ui.element("div").classes("lab-column lab-full")
         ui.timer(0.01, self._begin, once=True)
+
+    def _key(self, name: str) -> str:
+        """A run as the table has it: the recorder names its files with their whole path."""
+        try:
+            return self._workshop.lab.below(name)
+        except IpmclabError:
+            return name  # what is wrong with it is said where it would be shown
 
     async def _begin(self) -> None:
         """What the catalogue has, at once; then what has become of the files."""

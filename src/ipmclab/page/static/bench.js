@@ -198,7 +198,9 @@
         const name = run.path.split(/[\\/]/).pop();
         return make("li", {}, make("b", {}, run.signal), ` ${run.purpose}, ${run.state}`,
           run.state_reason ? make("span", { class: "lab-bad" }, ` (${run.state_reason})`) : null,
-          make("div", { class: "lab-quiet" }, `${name}: ${codes.join(", ") || "nothing found"}`));
+          make("div", { class: "lab-quiet" },
+            make("a", { href: `/runs?run=${encodeURIComponent(run.path)}`, "data-key": run.path, title: "Open in Runs" }, name),
+            `: ${codes.join(", ") || "nothing found"}`));
       }));
     part("lab-outcome", { ended: state.ended, bench: state.bench, text: state.text }, ({ ended, bench }) => {
       if (bench === "lost") return make("p", { class: "lab-bad", role: "alert" }, state.text);

@@ -164,6 +164,14 @@ function setTheme(theme) {
   document.getElementById("lab-theme")?.setAttribute("aria-pressed", String(theme === "dark"));
 }
 
+// Quasar puts the options of an open list into a focusable box within the list, where nothing but options may be: screen
+// readers would count none. The box is never focused; without the attribute it is none to them.
+const lists = new MutationObserver(() =>
+  requestAnimationFrame(() => {
+    for (const box of document.querySelectorAll('[role="listbox"] > [tabindex]:not([role])')) box.removeAttribute("tabindex");
+  }),
+);
+
 document.addEventListener("DOMContentLoaded", () => {
   document.getElementById("lab-stop").addEventListener("click", (event) => press("stop", event.currentTarget));
   document.getElementById("lab-zero").addEventListener("click", (event) => press("zero", event.currentTarget));
@@ -171,6 +179,7 @@ document.addEventListener("DOMContentLoaded", () => {
     setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
   );
   setTheme(document.documentElement.dataset.theme);
+  lists.observe(document.body, { childList: true });
   lab.listen(tellHeader);
   lab.listen(hush);
   lab.connect();
