@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
 
+from ipmclab.page.workshop import labels
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -68,6 +69,12 @@ class RunFilter:
         return all(word in everything for word in words)
 
 
+def told_runs(rows: Sequence[CatalogueRow]) -> dict[str, str]:
+    """Of each run that can be read, the newest first, by its path: what it was, in words by which people know it."""
+    shown = [one for one in map(table_row, reversed(rows)) if one["key"]]
+    return {one["key"]: ", ".join(filter(None, (one["signal"], one["sample"], one["recorded"]))) for one in shown}
+
+
 def table_row(row: CatalogueRow) -> dict[str, Any]:
     """One run as the table shows it; ``key`` is its path below the folder, empty where it has no sound file."""
     codes = [code for code in row.codes or () if code != "fingerprint"]
@@ -95,4 +102,6 @@ def table_row(row: CatalogueRow) -> dict[str, Any]:
 def table_rows(rows: Sequence[CatalogueRow], wanted: RunFilter) -> tuple[list[dict[str, Any]], int]:
     """The rows to show, the newest first, and how many runs the filter admits."""
     admitted = [row for row in rows if wanted.admits(row)]
-    return [table_row(row) for row in reversed(admitted)][:MOST_SHOWN], len(admitted)
+    found = [table_row(row) for row in admitted[::-1][:MOST_SHOWN]]
+    names = labels([row["file"] for row in found])
+    return [{**row, "name": name} for row, name in zip(found, names, strict=True)], len(admitted)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ipmclab import load_actuator, read_fit, read_run, simulate, write_run
+from ipmclab import load_actuator, read_fit, read_run, simulate, write_actuator, write_run
 from tests.page.browser.conftest import served
 
 pytest.importorskip("playwright")
@@ -105,7 +105,10 @@ def test_a_foreign_record_is_imported_by_saying_what_its_columns_are(address: st
 
 
 def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: str, open_page, lab: Path) -> None:
-    page = open_page(f"{address}/identify")
+    page = open_page(f"{address}/report")
+    page.get_by_text("Stands here once something is chosen").wait_for()
+    assert not page.get_by_role("button", name="Copy").count()
+    page.goto(f"{address}/identify")
     page.get_by_label("Fit: runs/step.nc").wait_for()
     page.get_by_role("button", name="Identify").click()
     page.get_by_text("Choose a run to identify from").wait_for()
@@ -127,6 +130,8 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.get_by_text("All 5 free parameters are determined").wait_for(timeout=LONG)
     page.get_by_role("heading", name="Measured against model").wait_for()
     page.get_by_text("largest error").wait_for(timeout=LONG)
+    page.get_by_role("link", name="Beside other models").click()
+    page.wait_for_function("document.getElementById('lab-models').getBoundingClientRect().top < 200")
     page.get_by_label("friend-2", exact=True).check()
     page.get_by_role("button", name="Predict", exact=True).click()
     page.get_by_role("list", name="Curves").get_by_text("friend-2").wait_for(timeout=LONG)
@@ -142,8 +147,10 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.go_back()  # a fit belongs to the server
     page.get_by_text("All 5 free parameters are determined").wait_for()
     page.get_by_role("link", name="Report on it").click()
-    page.get_by_text("made from step, sine").wait_for()
-    page.get_by_label("square").check()
+    used = page.locator(".lab-made-from li")
+    used.first.wait_for()
+    assert used.all_inner_texts() == ["step 1 V\nruns/step.nc", "sine 1 V 0.1 Hz\nruns/sine.nc"]
+    page.get_by_label("square 1 V 0.1 Hz runs/square.nc").check()
     page.get_by_role("button", name="Make the report").click()
     page.get_by_text("wrote report.html").wait_for(timeout=LONG)
     check(page)
@@ -155,9 +162,21 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
 
 
 def test_sliders_move_the_response_the_strip_and_the_frequency_response(address: str, open_page, lab: Path) -> None:
-    page = open_page(f"{address}/simulate", width=768, height=1024)
+    strip = load_actuator("friend-2")
+    entry = {"name": "coupling.zero", "determined": False, "interval": [105.3, float("inf")]}
+    write_actuator(replace(strip, fit_table={"parameters": [entry]}), lab / "half-known.toml", overwrite=True)
+    page = open_page(f"{address}/simulate?actuator=half-known.toml", width=768, height=1024)
     view = page.locator("[data-answers]")
     view.wait_for(timeout=LONG)
+    page.get_by_text("The fit does not determine zero").wait_for()
+    marked = page.get_by_label("zero", exact=True).and_(page.locator("input[type=range]"))
+    told = page.locator(f"#{marked.get_attribute('aria-describedby')}").inner_text()
+    assert told == "not determined by its fit: above 105\u00a01/s (95 %)"
+    caption = page.locator(".lab-strip-says")
+    for width in (768, 820, 1024):
+        page.set_viewport_size({"width": width, "height": 1024})
+        assert caption.evaluate("one => one.scrollWidth <= one.clientWidth"), width
+    page.set_viewport_size({"width": 768, "height": 1024})
     before = page.locator(".lab-strip-line").get_attribute("d")
     slider = page.get_by_label("gain", exact=True).and_(page.locator("input[type=range]"))
     slider.focus()

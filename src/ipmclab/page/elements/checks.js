@@ -2,7 +2,8 @@
 export default {
   template: `
     <fieldset class="lab-checks"><legend>{{ options.label }}</legend>
-      <label v-for="(text, name) in options.choices"><input type="checkbox" :checked="mine.includes(name)" @change="pick(name, $event.target.checked)"> {{ text }}</label>
+      <label v-for="(text, name) in options.choices"><input type="checkbox" :checked="mine.includes(name)" @change="pick(name, $event.target.checked)">
+        <span>{{ text }} <small v-if="options.notes[name]">{{ options.notes[name] }}</small></span></label>
       <p v-if="message" role="alert" class="lab-bad">{{ message }}</p>
     </fieldset>`,
   props: { options: Object, chosen: Array, message: String },

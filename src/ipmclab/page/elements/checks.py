@@ -42,9 +42,11 @@ class Checks(Element, component="checks.js"):
         found: list[str] = self._props["chosen"]
         return found
 
-    def offer(self, choices: Mapping[str, str], chosen: list[str] | None = None) -> None:
-        """Other choices; what is not among them is chosen no longer."""
-        self._props["options"] = {"label": self._label, "choices": dict(choices)}
+    def offer(
+        self, choices: Mapping[str, str], chosen: list[str] | None = None, notes: Mapping[str, str] | None = None
+    ) -> None:
+        """Other choices, each with a note of what else is known of it; what is not among them is chosen no longer."""
+        self._props["options"] = {"label": self._label, "choices": dict(choices), "notes": dict(notes or {})}
         kept = self.chosen if chosen is None else chosen
         self._props["chosen"] = [name for name in kept if name in choices]
         self.update()

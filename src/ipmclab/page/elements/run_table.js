@@ -19,8 +19,8 @@ export default {
             </td>
             <td v-for="column in options.columns" :class="['lab-is-' + column.name, {'lab-right': column.align === 'right'}]">
               <button v-if="column.name === 'file' && options.opens && row.key" type="button" class="lab-link" @click="open(row)"
-                :title="row.file" :aria-label="row.file">{{ short(row.file) }}</button>
-              <span v-else-if="column.name === 'file'" :title="row.file">{{ short(row.file) }}</span>
+                :title="row.file" :aria-label="row.file">{{ short(row.name) }}</button>
+              <span v-else-if="column.name === 'file'" :title="row.file">{{ short(row.name) }}</span>
               <template v-else>{{ row[column.field] }}</template>
             </td>
           </tr>
@@ -50,8 +50,7 @@ export default {
       return Object.fromEntries(Object.entries(chosen).map(([role, keys]) => [role, [...keys]]));
     },
     // Both ends of a long name tell it from others; the whole path is its title.
-    short(path) {
-      const name = path.split("/").pop().replace(/\.nc$/, "");
+    short(name) {
       return name.length > 36 ? `${name.slice(0, 16)}…${name.slice(-18)}` : name;
     },
     sorted(column) {

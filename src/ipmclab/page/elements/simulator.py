@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
@@ -46,10 +47,10 @@ class Simulator(Element, component="simulator.js"):
         on_asked: Callable[[dict[str, Any]], None] | None = None,
     ) -> None:
         super().__init__()
-        known = actuator.parameters().values()
+        known, notes = actuator.parameters().values(), left_open(actuator)
         self._props["options"] = {
             "actuator": key,
-            "parameters": [slider(one) for one in known if one.transform != "count"],
+            "parameters": [slider(one, notes.get(one.name, "")) for one in known if one.transform != "count"],
             "runs": list(runs),
             "run": run,
         }
@@ -71,8 +72,51 @@ class Simulator(Element, component="simulator.js"):
         self.run_method("set_runs", list(runs))
 
 
-def slider(parameter: Parameter) -> dict[str, Any]:
+def left_open(actuator: Actuator) -> dict[str, str]:
+    r"""Of each parameter that the fit of an actuator does not determine, within what it may be, in words.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from ipmclab import load_actuator
+    >>> entry = {"name": "beam.modulus", "determined": False, "interval": [0.0, 2.5e9]}
+    >>> left_open(replace(load_actuator("friend-2"), fit_table={"parameters": [entry]}))
+    {'beam.modulus': 'not determined by its fit: below 2500\xa0MPa (95 %)'}
+    """
+    known = actuator.parameters()
+    found = {}
+    entries = (actuator.fit_table or {}).get("parameters")
+    for entry in entries if isinstance(entries, list) else []:
+        try:
+            name = entry["name"]
+            if entry["determined"] or name not in known:
+                continue
+            quantity = known[name].quantity
+            low, high = sorted(quantity.to_display(float(end)) for end in entry["interval"])
+            words = _within(low, high, _spelled(quantity.display_unit))
+        except (KeyError, TypeError, ValueError, AttributeError):
+            continue  # no table that a fit wrote: those who read it as one say so
+        found[name] = f"not determined by its fit: {words}"
+    return found
+
+
+def _within(low: float, high: float, unit: str) -> str:
+    """An interval in words, with three digits, or as many as tell its ends apart."""
+    is_above, is_below = low not in (0.0, -math.inf), math.isfinite(high)
+    pairs = ([f"{float(f'{end:.{digits}g}'):g}" for end in (low, high)] for digits in (3, 4, 5, 6))
+    first, last = next((pair for pair in pairs if pair[0] != pair[1]), (f"{low:.8g}", f"{high:.8g}"))
+    spaced = f"\u00a0{unit}".replace(" ", "\u00a0") if unit else ""
+    if is_above and is_below:
+        return f"between {first} and {last}{spaced} (95 %)"
+    if is_above or is_below:
+        return f"above {first}{spaced} (95 %)" if is_above else f"below {last}{spaced} (95 %)"
+    return "it may have any value"
+
+
+def slider(parameter: Parameter, note: str = "") -> dict[str, Any]:
     """A parameter as the browser has it: how it is called and shown, and from where to where its slider goes [SI].
+
+    ``note`` is what stands beside it.
 
     Examples
     --------
@@ -99,6 +143,7 @@ def slider(parameter: Parameter) -> dict[str, Any]:
         "low": max(low, parameter.lower),
         "high": min(high, parameter.upper),
         "log": is_log,
+        "note": note,
     }
 
 

@@ -43,6 +43,15 @@ _LEFT_OUT: Final = {
 }
 
 
+_PLACES: Final = {
+    "models": "Beside other models",
+    "measured": "Measured against model",
+    "left-out": "Runs left out",
+    "findings": "Findings",
+}
+"""What stands below the parameters, and how links to it are called."""
+
+
 class FitView:
     """A fit in full.
 
@@ -75,17 +84,18 @@ class FitView:
         self._box.clear()
         with self._box:
             with card(one.asked.name):
+                _build_jumps({key: words for key, words in _PLACES.items() if key != "left-out" or told["left_out"]})
                 for words, is_bad in known_in_words(told):
                     text(words).classes("lab-bad" if is_bad else "")
                 plain_table(_shown(told["parameters"]), told["parameters"], caption="Parameters")
                 self._build_keep(one)
-            with card("Measured against model"):
+            with card("Measured against model", place="measured"):
                 self._build_plot(one)
                 plain_table(_OUTPUTS, told["outputs"], caption="How each output was met")
             if told["left_out"]:
-                with card("Each run as the others predict it"):
+                with card("Each run as the others predict it", place="left-out"):
                     plain_table(_LEFT_OUT, told["left_out"], caption="Runs left out")
-            with card("Findings"):
+            with card("Findings", place="findings"):
                 finding_list(told["findings"])
             with card("How this fit was asked for"), ui.element("details"):
                 text("command and Python", tag="summary")
@@ -138,6 +148,14 @@ class FitView:
             ):
                 with ui.element("a").props(f'href="{address}"').classes("lab-download"):
                     text(label, tag="span")
+
+
+def _build_jumps(places: Mapping[str, str]) -> None:
+    """Links to what stands further down."""
+    with ui.element("nav").props('aria-label="Of this fit"').classes("lab-jumps"):
+        for place, words in places.items():
+            with ui.element("a").props(f'href="#lab-{place}"'):
+                text(words, tag="span")
 
 
 def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:

@@ -21,9 +21,9 @@ _ORDER: Final = {"error": 0, "warning": 1, "info": 2}
 
 
 @contextmanager
-def card(title: str, *, level: int = 2) -> Iterator[ui.element]:
-    """A card with a heading."""
-    with ui.element("section").classes("lab-card") as made:
+def card(title: str, *, level: int = 2, place: str = "") -> Iterator[ui.element]:
+    """A card with a heading; ``place`` is what a link on the page calls it."""
+    with ui.element("section").classes("lab-card").props(f"id=lab-{place}" if place else "") as made:
         text(title, tag=f"h{level}")
         yield made
 
@@ -46,12 +46,14 @@ def sentence(error: IpmclabError) -> str:
 
 
 def step_view() -> Callable[[Step], None]:
-    """A place for a command and its Python; gives what fills it."""
+    """A place for a command and its Python; gives what fills it, until when it says so."""
+    empty = text("Stands here once something is chosen.").classes("lab-quiet")
     with ui.element("div").classes("lab-steps"):
         command = _code("In a terminal, in the folder of this page")
         python = _code("In Python")
 
     def fill(step: Step) -> None:
+        empty.set_visibility(False)
         command(step.command)
         python(step.python)
 
@@ -66,6 +68,7 @@ def _code(title: str) -> Callable[[str], None]:
             with copy:
                 text("Copy", tag="span")
         content = text("", tag="pre").props(f'tabindex=0 role=region aria-label="{title}"')
+        box.set_visibility(False)
         copy.on("click", js_handler=f"() => navigator.clipboard.writeText(getHtmlElement({content.id}).innerText)")
 
     def fill(told: str) -> None:

@@ -52,7 +52,7 @@ class PredictionView:
 
     def build(self) -> None:
         """Make the form."""
-        with card("Models side by side, on runs to predict"):
+        with card("Models side by side, on runs to predict", place="models"):
             with ui.element("div").classes("lab-bar"):
                 self._models = Checks("Models", self._workshop.models())
                 self._models.classes("lab-wide")

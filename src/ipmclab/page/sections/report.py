@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Final
 from urllib.parse import quote
@@ -14,8 +15,9 @@ from ipmclab.page.commands import Step, report_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.checks import Checks
 from ipmclab.page.jobs.jobs import JobCancelled
+from ipmclab.page.run_table import told_runs
 from ipmclab.page.sections.parts import card, download, fail_at, step_view, text
-from ipmclab.page.workshop import Workshop, labels
+from ipmclab.page.workshop import Workshop
 
 _NEXT: Final = 0.25  # s between looks at the job
 
@@ -36,8 +38,9 @@ class _View:
                 fits = self._fits()
                 self._fit = ui.select(fits, value=asked if asked in fits else None, label="Fit", on_change=self._choose)
                 self._fit.props("dense outlined options-dense")
-                self._runs = text("").classes("lab-quiet")
+                self._runs = ui.element("div").classes("lab-quiet")
                 self._unseen = Checks("Runs to predict", {}, self._tell)
+                self._unseen.set_visibility(False)
                 self._name = ui.input("File name", value="report", on_change=self._tell)
                 self._name.props("dense outlined suffix=.html debounce=300")
                 self._over = ui.switch("replace a report of this name", value=False)
@@ -76,12 +79,27 @@ class _View:
                 f"it was made from {', '.join(missing)}, which this folder lacks; copy the run files into it, "
                 "and look again under Runs",
             )
-        self._runs.set_text(f"made from {', '.join(labels(self._used))}" if self._used else "")
-        keys = [key for key in await asyncio.to_thread(self._workshop.run_keys) if key not in self._used]
+        known = told_runs(await asyncio.to_thread(self._workshop.rows))
+        self._tell_used(known)
+        others = {key: words or key for key, words in known.items() if key not in self._used}
         one = self._workshop.fit(self._fit.value)
-        held = [key for key in one.asked.held if key in keys] if one is not None else []
-        self._unseen.offer(dict(zip(keys, labels(keys), strict=True)), held)
+        held = [key for key in one.asked.held if key in others] if one is not None else []
+        self._unseen.offer(others, held, {key: key for key, words in others.items() if words != key})
+        self._unseen.set_visibility(bool(others))
         self._tell()
+
+    def _tell_used(self, known: Mapping[str, str]) -> None:
+        self._runs.clear()
+        if not self._used:
+            return
+        with self._runs:
+            text("Made from", tag="span")
+            with ui.element("ul").classes("lab-made-from"):
+                for key in self._used:
+                    with ui.element("li"):
+                        text(known.get(key) or key, tag="span")
+                        if known.get(key):
+                            text(key, tag="small")
 
     def _tell(self) -> None:
         if self._fit.value:

@@ -12,8 +12,8 @@ from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.page.commands import simulate_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
+from ipmclab.page.run_table import told_runs
 from ipmclab.page.sections.parts import card, fail_at, step_view
-from ipmclab.page.workshop import labels
 
 
 def build(context: Context) -> None:
@@ -65,8 +65,8 @@ class _View:
             view.set_runs(now)
 
     async def _runs(self) -> list[tuple[str, str]]:
-        keys = await asyncio.to_thread(self._workshop.run_keys)
-        return list(zip(keys, labels(keys), strict=True))
+        known = told_runs(await asyncio.to_thread(self._workshop.rows))
+        return [(key, f"{words} – {key}" if words else key) for key, words in known.items()]
 
     def _tell(self, question: dict[str, Any]) -> None:
         if self._loaded is None:

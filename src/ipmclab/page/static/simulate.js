@@ -64,7 +64,7 @@ const LabSimulate = (() => {
       this.time.addEventListener("input", () => this.show(Number(this.time.value)));
       this.button = make("button", { type: "button", textContent: "Play" });
       this.button.addEventListener("click", () => (this.timer ? this.stop() : this.play()));
-      this.says = make("output", { className: "lab-stack-readout" });
+      this.says = make("output", { className: "lab-strip-says" });
       const svgButton = make("button", { type: "button", textContent: "SVG", title: "Save the picture" });
       svgButton.setAttribute("aria-label", "Save the picture: strip");
       svgButton.addEventListener("click", () => this.saveSvg());
@@ -72,7 +72,7 @@ const LabSimulate = (() => {
       csvButton.setAttribute("aria-label", "Save the shape at this time: strip");
       csvButton.addEventListener("click", () => this.saveCsv());
       host.append(
-        make("div", { className: "lab-stack-bar" }, this.button, this.time, this.says, svgButton, csvButton), this.picture);
+        make("div", { className: "lab-stack-bar" }, this.button, this.time, svgButton, csvButton), this.says, this.picture);
     }
 
     take(about, arrays) {
@@ -163,7 +163,7 @@ const LabSimulate = (() => {
   }
 
   class View {
-    // options: actuator, parameters [{name, label, group, unit, factor, value, low, high, log}], runs [[key, label]], run
+    // options: actuator, parameters [{name, label, group, unit, factor, value, low, high, log, note}], runs [[key, label]], run
     constructor(host, options, tell) {
       this.host = host;
       this.options = options;
@@ -253,6 +253,7 @@ const LabSimulate = (() => {
       const duration = field("Duration", this.duration, "s", "duration");
       const rate = field("Rate", this.rate, "Hz", "rate");
       const run = field("Over a run", this.run, "", "run");
+      run.row.classList.add("lab-field-whole"); // what tells runs apart is long
       const arrange = () => {
         const over = this.run.value !== "";
         const written = this.kind.value === "written";
@@ -300,6 +301,11 @@ const LabSimulate = (() => {
       this.resets = [];
       const card = make("section", { className: "lab-card" },
         make("div", { className: "lab-title" }, make("h2", {}, "Parameters"), all));
+      const open = this.options.parameters.filter((one) => one.note);
+      if (open.length)
+        card.append(make("p", { className: "lab-field-note" }, open.length === 1
+          ? `The fit does not determine ${open[0].label}: what depends on it is a guess.`
+          : `The fit does not determine ${open.length} of these parameters: what depends on them is a guess.`));
       const groups = new Map();
       for (const one of this.options.parameters) {
         if (!groups.has(one.group)) {
@@ -326,6 +332,12 @@ const LabSimulate = (() => {
       const say = (value) => slider.setAttribute("aria-valuetext", `${digits(value * one.factor)} ${one.unit}`);
       say(one.value);
       field.row.classList.add("lab-parameter");
+      if (one.note) {
+        const id = `${number.id}-n`;
+        field.row.insertBefore(make("p", { className: "lab-field-note", id }, one.note), field.message);
+        number.setAttribute("aria-describedby", `${id} ${number.id}-m`);
+        slider.setAttribute("aria-describedby", id);
+      }
       field.row.insertBefore(slider, field.message);
       this.fields.set(one.name, field);
       const change = (value) => {
