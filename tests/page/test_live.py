@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import os
+import socket
 import struct
+import threading
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection, Listener
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 from fastapi import FastAPI
@@ -27,8 +33,8 @@ from ipmclab.page.live.state import State
 from ipmclab.page.live.view import View
 from ipmclab.page.thin import envelope, thin, within
 from ipmclab.page.wire import pack
-from ipmclab.rig.process.hub import Hub
-from ipmclab.rig.process.messages import Message
+from ipmclab.rig.process.hub import SUFFIX, Hub
+from ipmclab.rig.process.messages import Message, decode
 
 PLAN = {"title": "t", "limits": {"voltage": "3.5 V"}, "steps": [], "remarks": [], "rig_proof": ""}
 RUN = {"uuid": "u", "signal": "step 1 V", "purpose": "signal", "rate": 10.0, "rows": 100, "place": 1, "of": 1}
@@ -338,6 +344,85 @@ def test_who_cannot_reach_a_recorder_does_not_say_that_nothing_drives(
     with pytest.raises(IpmclabError, match="may be driving the output") as told:
         bench.ask("anna", "zero")
     assert told.value.code == "recorder-unreached"
+
+
+class Deaf:
+    """A recorder that lets clients in, and of which the first is never listened to: what it sends piles up."""
+
+    def __init__(self, folder: Path) -> None:
+        self.asked: list[Message] = []
+        self.first = threading.Event()
+        self.door = Listener(("127.0.0.1", 0), authkey=b"t" * 32)
+        host, port = self.door.address
+        recording = folder / "runs" / "recording"
+        recording.mkdir(parents=True)
+        told = {"address": f"{host}:{port}", "token": (b"t" * 32).hex(), "process": 1}
+        (recording / f"deaf{SUFFIX}").write_text(json.dumps(told))
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError, EOFError):
+            silent = self.door.accept()
+            self.first.set()
+            with self.door.accept() as heard:
+                while True:
+                    self.asked.append(decode(heard.recv_bytes()))
+            silent.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the socket of a connection is had by a copy of its descriptor")
+def test_a_recorder_that_takes_nothing_in_freezes_nobody_and_zero_reaches_it(tmp_path: Path, bench: Bench) -> None:
+    """Its connection is given up and it is joined anew; meanwhile the page answers others."""
+    deaf = Deaf(tmp_path)
+    assert deaf.first.wait(10.0)
+    wait_until(lambda: bench.follower.is_joined)
+    fill(bench.follower._recorder._connection)
+    app = FastAPI()
+    app.include_router(routes(bench))
+    order: list[str] = []
+
+    async def ask(client: httpx.AsyncClient, what: str) -> int:
+        answer = await client.post(f"/bench/{what}")
+        order.append(what)
+        return answer.status_code
+
+    async def both() -> list[int]:
+        more = {"transport": httpx.ASGITransport(app=app), "cookies": {"ipmclab-seat": "anna"}}
+        async with httpx.AsyncClient(base_url="http://127.0.0.1", **more) as client:
+            zero = asyncio.create_task(ask(client, "zero"))
+            await asyncio.sleep(0.1)
+            return [await ask(client, "hold"), await zero]
+
+    assert asyncio.run(both()) == [200, 200]
+    assert order == ["hold", "zero"]
+    wait_until(lambda: "zero" in [one.kind for one in deaf.asked])
+    deaf.door.close()
+
+
+def test_a_recorder_that_hangs_altogether_is_told_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    released = threading.Event()
+    monkeypatch.setattr("ipmclab.page.live.routes.PATIENCE", 0.1)
+    monkeypatch.setattr(bench.follower, "reach", released.wait)
+    app = FastAPI()
+    app.include_router(routes(bench))
+    answer = TestClient(app).post("/bench/zero")
+    released.set()
+    assert answer.status_code == 503
+    assert "may be driving the output" in answer.json()["message"]
+
+
+def fill(connection: Connection) -> None:
+    """Send until nothing more goes in, also a moment later."""
+    with socket.socket(fileno=os.dup(connection.fileno())) as there:
+        there.setblocking(False)
+        taken = time.monotonic()
+        while time.monotonic() - taken < 1.5:
+            try:
+                there.send(b" " * 65536)
+                taken = time.monotonic()
+            except BlockingIOError:
+                time.sleep(0.05)
+        there.setblocking(True)
 
 
 def test_who_asked_in_vain_does_not_hold_the_bench(bench: Bench) -> None:

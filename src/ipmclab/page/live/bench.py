@@ -40,7 +40,7 @@ class Bench:
         self.follower.launch(self._recorder, {"yes": False, "plan": False, "interactive": True, "answers": {}, **job})
 
     def ask(self, seat: str, what: str, **values: Any) -> str:
-        """Ask the recorder for something; what came of it, in words.
+        """Ask the recorder for something; what came of it, in words. May take long where it hangs.
 
         Raises
         ------
@@ -50,7 +50,7 @@ class Bench:
         taken = what in OPERATOR_ONLY and not self.seats.holds(seat)
         if taken:
             self.seats.take(seat)  # it is free, or this says whose it is
-        if not self.follower.request(what, **values):
+        if not self._reached(what, **values):
             if taken:
                 self.seats.release(seat)
             if self.follower.may_run:
@@ -67,6 +67,13 @@ class Bench:
                 repair="if the strip is driven all the same, switch its amplifier off",
             )
         return _SAID.get(what, "")
+
+    def _reached(self, what: str, **values: Any) -> bool:
+        """Whether the recorder took a request in, joined anew where that must be: STOP and ZERO do not wait for it."""
+        if self.follower.request(what, **values):
+            return True
+        self.follower.reach()
+        return self.follower.request(what, **values)
 
     def document(self, seat: str) -> dict[str, Any]:
         """What a browser is told."""

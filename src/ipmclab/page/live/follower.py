@@ -50,7 +50,7 @@ class Follower:
         self._next: Recorder | None = None
         self._launching = False
         self._not_before: dict[Path, float] = {}  # when a recorder is joined again: never one that was followed
-        self._answers = False
+        self._answers = self._answers_told = False
         self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
         self._ended = threading.Event()
         self.state = State()
@@ -117,21 +117,22 @@ class Follower:
             self._launching = False
 
     def request(self, kind: str, **values: Any) -> bool:
-        """Ask the recorder for something; False where there is none."""
+        """Ask the recorder for something; False where none takes it in. May take as long as ``PROMPT``."""
         with self._sending:
             recorder = self._recorder or self._next
             if recorder is None:
                 return False
-            recorder.request(kind, **values)
+            if not recorder.request(kind, **values):
+                self._recorder = self._next = None  # so that it is joined anew, at once by who must reach it
+                self._not_before[recorder.file] = time.monotonic() + _AGAIN
+                return False
         if kind == "answer":
             self.state.answered_here(values.get("number"))
         return True
 
     def let_answer(self, there: bool) -> None:
-        """Tell the recorder whether somebody is there who could answer."""
-        if there != self._answers:
-            self._answers = there
-            self.request("subscribe", blocks=True, answers=there)
+        """The recorder shall know whether somebody is there who could answer; it is told a moment later."""
+        self._answers = there
 
     def _follow(self) -> None:
         lost: Recorder | None = None
@@ -181,8 +182,12 @@ class Follower:
             self._not_before[recorder.file] = _NEVER
             with self._sending:
                 self._recorder = recorder
-                recorder.request("subscribe", blocks=True, answers=self._answers)
+                self._subscribe(recorder)
             return recorder
+
+    def _subscribe(self, recorder: Recorder) -> None:
+        self._answers_told = self._answers
+        recorder.request("subscribe", blocks=True, answers=self._answers_told)
 
     def _searched(self, at_once: bool = False) -> Recorder | None:
         folder = self._folder()
@@ -212,6 +217,9 @@ class Follower:
             if time.monotonic() - looked > 1.0:
                 looked = time.monotonic()
                 self.state.guarded(aftermath.read(status)[0])
+            if self._answers != self._answers_told:
+                with self._sending:
+                    self._subscribe(recorder)
             if message is None:
                 continue
             self._take(message)

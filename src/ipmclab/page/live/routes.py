@@ -6,7 +6,9 @@ import asyncio
 import contextlib
 import io
 import json
+import threading
 import time
+from concurrent.futures import Future
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +30,14 @@ PULSE: Final = 0.25
 
 ALIVE: Final = 1.0
 """At least so often [s] it hears something, so that it notices a link that is dead."""
+
+PATIENCE: Final = 3.0
+"""How long [s] an answer waits for the recorder; what was asked is tried further."""
+
+_SLOW: Final = (
+    f"the recorder has not taken it in within {PATIENCE:g} s, and may be driving the output; it is tried further; "
+    "switch the amplifier off if in doubt"
+)
 
 _MOST_TEXT: Final = 2000
 _MOST_QUESTIONS: Final = 1_000_000
@@ -58,9 +68,9 @@ def routes(bench: Bench) -> APIRouter:
         seat = seat_of(request.headers.get("cookie", ""))
         try:
             values = await read_object(request) if what in ("mark", "answer") else {}
-            if what not in ("hold", "release") and not bench.follower.is_joined:
-                await asyncio.to_thread(bench.follower.reach)  # STOP and ZERO must not wait for the next look
-            message = _steer(bench, seat, what, values)
+            message = await asyncio.wait_for(asyncio.shield(_begun(bench, seat, what, values)), PATIENCE)
+        except TimeoutError:
+            return JSONResponse({"message": _SLOW}, 503)
         except IpmclabError as error:
             told = {**error.as_dict(), "message": f"{error.message}; {error.repair}"}
             status = 400 if error.code == BAD_REQUEST else 409 if error.exit_status == 1 else 422
@@ -76,6 +86,21 @@ def routes(bench: Bench) -> APIRouter:
         return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
 
     return router
+
+
+def _begun(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> asyncio.Future[str]:
+    """Steer in a thread of its own: nothing that others fill delays ZERO, and a recorder that hangs delays nobody."""
+    future: Future[str] = Future()
+    future.set_running_or_notify_cancel()
+
+    def steer() -> None:
+        try:
+            future.set_result(_steer(bench, seat, what, values))
+        except Exception as error:
+            future.set_exception(error)
+
+    threading.Thread(target=steer, name=f"bench {what[:20]}", daemon=True).start()
+    return asyncio.wrap_future(future)
 
 
 def _steer(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> str:

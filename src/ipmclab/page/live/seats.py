@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -14,7 +15,7 @@ PATIENCE: Final = 30.0
 
 
 class Seats:
-    """Who watches, and who holds the bench. A seat is one browser.
+    """Who watches, and who holds the bench. A seat is one browser. Every method may be called from any thread.
 
     Parameters
     ----------
@@ -31,6 +32,7 @@ class Seats:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
+        self._lock = threading.Lock()
         self._there: Counter[str] = Counter()
         self._holder: str | None = None
         self._seen = 0.0
@@ -70,32 +72,36 @@ class Seats:
                 where="bench",
                 repair="allow cookies for this page, and reload it",
             )
-        if self.held and self._holder != seat:
-            raise IpmclabError(
-                "somebody else holds the bench",
-                code="bench-held",
-                where="bench",
-                repair=f"ask them to release it; it is free {PATIENCE:g} s after their page is closed",
-            )
-        if self._holder != seat:
-            self.version += 1
-        self._holder, self._seen = seat, self._clock()
+        with self._lock:
+            if self.held and self._holder != seat:
+                raise IpmclabError(
+                    "somebody else holds the bench",
+                    code="bench-held",
+                    where="bench",
+                    repair=f"ask them to release it; it is free {PATIENCE:g} s after their page is closed",
+                )
+            if self._holder != seat:
+                self.version += 1
+            self._holder, self._seen = seat, self._clock()
 
     def release(self, seat: str) -> None:
         """Give the bench back."""
-        if self._holder == seat:
-            self._holder = None
-            self.version += 1
+        with self._lock:
+            if self._holder == seat:
+                self._holder = None
+                self.version += 1
 
     def come(self, seat: str) -> None:
         """A page of a browser was opened."""
-        self._there[seat] += 1
-        self.version += 1
+        with self._lock:
+            self._there[seat] += 1
+            self.version += 1
 
     def leave(self, seat: str) -> None:
         """A page of a browser was closed."""
-        self._there[seat] -= 1
-        self._there = +self._there  # who is gone is forgotten
-        if seat == self._holder:
-            self._seen = self._clock()
-        self.version += 1
+        with self._lock:
+            self._there[seat] -= 1
+            self._there = +self._there  # who is gone is forgotten
+            if seat == self._holder:
+                self._seen = self._clock()
+            self.version += 1

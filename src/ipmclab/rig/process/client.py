@@ -21,6 +21,9 @@ from ipmclab.rig.process.messages import Message, decode, encode
 LOGIN: Final = 10.0
 """How long [s] a recorder may take to let a client in: one that lives does it at once."""
 
+PROMPT: Final = 1.0
+"""How long [s] it may take to take in a request; then we hang up, for half a one was sent."""
+
 
 class Recorder:
     """A recorder in its own process, as one of its clients sees it.
@@ -68,12 +71,18 @@ class Recorder:
                 repair=f"ipmclab recover {file.parent.parent} keeps what it had recorded",
             ) from error
 
-    def request(self, kind: str, **values: Any) -> None:
-        """Ask for something; a recorder that is gone is noticed by ``next``."""
+    def request(self, kind: str, **values: Any) -> bool:
+        """Ask for something; False where it is not taken in: ``next`` tells whether the recorder is gone."""
+        timer = threading.Timer(PROMPT, hang_up, [self._connection])
+        timer.daemon = True
+        timer.start()
         try:
             self._connection.send_bytes(encode(Message(kind, values)))
         except OSError:
-            return
+            return False
+        finally:
+            _end(timer)
+        return True
 
     def next(self, within: float | None = None, *, patience: float = PATIENCE) -> Message | None:
         """The next message, or None when none came within so many seconds.
