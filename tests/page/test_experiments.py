@@ -133,6 +133,19 @@ def test_no_text_in_any_field_is_a_fault(lab: Lab, one) -> None:
         check(lab, with_values(Draft.new(), **{"sample": "s", one.key: text}))
 
 
+@pytest.mark.parametrize("key", [field.key for field in FIELDS if field.kind != "switch"])
+def test_half_a_letter_is_told_at_its_field_and_not_saved(lab: Lab, key: str) -> None:
+    """Browsers can send a lone surrogate, and neither a file nor an answer can hold it."""
+    draft = replace(with_values(Draft.new(), **{"sample": "s", key: "1 \ud800"}), name="one")
+    errors = check(lab, draft).errors
+    assert key in errors
+    assert "\n".join(errors.values()).encode()
+    with pytest.raises(InputError, match="damaged") as told:
+        save(lab, draft)
+    assert str(told.value).encode()
+    assert not list(lab.root.iterdir())
+
+
 def test_what_is_beyond_rig_or_limits_is_told_at_the_signal(lab: Lab) -> None:
     draft = with_values(Draft.new(), sample="s")
     assert "3.5 V" in check(lab, with_values(draft, signals="step 5 V")).errors["signals"]

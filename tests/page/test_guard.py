@@ -145,6 +145,33 @@ def test_the_token_lets_in_whoever_knows_it() -> None:
     assert TOKEN not in here.cookies[f"{PASS}-8000"]
 
 
+def test_tabs_that_a_browser_opens_at_once_have_one_seat() -> None:
+    """None of them has the cookie yet; who comes once it was taken is another browser."""
+    app = application()
+
+    @app.get("/html")
+    async def html(request: Request):
+        from fastapi.responses import HTMLResponse
+
+        return HTMLResponse(guard.seat_of(request.headers.get("cookie", "")))
+
+    here = Guard(app, Settings(), 8000)
+    tabs = [TestClient(here, base_url=HERE, headers={"user-agent": "a"}) for _ in range(3)]
+    other = TestClient(here, base_url=HERE, headers={"user-agent": "b"})
+    first, second = tabs[0].get("/html").text, tabs[1].get("/html").text
+    assert first == second == tabs[1].cookies[f"{SEAT}-8000"]
+    assert other.get("/html").text != first
+    assert tabs[0].get("/html").text == first
+    assert tabs[2].get("/html").text not in (first, "")
+
+
+def test_seats_that_nobody_comes_back_for_are_bounded() -> None:
+    here = client()
+    for k in range(200):
+        assert here.get("/page", headers={"user-agent": str(k)}).status_code == 200
+    assert len(here.app._unclaimed) <= 32
+
+
 def test_elsewhere_it_is_reached_by_its_stated_name_only(tmp_path: Path) -> None:
     settings = Settings(host="0.0.0.0", origin="https://lab.example.org", token=TOKEN)
     here = client(settings, base="https://lab.example.org")

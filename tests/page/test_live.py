@@ -302,7 +302,12 @@ def test_an_answer_that_is_none_does_not_reach_the_recorder(recorder: Recorder, 
         '{"number": 1, "x": "' + "x" * 300_000,
     ):
         assert anna.post("/bench/answer", content=body.encode()).status_code == 400
-    long = json.dumps({"number": 1, "value": "\U0001d400\ud800" * 9000})
+    half = json.dumps({"number": 1, "value": "\ud800"}).encode()
+    for body in (half, b'{"number": 1, "value": "\xff"}', b'{"number": 1, "\\udfff": ""}'):
+        for what in ("answer", "mark"):
+            refused = anna.post(f"/bench/{what}", content=body)
+            assert (refused.status_code, "UTF-8" in refused.json()["message"]) == (400, True)
+    long = json.dumps({"number": 1, "value": "\U0001d400" * 9000})
     assert anna.post("/bench/answer", content=long.encode()).status_code == 200
     wait_until(lambda: [one.kind for one in recorder.asked] == ["answer"])
     assert recorder.hub.clients == 1

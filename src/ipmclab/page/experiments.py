@@ -117,6 +117,9 @@ _IN_A_FORM: Final = {
 }
 """What to do about a mistake where a form stands in place of the file: of the field and the code."""
 
+_DAMAGED: Final = "a letter in it is damaged, so that no file can hold it"
+_ANEW: Final = "type it anew"
+
 Values = dict[str, str | bool]
 
 
@@ -255,7 +258,8 @@ def check(lab: Lab, draft: Draft) -> Checked:
     """Look at a draft: every field's own mistake at once, then the whole against its rig and limits."""
     errors: dict[str, str] = {}
     table = draft.table()
-    for key, value in _outside(lab, table):
+    damaged = ((key, f"{_DAMAGED}; {_ANEW}") for key in _damaged(draft))
+    for key, value in [*damaged, *_outside(lab, table)]:
         errors[key] = value
         _repair(table, key)
     # The model of a strip takes a compiler to read; the recorder does that. Here its name will do.
@@ -328,6 +332,12 @@ def _repair(table: dict[str, Any], key: str, error: InputError | None = None) ->
     else:
         table.pop(key, None)
     return True
+
+
+def _damaged(draft: Draft) -> list[str]:
+    """The fields with half a letter (a lone surrogate of UTF-16), which no file can hold."""
+    texts = {key: value for key, value in draft.values.items() if isinstance(value, str)}
+    return [key for key, text in texts.items() if any("\ud800" <= letter <= "\udfff" for letter in text)]
 
 
 def _outside(lab: Lab, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -446,11 +456,13 @@ def save(lab: Lab, draft: Draft, *, replace: bool = False) -> Path:
     Raises
     ------
     InputError
-        A name that is none, or a file of that name which says something else.
+        A name that is none, a file of that name which says something else, or a field that is no text.
     """
     import tomli_w
 
     path = lab.new_file(draft.name, ".toml")
+    for key in _damaged(draft):
+        raise InputError(f"{_BY_KEY[key].label}: {_DAMAGED}", code="damaged-text", where=key, repair=_ANEW)
     folder = os.path.relpath(lab.laboratory_folder, lab.root)
     table = {"folder": folder, **draft.table()}
     if path.exists():

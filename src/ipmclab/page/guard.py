@@ -7,14 +7,13 @@ Answers forbid that others frame this page and that it loads anything from elsew
 
 from __future__ import annotations
 
-import asyncio
-import hmac
 import secrets
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
+from ipmclab.page.login import MOST_FORM, Door, Passes, Refused
 from ipmclab.page.settings import MOST_BYTES, Settings, bracketed
 
 Scope = MutableMapping[str, Any]
@@ -46,6 +45,9 @@ _HEADERS: Final = (
 
 _TOO_LARGE: Final = f"413: a request has at most {MOST_BYTES // 2**20} MB\n"
 
+_MOST_UNCLAIMED: Final = 32
+_HTML: Final = "text/html; charset=utf-8"
+
 _LOGIN: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>ipmclab</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>
 body {{ font: 16px system-ui, sans-serif; max-width: 26rem; margin: 15vh auto; padding: 0 1rem }}
@@ -71,8 +73,8 @@ class Guard:
 
     def __init__(self, app: App, settings: Settings, port: int, also: tuple[str, ...] = ()) -> None:
         self.app = app
-        self._token = settings.token
-        self._passes: set[str] = set()
+        self._door = None if settings.token is None else Door(settings.token)
+        self._unclaimed: dict[tuple[str, str], str] = {}
         self._seat, self._pass = f"{SEAT}-{port}", f"{PASS}-{port}"
         scheme = "http" if settings.certificate is None else "https"
         names = {"127.0.0.1", "localhost", "[::1]", bracketed(settings.host)} if settings.is_local else set()
@@ -96,11 +98,15 @@ class Guard:
             await _refuse(scope, receive, send, refusal)
             return
         cookies = _cookies(headers.get("cookie", ""))
-        if self._token is not None and cookies.get(self._pass) not in self._passes:
-            await self._let_in(scope, receive, send)
-            return
+        if self._door is not None:
+            known = cookies.get(self._pass, "")
+            if not self._door.passes.use(known):
+                await self._let_in(self._door, scope, receive, send)
+                return
+            receive = _using(self._door.passes, known, receive)
+        self._claim(cookies.get(self._seat, ""))
         asks = scope["type"] == "http" and scope["method"] == "GET"  # nothing else makes a page that has a seat
-        seat = secrets.token_urlsafe(16) if asks and not cookies.get(self._seat) else None
+        seat = self._new_seat(scope, headers) if asks and not cookies.get(self._seat) else None
         # A page that is made now is this browser's already; cookies of other servers are nobody's business.
         cookie = f"{SEAT}={seat or cookies.get(self._seat, '')}".encode("latin-1", "replace")
         scope = {**scope, "headers": [*_without(scope["headers"], b"cookie"), (b"cookie", cookie)]}
@@ -153,33 +159,40 @@ class Guard:
 
         return answer
 
+    def _new_seat(self, scope: Scope, headers: dict[str, str]) -> str:
+        """The seat of a browser that has none yet: one for all pages that it opens before it has an answer."""
+        who = (str((scope.get("client") or ("",))[0]), headers.get("user-agent", ""))
+        while len(self._unclaimed) >= _MOST_UNCLAIMED and who not in self._unclaimed:
+            del self._unclaimed[next(iter(self._unclaimed))]
+        return self._unclaimed.setdefault(who, secrets.token_urlsafe(16))
+
+    def _claim(self, seat: str) -> None:
+        """Take note that a browser has its seat: the next one like it gets another."""
+        for who in [who for who, one in self._unclaimed.items() if one == seat]:
+            del self._unclaimed[who]
+
     def _cookie(self, name: str, value: str, same_site: str = "Strict") -> bytes:
         """A seat is Lax: who comes by a foreign link must keep theirs. What changes anything needs our Origin."""
         return f"{name}={value}; Path=/; HttpOnly; SameSite={same_site}{self._secure}".encode()
 
-    async def _let_in(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _let_in(self, door: Door, scope: Scope, receive: Receive, send: Send) -> None:
         """The form for the token, and what comes of it."""
         if scope["type"] == "websocket":
             await _refuse(scope, receive, send, "this needs the token")
             return
         if scope["path"] != "/login" or scope["method"] != "POST":
             # A foreign link that leads here comes without our cookie, and meets this too.
-            await _answer(send, 401, _LOGIN.format(message=""), "text/html; charset=utf-8")
+            await _answer(send, 401, _LOGIN.format(message=""), _HTML)
             return
-        body = b""
-        while len(body) < 4096:
+        form, more = b"", True
+        while more and len(form) <= MOST_FORM:
             message = await receive()
-            body += message.get("body", b"")
-            if not message.get("more_body"):
-                break
-        given = parse_qs(body.decode("latin-1")).get("token", [""])[0]
-        assert self._token is not None
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
-            await asyncio.sleep(1.0)  # guessing shall take long
-            await _answer(send, 401, _LOGIN.format(message="This is not the token."), "text/html; charset=utf-8")
+            form += message.get("body", b"")
+            more = message.get("more_body", False)
+        known = await door.knock(form) if not more else Refused(413, "This is too long for a token.")
+        if isinstance(known, Refused):
+            await _answer(send, known.status, _LOGIN.format(message=known.text), _HTML)
             return
-        known = secrets.token_urlsafe(32)
-        self._passes.add(known)
         extra = [(b"location", b"/"), (b"set-cookie", self._cookie(self._pass, known))]
         await _answer(send, 303, "", extra=extra)
 
@@ -212,6 +225,17 @@ class _Body:
             self.is_too_large = True
             raise _TooLargeError
         return message
+
+
+def _using(passes: Passes, known: str, receive: Receive) -> Receive:
+    """What is received with a pass: a page that stays open keeps it good."""
+
+    async def heard() -> MutableMapping[str, Any]:
+        message = await receive()
+        passes.use(known)
+        return message
+
+    return heard
 
 
 def _without(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[tuple[bytes, bytes]]:

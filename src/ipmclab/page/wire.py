@@ -49,7 +49,7 @@ async def read_object(request: Request) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Too long, or no JSON object.
+        Too long, no JSON object, or no text.
     """
     body = b""
     async for piece in request.stream():
@@ -58,11 +58,12 @@ async def read_object(request: Request) -> dict[str, Any]:
             break
     try:
         found = json.loads(body or b"{}") if len(body) <= _MOST_ASKED else None
+        json.dumps(found, ensure_ascii=False).encode()  # half a pair of UTF-16 is no text: nobody could write it down
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict):
         raise InputError(
-            f"this is no JSON object of at most {_MOST_ASKED // 1024} KiB",
+            f"this is no JSON object of at most {_MOST_ASKED // 1024} KiB of text in UTF-8",
             code=BAD_REQUEST,
             where="request",
             repair="reload the page",

@@ -134,8 +134,8 @@ def _number(values: dict[str, Any]) -> int:
 
 
 def _text(value: object) -> str:
-    """A text as it may be written down: bounded, and without what UTF-8 cannot hold."""
-    return str(value)[:_MOST_TEXT].encode("utf-8", "replace").decode()
+    """A text as it may be written down: bounded."""
+    return str(value)[:_MOST_TEXT]
 
 
 async def _listen(socket: WebSocket, view: View) -> None:
