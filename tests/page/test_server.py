@@ -27,6 +27,15 @@ def test_it_binds_this_computer_only_unless_told_otherwise() -> None:
         assert "another port" in refused.value.repair
 
 
+def test_where_others_could_bind_it_too_they_are_kept_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only Windows has the option: another one that can be read back stands for it here."""
+    if not hasattr(socket, "SO_EXCLUSIVEADDRUSE"):
+        monkeypatch.setattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_KEEPALIVE, raising=False)
+    with bind(Settings()) as bound:
+        assert bound.getsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE)
+        assert not bound.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+
+
 def test_the_script_of_the_plots_is_there_without_its_package() -> None:
     assert (vendored() / "uPlot.iife.js").stat().st_size > 10_000
     assert "uplot" not in sys.modules

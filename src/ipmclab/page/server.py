@@ -113,8 +113,9 @@ def bind(settings: Settings) -> socket.socket:
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
         found = socket.socket(family)
-        if os.name == "posix":
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # Windows lets others bind it too unless this is asked; elsewhere a restart would have to wait.
+        only_us = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR if only_us is None else only_us, 1)
         found.bind((settings.host, settings.port))
     except (OSError, OverflowError) as error:
         if found is not None:

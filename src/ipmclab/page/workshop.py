@@ -245,8 +245,9 @@ class Workshop:
         Raises
         ------
         InputError
-            An actuator or a run that is not there.
+            An actuator or a run that is not there, or the name of another actuator.
         """
+        self._refuse_taken(asked.name)
         file = self.new_scratch(".toml")
         arguments = {
             "actuator": self.actuator_path(asked.actuator),
@@ -270,9 +271,10 @@ class Workshop:
         Raises
         ------
         InputError
-            No plain file name, or one that is there already.
+            No plain file name, one of the library's, or one that is there already.
         """
         path = self.lab.new_file(name, ".toml")
+        self._refuse_taken(path.stem)
         if path.exists():
             raise InputError(
                 f"{path.name} exists already", code="file-exists", where="name", repair="choose another name"
@@ -280,6 +282,18 @@ class Workshop:
         path.write_text(card.file.read_text(encoding="utf-8"), encoding="utf-8")
         card.saved = self.lab.below(path)
         return card.saved
+
+    def _refuse_taken(self, name: str) -> None:
+        """Refuse to call a fit as an actuator that it would stand in front of."""
+        from ipmclab.model.actuator_file import is_library_name
+
+        if is_library_name(name.casefold()) or name in self.own_actuators():
+            raise InputError(
+                f"{name!r} is another actuator's name already",
+                code="name-taken",
+                where="name",
+                repair=f"choose another name, such as my-{name}",
+            )
 
     def fitted_files(self) -> list[str]:
         """Fitted actuators of the lab, by their path below the root."""
