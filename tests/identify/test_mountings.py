@@ -54,6 +54,32 @@ def test_three_mountings_that_are_well_known_give_students_interval() -> None:
     assert why_unknown(fit) == ""
 
 
+def test_what_gives_way_to_a_shared_value_that_differs_is_no_better() -> None:
+    """Only one parameter differs from mounting to mounting; held equal, it drags others along."""
+    generator = np.random.default_rng(SEED)
+    differing, dragged = "circuit.dc_resistivity", "circuit.branches.0.permittivity"
+    runs = [
+        noisy(
+            generator,
+            "square 1 V 0.02 Hz",
+            duration=60.0,
+            strip=FRIEND.replace(**{differing: factor * FRIEND[differing]}),
+            mounting=f"strip-7-{number}",
+        )
+        for number, factor in enumerate((0.7, 1.0, 1.4))
+    ]
+    fit = identify(FRIEND, runs)
+    low, high = fit.parameters[dragged].interval
+    assert not low <= FRIEND[dragged] <= high
+    assert {differing, dragged} <= averages(fit)
+    told = fit.parameters[dragged].interval_next_mounting
+    assert told is not None
+    assert told[0] <= min(low, FRIEND[dragged])
+    assert max(high, FRIEND[dragged]) <= told[1]
+    said = {row.name: row.remark for row in parameter_rows(fit)}
+    assert "average of mountings" in said[dragged]
+
+
 def test_the_interval_holds_another_mounting() -> None:
     """Twelve strips of four mountings; ``benchmarks.mountings`` has hundreds."""
     generator = np.random.default_rng(SEED)
@@ -99,6 +125,7 @@ def test_mountings_that_do_not_differ_are_not_called_different() -> None:
     generator = np.random.default_rng(SEED)
     fit = identify(FRIEND, drawn(generator, 4, 0.0)[0])
     assert "mountings-differ" not in {finding.code for finding in fit.findings}
+    assert not averages(fit)
     for name in ELECTRICAL:
         low, high = fit.parameters[name].interval_next_mounting or (np.nan, np.nan)
         assert low <= FRIEND[name] <= high

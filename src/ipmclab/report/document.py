@@ -14,6 +14,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
+from ipmclab.identify.averages import averages
 from ipmclab.identify.fitted import fitted_outputs
 from ipmclab.identify.scores import LAGS, Comparison, score
 from ipmclab.identify.validate import RunValidation, Validation, run_labels, validate
@@ -224,11 +225,17 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
         )
     else:
         sentences.append(f"All {len(fit.parameters)} free parameters are determined.")
+    averaged = sorted(averages(fit))
+    if averaged:
+        sentences.append(
+            f"The mountings differ, so one value for all of them holds for none: {_listed(averaged)}. Fit each "
+            "mounting by itself, or name what the clamp changes in per_mounting."
+        )
     bounds = [name for name, one in fit.parameters.items() if one.at_bound]
     if bounds:
         sentences.append(f"At a bound: {_listed(bounds)}; such a value is a limit, not an estimate.")
     sentences += _holding(fit)
-    return sentences, bool(not fit.converged or open_ones or bounds or bad or not scored)
+    return sentences, bool(not fit.converged or open_ones or averaged or bounds or bad or not scored)
 
 
 def _holding(fit: Fit) -> Iterator[str]:

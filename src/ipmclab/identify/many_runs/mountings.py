@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _SURELY: Final = 1e-3
 _ENDING: Final = "[mounting "
+_DRAGGED: Final = 2.0  # standard errors of the mean of all mountings
 
 
 @dataclass(frozen=True)
@@ -171,8 +172,9 @@ def with_mountings(fit: Fit, each: Sequence[Mounting]) -> Fit:
         between[base] = found.between
         low, high = entry.value(found.next_one[0]), entry.value(found.next_one[1])
         shared = fit.parameters.get(base)
-        if errors.common > 0.0 and shared is not None and all(map(math.isfinite, shared.interval)):
-            # What bends the likelihood of all mountings together, beyond first order, is common to the next one too.
+        if shared is not None and all(map(math.isfinite, shared.interval)):
+            # What bends the likelihood of all mountings together, beyond first order, is common to the next one too;
+            # and what is known of one clamping is never less than what is known of the strip.
             low, high = min(low, shared.interval[0]), max(high, shared.interval[1])
         for name in own:
             parameters[name] = replace(parameters[name], interval_next_mounting=(low, high))
@@ -269,6 +271,22 @@ def differ(each: Sequence[Mounting], actuator: Actuator) -> dict[str, float]:
         if len(entries) > 1:
             found[base] = random_effect(entries, errors.own).unlikely
     return {base: unlikely for base, unlikely in found.items() if unlikely < _SURELY / len(found)}
+
+
+def dragged(fit: Fit, each: Sequence[Mounting]) -> tuple[str, ...]:
+    """The shared parameters that the fit of all runs puts elsewhere than the mean of the mountings by themselves."""
+    found = []
+    for base, entry in _unknowns(fit).items():
+        if base not in fit.parameters:
+            continue
+        entries, errors = _by_themselves(entry, each)
+        if len(entries) < 2 or not errors.own.all():
+            continue
+        weights = 1.0 / np.square(errors.own)
+        away = entry.entry(fit.parameters[base].value) - float(weights @ entries / weights.sum())
+        if abs(away) * math.sqrt(weights.sum()) > _DRAGGED:
+            found.append(base)
+    return tuple(found)
 
 
 def _findings(fit: Fit, told: Mountings) -> list[Finding]:

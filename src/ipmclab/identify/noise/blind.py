@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.noise.columns import CONSTANTS
-from ipmclab.identify.noise.pieces import Piece, Shape, System
+from ipmclab.identify.noise.pieces import Key, Piece, Shape, System
 from ipmclab.identify.noise.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,36 +36,45 @@ class Blind:
     allowed: bool
 
 
-def blind_outputs(system: System, pieces: Sequence[Piece]) -> dict[str, Blind]:
+def blind_outputs(
+    system: System, pieces: Sequence[Piece], shapes: Mapping[Key, Shape] | None = None
+) -> dict[str, Blind]:
     """Outputs of which no run would show a straight drift by three times its noise.
 
     A parameter takes up such a drift so well that the residuals do not tell: a current that drifts during one step
     looks like a leak and a slow branch. If one run of an output would show it and does not, the others are taken to be
-    free of it too: the sensor is the same. Where a drift would move no parameter much, nothing is said.
+    free of it too: the sensor is the same. Where a drift would move no parameter much, nothing is said. Noise that
+    hangs together hides a drift that white noise would show, so it is asked again under what was found.
 
     Parameters
     ----------
     system : System
         Of all pieces, at the fit under white noise.
     pieces : sequence of Piece
+    shapes : mapping of (place, output) to Shape, optional
+        Their noise, where it is not white. An output of which some run has a trend or a walk is not asked about.
 
     Returns
     -------
     found : dict of output to Blind
     """
-    white = Shape(Terms(), np.zeros(0), 1.0)
-    parts = {piece.key: system.part(piece.key, white) for piece in pieces}
+    noise = shapes or {piece.key: Shape(Terms(), np.zeros(0), 1.0) for piece in pieces}
+    parts = {piece.key: system.part(piece.key, noise[piece.key]) for piece in pieces}
     least = (system.rest + sum(parts.values()))[:-1, :-1]
     found: dict[str, Blind] = {}
     for output in dict.fromkeys(piece.key[1] for piece in pieces):
         own = [piece for piece in pieces if piece.key[1] == output]
         if not all(piece.allowed == (True, True) for piece in own):
             continue
-        others = system.rest + sum(part for key, part in parts.items() if key[1] != output)
-        if any(_error_of_drift(system, piece, least, parts[piece.key][:-1, :-1]) < _UNNOTICED for piece in own):
+        if any(noise[piece.key].terms.drifts for piece in own):
             continue
-        drifting = Shape(Terms(offset=True, trend=True), np.zeros(0), 1.0)
-        most = (others + sum(system.part(piece.key, drifting) for piece in own))[:-1, :-1]
+        others = system.rest + sum(part for key, part in parts.items() if key[1] != output)
+        if any(
+            _error_of_drift(system, piece, noise[piece.key], least, parts[piece.key][:-1, :-1]) < _UNNOTICED
+            for piece in own
+        ):
+            continue
+        most = (others + sum(system.part(piece.key, noise[piece.key].with_drift()) for piece in own))[:-1, :-1]
         sure, unsure = (_errors(system.directions, one) for one in (least, most))
         wider = float(np.max(unsure / np.maximum(sure, 1e-300), initial=1.0))
         if wider > _HARM:
@@ -73,10 +82,10 @@ def blind_outputs(system: System, pieces: Sequence[Piece]) -> dict[str, Blind]:
     return found
 
 
-def _error_of_drift(system: System, piece: Piece, every: FloatArray, own: FloatArray) -> float:
+def _error_of_drift(system: System, piece: Piece, shape: Shape, every: FloatArray, own: FloatArray) -> float:
     """Standard error of a run's drift over its length, its offset and all parameters being free, over the noise."""
-    products, _ = system.columns[piece.key].products(Terms(), np.zeros(0))
-    whole = products[:-1, :-1].copy()
+    products, _ = system.columns[piece.key].products(shape.terms, shape.entries)
+    whole = products[:-1, :-1] / shape.variance
     whole[CONSTANTS:, CONSTANTS:] += every - own
     # Time runs from -1 to 1: over the record a slope of 1 is a drift of 2.
     return 2.0 * float(np.sqrt(np.linalg.inv(whole)[1, 1]))

@@ -110,6 +110,11 @@ def correlate(
     for turn in range(_TURNS):
         system = System(problem, plain, pieces)
         shapes = refine_noise(system, shapes) if turn else choose_noise(system, drifting)
+        hidden = {} if turn else blind_outputs(system, pieces, shapes)
+        if hidden:
+            blind = {**blind, **hidden}
+            drifting |= {output for output, one in hidden.items() if one.allowed}
+            shapes = choose_noise(system, drifting)
         if all(shape.terms.is_white for shape in shapes.values()):
             return given
         found = CorrelatedProblem(problem, {piece.key: piece.whitening(shapes[piece.key]) for piece in pieces})

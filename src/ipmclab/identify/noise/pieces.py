@@ -41,6 +41,10 @@ class Shape:
     entries: FloatArray
     variance: float
 
+    def with_drift(self) -> Shape:
+        """The same noise about an offset and a trend."""
+        return replace(self, terms=replace(self.terms, offset=True, trend=True))
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -153,7 +157,7 @@ def choose_noise(system: System, drifting: Collection[str] = ()) -> dict[Key, Sh
         parts[key] = best.likelihood.products
     for key, shape in shapes.items():
         if key[1] in drifting and not shape.terms.walk:
-            shapes[key] = replace(shape, terms=replace(shape.terms, offset=True, trend=True))
+            shapes[key] = shape.with_drift()
     if several or drifting:
         _share_constants(shapes, system.pieces)
         shapes = refine_noise(system, shapes)
