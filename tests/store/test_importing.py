@@ -7,6 +7,7 @@ import contextlib
 import gzip
 import struct
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -649,3 +650,24 @@ def test_no_damage_gives_a_traceback(
     for import_map in (foreign, None):
         with contextlib.suppress(InputError):
             import_run(damaged, import_map)
+
+
+@pytest.mark.parametrize(("cell", "row"), [("XFD", 2000), ("A", 10**9)])
+def test_a_sheet_whose_far_cell_would_fill_the_memory_is_refused(tmp_path: Path, cell: str, row: int) -> None:
+    """The file is small: one cell far to the right widens every row, one far below makes rows up to it."""
+    path = tmp_path / "far.xlsx"
+    openpyxl.Workbook().save(path)
+    with zipfile.ZipFile(path) as book:
+        parts = {name: book.read(name) for name in book.namelist()}
+    rows = "".join(f'<row r="{k}"><c r="A{k}"><v>1</v></c></row>' for k in range(1, 2000))
+    rows += f'<row r="{row}"><c r="{cell}{row}"><v>1</v></c></row>'
+    sheet = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
+    parts["xl/worksheets/sheet1.xml"] = sheet.format(rows).encode()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as book:
+        for name, part in parts.items():
+            book.writestr(name, part)
+    assert path.stat().st_size < 2**16
+    table = {"file": {"format": "xlsx"}, "channels": {"voltage": {"column": 0}}, "sampling_period": "20 ms"}
+    with pytest.raises(InputError, match="make more than 16777216 cells") as told:
+        import_run(path, ImportMap.from_table(table))
+    assert "far to the right" in told.value.repair

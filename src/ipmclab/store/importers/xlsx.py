@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
 from ipmclab.errors import InputError
 from ipmclab.store.importers.columns import Columns, open_error
 from ipmclab.store.strict import Strict
+
+_MOST_CELLS: Final = 2**24
+"""Of a sheet: all the rows that it can have, with 16 columns."""
 
 
 class XlsxFile(Strict):
@@ -33,7 +36,7 @@ def read_sheets(path: Path) -> dict[str, list[tuple[Any, ...]]]:
     Raises
     ------
     InputError
-        The file is not a workbook.
+        The file is not a workbook, or a sheet is too wide for its rows.
     """
     import openpyxl
 
@@ -42,15 +45,33 @@ def read_sheets(path: Path) -> dict[str, list[tuple[Any, ...]]]:
             warnings.simplefilter("ignore")  # about styles and validation that openpyxl leaves out
             book = openpyxl.load_workbook(path, read_only=True, data_only=True)
             try:
-                sheets = {}
+                sheets: dict[str, list[tuple[Any, ...]]] = {}
                 for sheet in book.worksheets:
                     sheet.reset_dimensions()  # some programs write a wrong size
-                    sheets[str(sheet.title)] = list(sheet.iter_rows(values_only=True))
+                    rows = sheets.setdefault(str(sheet.title), [])
+                    width = 1
+                    for row in sheet.iter_rows(values_only=True):
+                        rows.append(row)
+                        width = max(width, len(row))
+                        _refuse_wide(width * len(rows), path)
                 return sheets
             finally:
                 book.close()
+    except InputError:
+        raise
     except Exception as error:  # a damaged workbook raises whatever its zip and XML parsers raise
         raise open_error(path, error, "an Excel workbook (.xlsx)") from error
+
+
+def _refuse_wide(cells: int, path: Path) -> None:
+    """Refuse what would fill the memory: a cell far to the right makes every row as wide, however small the file is."""
+    if cells > _MOST_CELLS:
+        raise InputError(
+            f"its rows and columns make more than {_MOST_CELLS} cells",
+            code="too-large",
+            where=str(path),
+            repair="delete what stands far to the right or below of the table, or save the table as .csv",
+        )
 
 
 def read(path: Path, options: XlsxFile) -> Columns:
