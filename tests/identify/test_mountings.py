@@ -9,8 +9,8 @@ import pytest
 import scipy.stats
 
 from ipmclab import InputError, identify, prediction_bands, read_fit, simulate, validate, write_fit
-from ipmclab.identify.averages import averages
 from ipmclab.identify.many_runs.mountings import why_unknown
+from ipmclab.identify.remarks import averages
 from ipmclab.report.tables import parameter_rows
 from ipmclab.run import Run
 from tests.identify.many import CONTACT, ELECTRICAL, FRIEND, mounted, noisy

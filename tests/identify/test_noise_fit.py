@@ -12,6 +12,9 @@ import scipy.signal
 
 from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, read_fit, simulate, write_fit
 from ipmclab.identify.many_runs.bands import prediction_bands
+from ipmclab.identify.noise.robust import long_run
+from ipmclab.identify.uncertainty import covariance
+from ipmclab.report.tables import parameter_rows
 from tests.independent.bounds import ELECTRICAL
 from tests.independent.thesis import FRIEND_2, respond
 
@@ -119,6 +122,33 @@ def test_noise_is_not_held_for_what_the_model_lacks() -> None:
     for _ in range(6):
         fit = identify(FRIEND, runs("AR(1)", generator)[:1])
         assert "model-error-like-noise" not in {finding.code for finding in fit.findings}
+
+
+@pytest.mark.parametrize("kind", ["white", "walk"])
+def test_a_sum_of_autocovariances_is_refused_where_the_output_drifts(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A burst of hum is described by no model of the noise; under a drift nothing stands in for one."""
+    asked = []
+
+    def spy(jacobian: Array, residual: Array) -> Array:
+        asked.append(len(residual))
+        return long_run(jacobian, residual)
+
+    monkeypatch.setattr(covariance, "long_run", spy)
+    burst = np.where((TIME > 18.0) & (TIME < 22.0), 4.0 * NOISE * np.sin(2.0 * np.pi * 7.0 * TIME), 0.0)
+    hummed = [replace(run, current=run.current + burst) for run in runs(kind, np.random.default_rng(SEED))]
+    fit = identify(FRIEND, hummed)
+    codes = {finding.code for finding in fit.findings}
+    said = {row.remark for row in parameter_rows(fit) if row.determined}
+    if kind == "walk":
+        assert not asked
+        assert "noise-not-described" in codes
+        assert said == {"its interval may be too small: the noise is not described"}
+    else:
+        assert asked
+        assert "noise-not-described" not in codes
+        assert said == {""}
 
 
 def test_the_noise_goes_into_the_file_and_back(tmp_path: Path) -> None:

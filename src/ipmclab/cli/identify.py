@@ -96,11 +96,11 @@ def identify(
 
 def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
-    from ipmclab.identify.averages import AVERAGED, averages
     from ipmclab.identify.diagnostics.output_diagnosis import WORDS
+    from ipmclab.identify.remarks import remarks
 
     known = fit.actuator.parameters()
-    averaged = averages(fit)
+    said = remarks(fit)
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
     rows = []
     for name, parameter in fit.parameters.items():
@@ -110,8 +110,6 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         digits = _digits(value, high - low)
         following = parameter.interval_next_mounting
         ends = [significant(factor * end, 3) for end in following] if following else ["-"]
-        remark = "at its bound" if parameter.at_bound else "with its prior" if parameter.prior else ""
-        remark = remark or (AVERAGED if name in averaged else "")
         rows.append(
             [
                 name,
@@ -120,7 +118,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
                 *([" to ".join(ends)] if next_known else []),
                 base.quantity.display_unit if base is not None else parameter.unit,
                 collinearity(fit, name),
-                remark,
+                said[name],
             ]
         )
     intervals = ["95 % interval", *(["next mounting"] if next_known else [])]

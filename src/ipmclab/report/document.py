@@ -14,8 +14,8 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
-from ipmclab.identify.averages import averages
 from ipmclab.identify.fitted import fitted_outputs
+from ipmclab.identify.remarks import averages
 from ipmclab.identify.scores import LAGS, Comparison, score
 from ipmclab.identify.validate import RunValidation, Validation, run_labels, validate
 from ipmclab.model.validity import CODES as VALIDITY_CODES

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ipmclab.identify.averages import AVERAGED, averages
+from ipmclab.identify.remarks import remarks
 from ipmclab.identify.scores import Comparison, Score, score
 from ipmclab.identify.validate import Validation
 from ipmclab.quality.noise import noise_level
@@ -115,7 +115,7 @@ class MetricRow:
 def parameter_rows(fit: Fit) -> list[ParameterRow]:
     """The free parameters: one that the runs do not determine is called so, and has no number."""
     rows = []
-    averaged = averages(fit)
+    said = remarks(fit)
     for name, one in fit.parameters.items():
         quantity = _quantity(fit, name)
         shown: Callable[[float], float] = quantity.to_display if quantity else float
@@ -127,7 +127,7 @@ def parameter_rows(fit: Fit) -> list[ParameterRow]:
                 with_error(shown(one.value), shown(one.standard_error)) if one.determined else NOT_DETERMINED,
                 unit,
                 interval=interval(*map(shown, one.interval)),
-                remark="at its bound" if one.at_bound else AVERAGED if name in averaged else "",
+                remark=said[name],
                 determined=one.determined,
                 next_mounting=interval(*map(shown, one.interval_next_mounting)) if one.interval_next_mounting else "–",
             )
