@@ -25,7 +25,7 @@ from ipmclab.page.elements.column_map import channel_tables
 from ipmclab.page.jobs.tasks.preview import guess_channels, guess_layout
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
-from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
+from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows, told_runs
 from ipmclab.page.workshop import Workshop
 from ipmclab.store.catalogue.catalogue import Catalogue
 from ipmclab.store.catalogue.query import CatalogueRow
@@ -103,6 +103,23 @@ def test_the_table_filters_by_what_is_known_of_a_run() -> None:
     assert shown[3]["findings"] == "aborted; not checked yet"
     assert shown[4]["key"] == ""
     assert "it is damaged" in shown[4]["findings"]
+
+
+def test_runs_that_are_called_alike_are_told_apart() -> None:
+    rows = [
+        row(id=1, path="a/step.nc", drive="step 1 V", sample="strip-1", recorded=0.0),
+        row(id=2, path="b/step.nc", drive="step 1 V"),
+        row(id=3, path="c/sine.nc", problem="it is damaged"),
+        row(id=4, path="c/mute.nc"),
+        row(id=5, path=None, state="missing"),
+        row(id=6, path=None, state="missing"),
+    ]
+    assert [one["name"] for one in table_rows(rows, RunFilter())[0]] == ["–", "–", "mute", "sine", "b/step", "a/step"]
+    told = told_runs(rows)
+    assert list(told) == ["c/mute.nc", "b/step.nc", "a/step.nc"]
+    assert told["c/mute.nc"] == ""
+    assert told["b/step.nc"] == "step 1 V"
+    assert told["a/step.nc"].startswith("step 1 V, strip-1, 19")
 
 
 def test_the_table_sends_no_more_rows_than_a_browser_can_use() -> None:

@@ -76,13 +76,13 @@ FIELDS: Final = (
     FormField("pair", "Both polarities of each signal", "", False, "switch", "options"),
     FormField("baseline", "First a run without voltage", "", False, "switch", "options"),
     FormField("fingerprint", "Fingerprint at 0.1 V before each", "", True, "switch", "options"),
-    FormField("repeats", "Repeats of each signal", "1 or more", "1", "number", "options"),
+    FormField("repeats", "Repeats of each", "1 or more", "1", "number", "options"),
     FormField("rest_before", "Rest at 0 V before", "5 s unless stated", "", "text", "options"),
     FormField("rest_after", "Rest at 0 V after", "5 s unless stated", "", "text", "options"),
-    FormField("pause", "Pause between signals", "2 min unless stated", "", "text", "options"),
+    FormField("pause", "Pause between", "2 min unless stated", "", "text", "options"),
     FormField("zero_time", "Zeros are read for", "10 s unless stated", "", "text", "options"),
-    FormField("environment.temperature", "Temperature", "25 degC; empty: the room's", "", "text", "environment"),
-    FormField("environment.relative_humidity", "Relative humidity", "80 percent; empty: the room's", "", "text",
+    FormField("environment.temperature", "Temperature", "the room's, or 25 degC", "", "text", "environment"),
+    FormField("environment.relative_humidity", "Relative humidity", "the room's, or 80 %", "", "text",
               "environment"),
     FormField("environment.settle", "Settled for", "30 min unless stated", "", "text", "environment"),
     FormField("environment.longest_wait", "Longest wait", "3 h unless stated", "", "text", "environment"),
@@ -92,7 +92,7 @@ FIELDS: Final = (
     FormField("limits.power", "Power", "0.3 W unless stated", "", "text", "limits"),
     FormField("actuator", "Model of the strip", "friend-2, or a file; foretells the current", "", "text", "more"),
     FormField("clamp_pressure", "Clamp pressure", "such as 100 kPa", "", "text", "more"),
-    FormField("mounting_id", "Mounting", "given at each clamping unless stated", "", "text", "more"),
+    FormField("mounting_id", "Mounting", "new at each clamping", "", "text", "more"),
     FormField("notes", "Notes", "", "", "text", "more"),
 )  # fmt: skip
 """The fields, in their order."""
@@ -106,6 +106,9 @@ GROUPS: Final = {
 """The headings of what is folded away."""
 
 _BY_KEY: Final = {one.key: one for one in FIELDS}
+HARMLESS: Final = "step 0 V"
+"""What is planned in the place of signals that are none."""
+
 _MOST_RUNS: Final = 8
 _PREVIEW_ROWS: Final = 200_000
 _OF_RANGE: Final = 0.95  # of what a channel reads: beyond it a reading is cut, and no more than a limit
@@ -324,7 +327,7 @@ def _repair(table: dict[str, Any], key: str, error: InputError | None = None) ->
         if place is not None and isinstance(lines, list) and len(lines) > 1:
             del lines[int(place[1])]
         else:
-            table["signals"] = ["step 0 V"]
+            table["signals"] = [HARMLESS]
         return True
     harmless = {"sample": "unnamed", "duration": "40 s", "rate": "50 Hz", "rig": VIRTUAL, "repeats": 1}
     if key in harmless:

@@ -103,5 +103,6 @@ def table_rows(rows: Sequence[CatalogueRow], wanted: RunFilter) -> tuple[list[di
     """The rows to show, the newest first, and how many runs the filter admits."""
     admitted = [row for row in rows if wanted.admits(row)]
     found = [table_row(row) for row in admitted[::-1][:MOST_SHOWN]]
-    names = labels([row["file"] for row in found])
-    return [{**row, "name": name} for row, name in zip(found, names, strict=True)], len(admitted)
+    files = [row["file"] for row in found if row["file"]]  # a run whose file is gone may have none
+    names = dict(zip(files, labels(files), strict=True))
+    return [{**row, "name": names.get(row["file"], "–")} for row in found], len(admitted)

@@ -218,5 +218,14 @@ def test_bad_input_has_its_message_at_the_field(tmp_path: Path, open_page) -> No
         told = page.evaluate("lab.post('mark', {text: 'x'})")
         assert not told["ok"]
         assert urllib.request.urlopen(f"{address}/live/readings").read() == b"time [s]\n"
+        page.get_by_label("Signals, one a line", exact=True).fill("stp")
+        page.get_by_text("It is drawn once the fields that are marked are correct").wait_for()
+        page.get_by_label("Signals, one a line", exact=True).fill("step 1 V")
+        page.get_by_text("More", exact=True).click()
+        page.get_by_label("Model of the strip", exact=True).fill("nobody")  # what the recorder alone can see
+        page.get_by_label("File name").fill("nobody")
+        page.get_by_role("button", name="Check the plan").click()
+        field = page.locator(".q-field", has=page.get_by_label("Model of the strip", exact=True))
+        field.get_by_role("alert").filter(has_text="there is no actuator 'nobody'").wait_for()
     assert json.dumps((tmp_path / "two volts.toml").read_text("utf-8")).count("step 2 V") == 1
     assert not list(tmp_path.parent.glob("escape*"))

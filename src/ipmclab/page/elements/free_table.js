@@ -12,7 +12,7 @@ export default {
             <thead><tr><th scope="col">parameter</th><th scope="col">is</th><th scope="col">known beforehand</th></tr></thead>
             <tbody>
               <tr v-for="one in options.parameters" :class="{'lab-chosen': state(one.name) !== 'fixed'}">
-                <td>{{ one.name }}<br><span class="lab-quiet">{{ one.value }}</span></td>
+                <td><template v-for="part in parts(one.name)">{{ part }}<wbr></template><br><span class="lab-quiet">{{ one.value }}</span></td>
                 <td><select :aria-label="one.name + ' is'" :value="state(one.name)" @change="set(one.name, $event.target.value)">
                   <option value="fixed">{{ one.group && mine.free.includes(one.group) ? 'free, with ' + one.group : 'fixed' }}</option>
                   <option value="free">free</option><option value="each" v-if="one.value">free for each run</option>
@@ -40,6 +40,10 @@ export default {
     },
   },
   methods: {
+    // Where a long name may go on in the next line.
+    parts(name) {
+      return name.match(/[^._]+[._]?/g);
+    },
     state(name) {
       return this.mine.per_run.includes(name) ? "each" : this.mine.free.includes(name) ? "free" : "fixed";
     },

@@ -171,7 +171,8 @@ class _View:
     def _look_at_jobs(self) -> None:
         """Draw the list of fits anew where something happened, and show the one that was waited for."""
         fits = self._workshop.fits
-        now = {one.key: (one.job.state, one.job.is_over, one.saved) for one in fits}
+        # Not when a fit that waited begins: what is pressed just then stays where it is.
+        now = {one.key: (one.job.state if one.job.is_over else "", one.job.is_over, one.saved) for one in fits}
         if now == self._told:
             self._tell_progress()
             return

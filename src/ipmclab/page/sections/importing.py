@@ -75,6 +75,11 @@ class _Import:
                 await self._open(self._workshop.lab.path(choice.value), Path(choice.value).name)
 
         choice.on_value_change(chosen)
+        ui.context.client.on_delete(self._forget)
+
+    def _forget(self) -> None:
+        """What a browser sent is needed no more; a file of the folder stays."""
+        self._workshop.uploads.forget(self._path)
 
     def _files(self) -> list[str]:
         lab = self._workshop.lab
@@ -89,6 +94,8 @@ class _Import:
     async def _open(self, path: Path, name: str, layout: dict[str, Any] | None = None) -> None:
         """Read the first rows, and put the form together."""
         self._message.set_text("")
+        if path != self._path:
+            self._forget()
         self._path, self._name = path, name
         try:
             frame = await self._do("preview", {"path": str(path), "file": layout})
@@ -229,6 +236,7 @@ class _Import:
         with self._result:
             step_view()(import_step(self._name, lab.below(map_file), lab.below(out)))
         ui.notify(f"wrote {lab.below(out)} and its map", type="positive")
+        self._forget()
         await self._on_done(lab.below(out))
 
     def _clear_errors(self) -> None:

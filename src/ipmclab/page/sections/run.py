@@ -15,6 +15,7 @@ from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.experiments import (
     FIELDS,
     GROUPS,
+    HARMLESS,
     Checked,
     Draft,
     FormField,
@@ -25,6 +26,7 @@ from ipmclab.page.experiments import (
     rigs,
     save,
 )
+from ipmclab.page.sections.parts import sentence
 
 _DRAFTS: dict[str, Draft] = {}
 _MOST_DRAFTS: Final = 32
@@ -145,7 +147,7 @@ class _Form:
             made.props("dense outlined options-dense").classes("lab-entry")
             if one.hint:
                 made.props(f'stack-label placeholder="{one.hint}"')
-            if one.kind == "lines" or one.key in ("title", "notes"):
+            if one.kind == "lines" or one.key in ("title", "actuator", "notes"):
                 made.classes("lab-wide")
         else:
             made.classes("lab-wide")
@@ -216,7 +218,7 @@ class _Form:
         self._plot.show([panel.as_dict() for panel in panels], self._curves)
         self._preview.props["data-name"] = draft.name  # shown beside a plan of this name too
         self._preview.update()
-        self._summary.text = _summary(checked)
+        self._summary.text = _summary(checked) if panels else "It is drawn once the fields that are marked are correct."
 
     def _tell_errors(self, errors: Any) -> None:
         for key, made in self._inputs.items():
@@ -276,17 +278,30 @@ class _Form:
             job = {"experiment": str(self._lab.new_file(self._draft.name, ".toml"))}
             await asyncio.to_thread(self._context.bench.prepare, self._seat, job)
         except IpmclabError as error:
-            self._message.text = str(error)
+            self._refuse(error)
         finally:
             self._prepare_button.enable()
+
+    def _refuse(self, error: IpmclabError) -> None:
+        """Say what the recorder refuses at the field that it belongs to."""
+        field = self._inputs.get(error.where.rpartition(": ")[2])
+        if isinstance(field, ValidationElement):
+            field.error = sentence(error)
+            self._message.text = "correct the fields that are marked"
+        else:
+            self._message.text = str(error)
 
 
 def _is_repaired(draft: Draft, checked: Checked) -> bool:
     """Whether what is drawn would be something else than what stands in the form."""
     assert checked.experiment is not None
     lines = [line for line in str(draft.values["signals"]).splitlines() if line.strip()]
-    return len(lines) != len(checked.experiment.signals) or any(
-        key in checked.errors for key in ("duration", "rest_before", "rest_after")
+    planned = [str(signal) for signal in checked.experiment.signals]
+    is_none = "signals" in checked.errors and planned == [HARMLESS]
+    return (
+        is_none
+        or len(lines) != len(planned)
+        or any(key in checked.errors for key in ("duration", "rest_before", "rest_after"))
     )
 
 
@@ -299,5 +314,6 @@ def _summary(checked: Checked) -> str:
     runs = [run for run in plan.runs if run.purpose != "fingerprint"]
     lasts = f"{minutes} min {seconds} s" if minutes else f"{seconds} s"
     rows = sum(run.rows for run in plan.runs)
-    told = [f"{len(runs)} run{'s' * (len(runs) != 1)}, at least {lasts}, {rows} rows on {plan.rig.name}", *plan.remarks]
+    remarks = [remark[:1].upper() + remark[1:] for remark in plan.remarks]
+    told = [f"{len(runs)} run{'s' * (len(runs) != 1)}, at least {lasts}, {rows} rows on {plan.rig.name}", *remarks]
     return ". ".join(told)

@@ -230,6 +230,7 @@ const LabPlot = (() => {
         stroke: () => colour(one),
         width: points ? 0 : 1.5,
         dash: DASHES[one.style] ?? [],
+        pxAlign: 0, // a slow drift on whole pixels would look like steps of a converter
         paths: points ? () => null : undefined,
         points: { show: points, size: 3, fill: () => colour(one) },
         spanGaps: false,

@@ -469,10 +469,12 @@ def _environment(read: _EnvironmentTable | None, place: Any) -> TargetEnvironmen
         number = parse_quantity(text, quantity, where=place(f"environment.{key}"))
         if not low <= number <= high:
             raise InputError(
-                f"{text!r} is outside {low:g} to {high:g} {quantity.unit}",
+                f"{text!r} is outside {low:g} to {high:g} {quantity.unit}"
+                if high < math.inf
+                else f"{text!r} is negative",
                 code="out-of-range",
                 where=place(f"environment.{key}"),
-                repair="give what the chamber can reach",
+                repair="give what the chamber can reach" if high < math.inf else "give 0 s or more",
             )
         return number
 
