@@ -117,6 +117,10 @@ def test_a_fit_tells_how_far_it_is_and_what_came_of_it(jobs: Jobs, runs: Path, t
     assert any(fraction for _, fraction in told)
     assert frame.document["rank"] == frame.document["free"] == 5
     assert {row["name"] for row in frame.document["parameters"]} >= {"circuit.dc_resistivity"}
+    assert "cannot be known" in frame.document["next_mounting_unknown"]
+    assert frame.document["averaged"] == []
+    assert frame.document["profiles"]["svg"].count("<title") >= 1
+    assert "chi-square" in frame.document["profiles"]["caption"]
     residual = frame.arrays["0.current.residual"]
     assert np.nanstd(residual) == pytest.approx(2e-4, rel=0.1)  # A, the noise of the record
     models = {"models": [str(tmp_path / "fit.toml"), "friend-2"], "names": ["mine", "friend-2"]}

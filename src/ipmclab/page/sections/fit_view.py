@@ -46,10 +46,14 @@ _LEFT_OUT: Final = {
 _PLACES: Final = {
     "models": "Beside other models",
     "measured": "Measured against model",
+    "profiles": "How well each is known",
     "left-out": "Runs left out",
     "findings": "Findings",
 }
 """What stands below the parameters, and how links to it are called."""
+
+_MAY_LACK: Final = {"profiles": "profiles", "left-out": "left_out"}
+"""Of these, what not every fit has, and where it would stand."""
 
 
 class FitView:
@@ -84,7 +88,8 @@ class FitView:
         self._box.clear()
         with self._box:
             with card(one.asked.name):
-                _build_jumps({key: words for key, words in _PLACES.items() if key != "left-out" or told["left_out"]})
+                empty = {place for place, key in _MAY_LACK.items() if not told[key]}
+                _build_jumps({place: words for place, words in _PLACES.items() if place not in empty})
                 for words, is_bad in known_in_words(told):
                     text(words).classes("lab-bad" if is_bad else "")
                 plain_table(_shown(told["parameters"]), told["parameters"], caption="Parameters")
@@ -92,6 +97,11 @@ class FitView:
             with card("Measured against model", place="measured"):
                 self._build_plot(one)
                 plain_table(_OUTPUTS, told["outputs"], caption="How each output was met")
+            if told["profiles"]:
+                with card("How well each is known", place="profiles"):
+                    ui.html(told["profiles"]["svg"], sanitize=False).classes("lab-figure")
+                    text(told["profiles"]["caption"]).classes("lab-quiet")
+                    text(told["profiles"]["sentence"])
             if told["left_out"]:
                 with card("Each run as the others predict it", place="left-out"):
                     plain_table(_LEFT_OUT, told["left_out"], caption="Runs left out")
@@ -170,6 +180,12 @@ def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:
         found.append((words, True))
     else:
         found.append((f"All {told['free']} free parameters are determined by these runs.", False))
+    if told["averaged"]:
+        listed = ", ".join(told["averaged"])
+        found.append((f"The mountings differ, so one value for all of them holds for none: {listed}.", True))
+    if told["next_mounting_unknown"]:
+        words = told["next_mounting_unknown"]
+        found.append((f"{words[:1].upper()}{words[1:]}.", False))
     found += [(words, True) for words in told["undetermined"]]
     found += [(one["message"], True) for one in told["findings"] if one["severity"] == "error"]
     return found

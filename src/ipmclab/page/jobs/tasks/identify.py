@@ -57,8 +57,11 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
     from ipmclab.identify.diagnostics.output_diagnosis import WORDS
     from ipmclab.identify.fitted import fitted_outputs
+    from ipmclab.identify.many_runs.mountings import why_unknown
+    from ipmclab.identify.remarks import averages
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
     from ipmclab.report.many_runs import left_out_rows
+    from ipmclab.report.profiles import profiles_part
     from ipmclab.report.tables import fit_rows, fixed_rows, parameter_rows
     from ipmclab.units import CHANNELS
 
@@ -78,10 +81,13 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "free": len(fit.parameters),
         "parameters": rows_of(parameter_rows(fit)),
         "fixed": rows_of(fixed_rows(fit.actuator, list(fit.parameters))),
+        "averaged": sorted(averages(fit)),
+        "next_mounting_unknown": why_unknown(fit),
         "undetermined": [one.sentence for one in fit.undetermined],
         "outputs": [
             {**row, "left": left.get((row["run"], row["output"]), "")} for row in rows_of(fit_rows(fit, fitted))
         ],
+        "profiles": profiles_part(fit),
         "left_out": rows_of(left_out_rows(fit)),
         "runs": [{"label": one.label, "content_sha256": one.content_sha256} for one in fit.observations],
         "findings": [finding_row(one) for one in fit.findings if one.code != "undetermined"],
