@@ -31,7 +31,7 @@
   };
   // "3.5 V for 0.02 s, then zero" is shown whole under what the guard watches.
   const limit = (text) => (!text ? "" : text.startsWith("not watched") ? "not watched" : `limit ${text.split(/ for |, /)[0].replace("degC", "°C").replace(" percent", " %")}`);
-  const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString();
+  const clock = (seconds) => new Date(1000 * seconds).toLocaleTimeString("en-GB");
   const size = (bytes) => (bytes >= 1e9 ? `${(bytes / 1e9).toPrecision(3)} GB` : `${(bytes / 1e6).toPrecision(3)} MB`);
 
   // Draw a part anew only where what it shows has changed: a button that is about to be pressed stays where it is.

@@ -46,7 +46,7 @@ const lab = (window.lab = {
   lose() {
     const banner = document.getElementById("lab-lost");
     if (!banner || !banner.hidden) return;
-    const since = new Date().toLocaleTimeString();
+    const since = new Date().toLocaleTimeString("en-GB");
     banner.querySelector("span").textContent =
       `Connection lost at ${since}: what you see is old. A recording goes on and stays guarded; this page comes back by itself.`;
     banner.hidden = false;
