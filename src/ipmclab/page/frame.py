@@ -53,6 +53,10 @@ _HEADER: Final = """
 """
 
 
+# On a tablet too a list opens below its field: Quasar's other way is a dialog without a name, over STOP and ZERO.
+ui.select.default_props("behavior=menu")
+
+
 def frame(section: str) -> None:
     """Put the frame around the section that is being built."""
     links = "".join(

@@ -52,10 +52,10 @@ def open_page(chromium) -> Iterator[Callable[..., object]]:
         page.on("pageerror", lambda error: faults.append(f"error: {error}"))
         page.on("request", lambda request: _local(request.url) or faults.append(f"asked elsewhere: {request.url}"))
 
-    def new(address: str, *, theme: str = "light", width: int = 1280, height: int = 720):
+    def new(address: str, *, theme: str = "light", width: int = 1280, height: int = 720, agent: str | None = None):
         viewport = {"width": width, "height": height}
         # axe is put into the page by the test, which its policy would refuse.
-        context = chromium.new_context(viewport=viewport, color_scheme=theme, bypass_csp=True)
+        context = chromium.new_context(viewport=viewport, color_scheme=theme, bypass_csp=True, user_agent=agent)
         context.set_default_timeout(20_000)
         contexts.append(context)
         page = context.new_page()

@@ -32,6 +32,10 @@ steps = ["clamp", "hydrate", "apply"]
 fingerprint = false
 """
 
+TABLET = "Mozilla/5.0 (iPad; CPU OS 16_0 like Mac OS X) AppleWebKit/605.1.15 (KHTML, like Gecko) Mobile/15E148"
+    "Mozilla/5.0 (iPad; CPU OS 16_0 like Mac OS X) AppleWebKit/605.1.15 (KHTML, like Gecko) Mobile/15E148 Safari/604.1"
+)
+
 
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Path]:
@@ -177,7 +181,11 @@ def test_three_browsers_one_of_them_stalled_lose_nothing(lab: Path, open_page) -
 
 def test_bad_input_has_its_message_at_the_field(tmp_path: Path, open_page) -> None:
     with served(tmp_path) as address:
-        page = open_page(f"{address}/run")
+        page = open_page(f"{address}/run", agent=TABLET)
+        page.get_by_label("Measured", exact=True).click()
+        page.get_by_role("option", name="force", exact=True).wait_for()
+        assert not page.get_by_role("dialog").count()  # a list covers neither STOP nor ZERO
+        page.keyboard.press("Escape")
         wrong = {
             "Sample": ("", None),  # nobody is told off for what was not reached yet
             "Signals, one a line": ("step 1 V\nstep 5 W", "'W'"),

@@ -236,7 +236,7 @@ class _Form:
                 self._name.error = f"{error.message}; {error.repair}"
                 return False
             # Focus may leave it: STOP and ZERO stay in reach of the keyboard.
-            with ui.dialog().props("allow-focus-outside") as dialog, ui.card():
+            with ui.dialog().props('allow-focus-outside aria-label="Replace a file"') as dialog, ui.card():
                 ui.label(f"{error.message}. Replace it?")
                 with ui.row():
                     ui.button("Replace it", on_click=lambda: dialog.submit(True)).props("no-caps")
