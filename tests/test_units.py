@@ -104,7 +104,8 @@ def test_what_is_refused_and_how(text: str, code: str, words: str) -> None:
 
 
 def test_common_spellings() -> None:
-    """Signs for micro and ohm and raised digits are read as the plain spelling."""
+    """Signs for micro, ohm and degrees and raised digits are read as the plain spelling."""
+    assert units.parse_quantity("25 °C", units.TEMPERATURE, where="x") == 25.0
     assert units.parse_quantity("4.7 µm", units.LENGTH, where="x") == 4.7e-6
     assert units.parse_quantity("8 Ω", units.RESISTANCE, where="x") == 8.0
     assert units.parse_quantity("8 Ohm", units.RESISTANCE, where="x") == 8.0

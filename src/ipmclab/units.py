@@ -132,7 +132,18 @@ CHANNELS: Final[dict[str, Quantity]] = {
 """The channels of a run and the quantity of each, declared once."""
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,9})?")
-_SPELLINGS = (("µ", "u"), ("μ", "u"), ("Ω", "ohm"), ("Ω", "ohm"), ("Ohm", "ohm"), ("²", "^2"), ("³", "^3"), ("·", " "))
+_SPELLINGS = (
+    ("°C", "degC"),
+    ("℃", "degC"),
+    ("µ", "u"),
+    ("μ", "u"),
+    ("Ω", "ohm"),
+    ("Ω", "ohm"),
+    ("Ohm", "ohm"),
+    ("²", "^2"),
+    ("³", "^3"),
+    ("·", " "),
+)
 
 
 def spell_unit(unit: str) -> str:
