@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.page import CHANNELS, JUMP, measure
 
-MINUTES = 2.25
+MINUTES = 3.0
 
 
 def test_half_an_hour_and_some_minutes_more(tmp_path: Path, chromium) -> None:
