@@ -121,6 +121,20 @@ def test_all_mistakes_are_told_at_once_each_at_its_field(lab: Lab) -> None:
     assert "no such rig file" in check(lab, with_values(Draft.new(), **right)).errors["rig"]
 
 
+@pytest.mark.parametrize("air", ["", "900 degC"])
+def test_the_waits_are_checked_without_an_environment_that_is_waited_for(lab: Lab, air: str) -> None:
+    """They stay out of the file, but a mistake is one."""
+    waits = {"environment.settle": "1 km", "environment.longest_wait": "x"}
+    draft = with_values(Draft.new(), sample="s", **{"environment.temperature": air}, **waits)
+    errors = check(lab, draft).errors
+    assert set(errors) == set(waits) | ({"environment.temperature"} if air else set())
+    assert "km" in errors["environment.settle"]
+    checked = check(lab, with_values(Draft.new(), sample="s", **{"environment.settle": "1 min"}))
+    assert checked.errors == {}
+    assert checked.experiment is not None
+    assert checked.experiment.environment is None
+
+
 @pytest.mark.parametrize("repeats", ["0", "1001", "200000000", "9" * 5000])
 def test_an_experiment_has_no_more_repeats_than_can_be_planned(lab: Lab, repeats: str) -> None:
     """The page plans at each key: nothing in a field may take it long."""

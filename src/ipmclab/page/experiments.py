@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -109,6 +109,9 @@ _BY_KEY: Final = {one.key: one for one in FIELDS}
 HARMLESS: Final = "step 0 V"
 """What is planned in the place of signals that are none."""
 
+_WAITS: Final = {"settle", "longest_wait"}  # of an environment
+_AIR: Final = {"temperature": "25 degC"}  # stands in for one that is not stated, so that its waits are checked too
+
 _MOST_RUNS: Final = 8
 _PREVIEW_ROWS: Final = 200_000
 _OF_RANGE: Final = 0.95  # of what a channel reads: beyond it a reading is cut, and no more than a limit
@@ -177,6 +180,13 @@ class Draft:
 
     def table(self) -> dict[str, Any]:
         """The experiment as its file has it."""
+        table = self.filled()
+        if _is_idle(table):
+            del table["environment"]
+        return table
+
+    def filled(self) -> dict[str, Any]:
+        """Every field that is filled in, also those that the file leaves out as nothing asks for them."""
         table = _copied(self.rest)
         for key, value in self.values.items():
             given = _as_toml(_BY_KEY[key], value)
@@ -189,9 +199,13 @@ class Draft:
                     inner[second] = given
             else:
                 table[first] = given
-        if set(table.get("environment", {"settle": 0})) <= {"settle", "longest_wait"}:
-            table.pop("environment", None)  # nothing is to be waited for
         return table
+
+
+def _is_idle(table: Mapping[str, Any]) -> bool:
+    """Whether it says how long to wait for an environment, but not for which."""
+    inside = table.get("environment")
+    return isinstance(inside, dict) and set(inside) <= _WAITS
 
 
 def _copied(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -260,7 +274,10 @@ class Checked:
 def check(lab: Lab, draft: Draft) -> Checked:
     """Look at a draft: every field's own mistake at once, then the whole against its rig and limits."""
     errors: dict[str, str] = {}
-    table = draft.table()
+    table = draft.filled()
+    is_idle = _is_idle(table)
+    if is_idle:
+        table["environment"] |= _AIR
     damaged = ((key, f"{_DAMAGED}; {_ANEW}") for key in _damaged(draft))
     for key, value in [*damaged, *_outside(lab, table)]:
         errors[key] = value
@@ -274,6 +291,8 @@ def check(lab: Lab, draft: Draft) -> Checked:
         try:
             experiment = experiment_from_table(table, folder=lab.root, where=WHERE, name=draft.name or "new")
             Limits.from_table(experiment.limits, where=f"{WHERE}: limits")
+            if is_idle:
+                experiment = replace(experiment, environment=None)
             break
         except InputError as error:
             key, text = placed(error)
@@ -317,8 +336,10 @@ def _repair(table: dict[str, Any], key: str, error: InputError | None = None) ->
         inside = table.get(first)
         if isinstance(inside, dict) and second in inside:
             del inside[second]
-            if not inside or (first == "environment" and set(inside) <= {"settle", "longest_wait"}):
+            if not inside:
                 table.pop(first)
+            elif _is_idle(table):
+                inside |= _AIR
             return True
         return False
     if key == "signals":
