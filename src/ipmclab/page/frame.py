@@ -47,9 +47,11 @@ _HEADER: Final = """
     <button type="button" id="lab-stop" accesskey="s" disabled>STOP</button>
     <button type="button" id="lab-zero" accesskey="0" title="Emergency: the output to 0 V now">ZERO</button>
   </div>
-  <span id="lab-said" role="alert"></span>
 </header>
-<div id="lab-lost" role="alert" hidden><span></span></div>
+<div class="lab-under">
+  <div id="lab-lost" role="alert" hidden><span></span></div>
+  <span id="lab-said" role="alert"></span>
+</div>
 """
 
 
