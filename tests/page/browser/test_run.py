@@ -120,15 +120,33 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         wait_until(lambda: ink(operator) > 200, 5, "a curve that can be seen")
         assert float(operator.locator(".lab-live").get_attribute("data-drawn")) > 0.5
         assert serious(operator) == []
+        operator.evaluate("document.querySelector('.lab-live').style.paddingBottom = '900px'; scrollTo(0, 400)")
+        operator.wait_for_function("scrollY === 400")  # as with the curves of six channels
+        readings = operator.get_by_role("region", name="Readings").bounding_box()
+        assert readings["y"] >= operator.locator(".lab-header").bounding_box()["height"]  # below the header, not away
 
     # The server is gone: the run is not, and the page says that it is old.
     operator.wait_for_selector("#lab-lost:not([hidden])")
     assert "goes on" in operator.locator("#lab-lost").inner_text()
+    operator.set_viewport_size({"width": 820, "height": 1180})
+    operator.get_by_role("button", name="ZERO").click()
+    operator.get_by_text("the page's server does not answer").wait_for()
+    banner, said = (operator.locator(place).bounding_box() for place in ("#lab-lost", "#lab-said"))
+    assert said["y"] >= banner["y"] + banner["height"]  # neither covers the other
+    shown = "getComputedStyle(document.querySelector('.lab-bench-state'), '::before').content"
+    assert operator.evaluate(shown) == '"last known: "'
     before = time.monotonic()
     wait_until(lambda: time.monotonic() - before > 1.0 and level(levels)[0] != 0.0, 10, "a voltage without a server")
     with served(lab, "--port", port):
         operator.wait_for_selector("#lab-lost", state="hidden")  # nobody reloads it
         operator.wait_for_selector(".lab-live[data-drawn]")
+        operator.get_by_text("You hold the bench").wait_for()  # again, by itself
+        watcher.get_by_text("Somebody else holds the bench").wait_for()
+        assert operator.evaluate(shown) == "none"
+        operator.get_by_role("button", name="Release").click()
+        watcher.get_by_text("Nobody holds the bench").wait_for()
+        operator.wait_for_timeout(600)  # some pulses: it is not taken back
+        assert operator.get_by_text("Nobody holds the bench").is_visible()
         watcher.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'recording'")
         asked = time.time()
         watcher.get_by_role("button", name="ZERO").click()

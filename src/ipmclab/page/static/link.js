@@ -157,6 +157,21 @@ function hush(state) {
   }
 }
 
+// The server keeps in memory who holds the bench: after it was begun anew in mid-run, whoever held this run holds it again.
+function keepSeat(state) {
+  const held = sessionStorage.getItem("lab-held");
+  const experiment = String(state.experiment);
+  if (state.mine && isBusy(state)) {
+    keepSeat.link = lab.socket;
+    if (held !== experiment) sessionStorage.setItem("lab-held", experiment);
+  } else if (held !== null && (keepSeat.link === lab.socket || (state.held && !state.mine)))
+    sessionStorage.removeItem("lab-held"); // it ended, was released, or is somebody else's now
+  else if (held === experiment && isBusy(state)) {
+    sessionStorage.removeItem("lab-held"); // asked once; it is remembered again when it is ours
+    lab.post("hold");
+  }
+}
+
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   localStorage.setItem("lab-theme", theme);
@@ -182,6 +197,7 @@ document.addEventListener("DOMContentLoaded", () => {
   lists.observe(document.body, { childList: true });
   lab.listen(tellHeader);
   lab.listen(hush);
+  lab.listen(keepSeat);
   lab.connect();
   setInterval(() => {
     if (lab.heard && performance.now() - lab.heard > 3500) {
