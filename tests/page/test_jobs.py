@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import io
 import subprocess
@@ -11,6 +12,7 @@ import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import h5py
 import numpy as np
@@ -19,7 +21,7 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ipmclab import load_actuator, simulate, write_run
+from ipmclab import load_actuator, read_fit, simulate, write_run
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.jobs.frames import pack, read_frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
@@ -121,6 +123,14 @@ def test_a_fit_tells_how_far_it_is_and_what_came_of_it(jobs: Jobs, runs: Path, t
     assert frame.document["averaged"] == []
     assert frame.document["profiles"]["svg"].count("<title") >= 1
     assert "chi-square" in frame.document["profiles"]["caption"]
+    files = frame.document["profiles"]["files"]
+    assert "var(" not in files["svg"]  # it is looked at outside the page
+    ElementTree.fromstring(files["svg"])
+    points = list(csv.DictReader(io.StringIO(files["csv"])))
+    written = read_fit(tmp_path / "fit.toml").profiles
+    assert [(one["parameter"], float(one["value [SI]"]), float(one["excess of chi-square"])) for one in points] == [
+        (name, *pair) for name, one in written.items() for pair in zip(one.values, one.excess, strict=True)
+    ]
     residual = frame.arrays["0.current.residual"]
     assert np.nanstd(residual) == pytest.approx(2e-4, rel=0.1)  # A, the noise of the record
     models = {"models": [str(tmp_path / "fit.toml"), "friend-2"], "names": ["mine", "friend-2"]}

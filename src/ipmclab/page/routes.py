@@ -102,6 +102,16 @@ def routes(workshop: Workshop) -> APIRouter:
             raise HTTPException(404, "this fit is no longer kept")
         return FileResponse(card.file, media_type="application/toml", filename=f"{header_name(card.asked.name)}.toml")
 
+    @router.get("/fits/{key}/profiles", response_model=None)
+    def profiles(key: str, kind: str = "svg") -> Response:
+        card = workshop.fit(key)
+        part = card.frame.document["profiles"] if card is not None and card.frame is not None else None
+        if card is None or part is None or kind not in part["files"]:
+            raise HTTPException(404, "there is no such file of this fit")
+        name = f"{header_name(card.asked.name)}-profiles.{kind}"
+        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return Response(part["files"][kind], media_type={**_EXPORTS, **_FIGURES}[kind], headers=headers)
+
     return router
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +30,16 @@ def profiles_part(fit: Fit) -> dict[str, Any] | None:
         "side open.",
         "sentence": " ".join(filter(None, (_flat(fit), _elsewhere(fit), _collinear(fit)))),
     }
+
+
+def profiles_csv(fit: Fit) -> str:
+    """The points of all profiles as a table."""
+    made = io.StringIO()
+    writer = csv.writer(made, lineterminator="\n")
+    writer.writerow(["parameter", "value [SI]", "excess of chi-square"])
+    for name, one in fit.profiles.items():
+        writer.writerows((name, value, excess) for value, excess in zip(one.values, one.excess, strict=True))
+    return made.getvalue()
 
 
 def _flat(fit: Fit) -> str:

@@ -65,5 +65,28 @@ def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     return Markup(re.sub(r"<svg[^>]*>", lambda _: head, text, count=1).strip())
 
 
+def standalone_svg(text: str) -> str:
+    """Make a file of what ``inline_svg`` wrote: in its own colours on white paper, outside any page.
+
+    Parameters
+    ----------
+    text : str
+        The ``<svg>`` element.
+
+    Returns
+    -------
+    file : str
+
+    Examples
+    --------
+    >>> standalone_svg('<svg class="figure"><path style="stroke: var(--blue)"/></svg>')[-38:]
+    '<path style="stroke: #0072b2"/></svg>\\n'
+    """
+    colours = {**COLOURS, "sans": "'DejaVu Sans', sans-serif"}
+    text = re.sub(r"var\(--(\w+)\)", lambda name: colours[name[1]], text)
+    head = '<svg xmlns="http://www.w3.org/2000/svg" style="background: #ffffff" '
+    return text.replace("<svg ", head, 1) + "\n"
+
+
 def _shorten(match: re.Match[str]) -> str:
     return f"{float(match.group()):.2f}".rstrip("0").rstrip(".")

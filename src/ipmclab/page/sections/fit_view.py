@@ -99,6 +99,9 @@ class FitView:
                 plain_table(_OUTPUTS, told["outputs"], caption="How each output was met")
             if told["profiles"]:
                 with card("How well each is known", place="profiles"):
+                    with ui.element("div").classes("lab-bar"):
+                        download("SVG", f"/fits/{one.key}/profiles?kind=svg")
+                        download("CSV", f"/fits/{one.key}/profiles?kind=csv")
                     ui.html(told["profiles"]["svg"], sanitize=False).classes("lab-figure")
                     text(told["profiles"]["caption"]).classes("lab-quiet")
                     text(told["profiles"]["sentence"])

@@ -61,7 +61,8 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     from ipmclab.identify.remarks import averages
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
     from ipmclab.report.many_runs import left_out_rows
-    from ipmclab.report.profiles import profiles_part
+    from ipmclab.report.profiles import profiles_csv, profiles_part
+    from ipmclab.report.svg import standalone_svg
     from ipmclab.report.tables import fit_rows, fixed_rows, parameter_rows
     from ipmclab.units import CHANNELS
 
@@ -73,6 +74,9 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     left = {
         (one.label, CHANNELS[one.output].name): WORDS[one.verdict] for one in fit.diagnoses if one.output in CHANNELS
     }
+    profiles = profiles_part(fit)
+    if profiles is not None:
+        profiles["files"] = {"svg": standalone_svg(profiles["svg"]), "csv": profiles_csv(fit)}
     document = {
         "actuator": fit.actuator.name,
         "converged": fit.converged,
@@ -87,7 +91,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "outputs": [
             {**row, "left": left.get((row["run"], row["output"]), "")} for row in rows_of(fit_rows(fit, fitted))
         ],
-        "profiles": profiles_part(fit),
+        "profiles": profiles,
         "left_out": rows_of(left_out_rows(fit)),
         "runs": [{"label": one.label, "content_sha256": one.content_sha256} for one in fit.observations],
         "findings": [finding_row(one) for one in fit.findings if one.code != "undetermined"],
