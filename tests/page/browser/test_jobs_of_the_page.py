@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -64,7 +66,9 @@ def test_runs_are_found_looked_at_compared_and_taken_along(address: str, open_pa
     assert len(Path(saved.value.path()).read_text().splitlines()) == 2001
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save the figure as it is shown: square").click()
-    assert "<svg" in Path(saved.value.path()).read_text()
+    drawn = Path(saved.value.path()).read_text("utf-8")
+    ElementTree.fromstring(drawn)
+    assert drawn.count("<title>warning: clipped<") == 1, "the finding is marked on the plot of its channel"
     page.get_by_label("Search").fill("")
     page.get_by_text("3 of 3 runs").wait_for()
     page.get_by_role("button", name="Run", exact=True).click()
@@ -73,6 +77,24 @@ def test_runs_are_found_looked_at_compared_and_taken_along(address: str, open_pa
     page.keyboard.press("Space")
     page.get_by_role("heading", name="2 runs compared").wait_for()
     assert page.get_by_role("list", name="Curves").inner_text().split() == ["square", "step"]
+
+
+def test_a_saved_figure_tells_curves_with_long_names_apart(address: str, open_page) -> None:
+    page = open_page(f"{address}/runs")
+    page.get_by_text("3 of 3 runs").wait_for()
+    page.evaluate(COMPARE_LONG)
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save the figure as it is shown: strip-1").click()
+    assert len(saved.value.suggested_filename) <= 80
+    assert saved.value.suggested_filename.startswith("strip-1_sine_1_V")
+    assert saved.value.suggested_filename.endswith("run_5.svg")
+    picture = page.context.new_page()
+    picture.goto("about:blank")
+    picture.set_content(Path(saved.value.path()).read_text("utf-8"))
+    boxes = picture.evaluate(NAME_BOXES)
+    assert len(boxes) == 6
+    assert all(above["bottom"] <= below["top"] for above, below in pairwise(boxes))
+    assert max(box["right"] for box in boxes) <= picture.evaluate("document.querySelector('svg').clientWidth + 8")
 
 
 def test_a_foreign_record_is_imported_by_saying_what_its_columns_are(address: str, open_page, lab: Path) -> None:
@@ -130,6 +152,15 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.get_by_text("All 5 free parameters are determined").wait_for(timeout=LONG)
     page.get_by_text("What another mounting would give cannot be known").wait_for()
     page.get_by_role("img", name="Excess of chi-square over the values of 5 parameters").wait_for()
+    with page.expect_download() as saved:
+        page.locator("#lab-profiles").get_by_role("link", name="SVG").click()
+    assert saved.value.suggested_filename.endswith("-profiles.svg")
+    assert "var(" not in Path(saved.value.path()).read_text("utf-8")
+    with page.expect_download() as saved:
+        page.locator("#lab-profiles").get_by_role("link", name="CSV").click()
+    table = Path(saved.value.path()).read_text("utf-8").splitlines()
+    assert table[0] == "parameter,value [SI],excess of chi-square"
+    assert len({line.split(",")[0] for line in table[1:]}) == 5
     page.get_by_role("heading", name="Measured against model").wait_for()
     page.get_by_text("largest error").wait_for(timeout=LONG)
     page.get_by_role("link", name="Beside other models").click()
@@ -220,6 +251,26 @@ COUNT_BANDS = """() => {
   return found;
 }"""
 """Pixels of a warm colour on each plot: curves are blue, the mark of a warning is not."""
+
+
+COMPARE_LONG = """() => {
+  const long = (k) => `strip-1 sine 1 V 0.1 Hz after a night at 25 degC and 80 percent, run ${k}`;
+  const styles = ["line", "dashed", "points"];
+  const names = [0, 1, 2, 3, 4, 5].map(long);
+  const series = names.map((label, k) => ({ key: label, label, colour: k, style: styles[k % 3] }));
+  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const panels = ["voltage", "current"].map((key) => ({ key, label: key, unit: "V", factor: 1, series }));
+  const bands = [{ begin: 2, end: 3, label: "odd", severity: "warning", channel: "current" }];
+  const stack = new LabPlot.Stack(host, { name: names.join(" and "), panels, bands });
+  const time = Float64Array.from({ length: 101 }, (_, k) => k / 10);
+  for (const { key } of panels) stack.show(key, names.map((_, k) => [time, time.map((t) => Math.sin(t + k))]));
+  stack.draw(0, 10);
+}"""
+
+NAME_BOXES = """() => [...document.querySelectorAll('text')]
+  .filter((one) => one.textContent.startsWith('strip-1'))
+  .map((one) => { const { top, bottom, right } = one.getBoundingClientRect(); return { top, bottom, right }; })
+"""
 
 
 def check(page: Any) -> None:

@@ -2,6 +2,9 @@
 "use strict";
 
 const LabFigure = (() => {
+  // Of what is marked, as --lab-danger, --lab-warning and --lab-accent of the light theme.
+  const MARKS = { error: "#b3261e", warning: "#8a5a00", info: "#00619a" };
+
   function svg(stack, palette, dashes, number) {
     const width = 800;
     const left = 70;
@@ -12,15 +15,37 @@ const LabFigure = (() => {
     const escape = (text) => String(text).replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
     const text = (x, y, body, more = "") => parts.push(`<text x="${x}" y="${y}" ${more}>${escape(body)}</text>`);
     const count = stack.plots.length;
+    const lookOf = (one) => {
+      const dash = dashes[one.style]?.length ? ` stroke-dasharray="${dashes[one.style].join(" ")}"` : "";
+      const pen = one.style === "points" ? 'stroke-width="3" stroke-linecap="round"' : `stroke-width="1.3"${dash}`;
+      return `fill="none" stroke="${palette[one.colour % 8]}" ${pen}`;
+    };
+    // A row a curve: names of runs are long.
+    const named = [...stack.named().values()];
+    named.forEach((one, row) => {
+      const y = 14 + 16 * row;
+      const sample = one.style === "points" ? `M${left + 15} ${y}h0` : `M${left} ${y}h30`;
+      parts.push(`<path d="${sample}" ${lookOf(one)}/>`);
+      text(left + 38, y + 3.5, shortened(one.label, 105));
+    });
+    const head = 20 + 16 * named.length;
     stack.plots.forEach((plot, place) => {
       const panel = stack.options.panels[place];
-      const top = 20 + place * (high + gap);
+      const top = head + place * (high + gap);
       const x = plot.scales.x;
       const y = plot.scales.y;
       const toX = (value) => left + ((value - x.min) / (x.max - x.min)) * (width - left - right);
       const toY = (value) => top + high - ((value - y.min) / (y.max - y.min)) * high;
       const frame = `<rect x="${left}" y="${top}" width="${width - left - right}" height="${high}"`;
       parts.push(`<clipPath id="p${place}">${frame}/></clipPath>`);
+      for (const band of stack.bandsOf(panel)) {
+        const begin = toX(band.begin);
+        const rect = `<rect x="${begin.toFixed(1)}" y="${top}" width="${Math.max(toX(band.end) - begin, 2).toFixed(1)}"`;
+        parts.push(
+          `<g clip-path="url(#p${place})" fill="${MARKS[band.severity] ?? MARKS.info}"><title>${escape(band.label)}</title>` +
+            `${rect} height="${high}" opacity="0.2"/>${rect} height="3"/></g>`,
+        );
+      }
       for (const value of ticks(y.min, y.max, 5)) {
         parts.push(`<path d="M${left} ${toY(value).toFixed(1)}H${width - right}" stroke="#d5dadf"/>`);
         text(left - 6, toY(value) + 3.5, number(value), 'text-anchor="end"');
@@ -35,7 +60,6 @@ const LabFigure = (() => {
       text(0, 0, label, `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle"`);
       stack.data.get(panel.key).forEach(([time, values], which) => {
         const one = panel.series[which];
-        const stroke = palette[one.colour % 8];
         const marks = [];
         let pen = false;
         for (let k = 0; k < time.length; k++) {
@@ -48,14 +72,10 @@ const LabFigure = (() => {
           else marks.push(`${pen ? "L" : "M"}${px} ${py}`);
           pen = true;
         }
-        const look = one.style === "points" ? 'stroke-width="3" stroke-linecap="round"' : 'stroke-width="1.3"';
-        const dash = dashes[one.style]?.length ? `stroke-dasharray="${dashes[one.style].join(" ")}"` : "";
-        parts.push(`<path clip-path="url(#p${place})" d="${marks.join("")}" fill="none" stroke="${stroke}" ${look} ${dash}/>`);
-        if (panel.series.length > 1)
-          text(left + 8 + 150 * which, top - 5, one.label, `fill="${stroke}"`);
+        parts.push(`<path clip-path="url(#p${place})" d="${marks.join("")}" ${lookOf(one)}/>`);
       });
     });
-    const height = 20 + count * (high + gap) + 25;
+    const height = head + count * (high + gap) + 25;
     text((width + left) / 2, height - 4, `${stack.options.x.label} [${stack.options.x.unit}]`, 'text-anchor="middle"');
     return (
       `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" ` +
@@ -73,6 +93,13 @@ const LabFigure = (() => {
     return found;
   }
 
-  return { svg };
+  // A long text by its beginning and its end: that is where names of runs differ.
+  function shortened(text, most) {
+    if (text.length <= most) return text;
+    const end = Math.floor((most - 1) / 3);
+    return `${text.slice(0, most - 1 - end)}…${text.slice(-end)}`;
+  }
+
+  return { svg, shortened };
 })();
 window.LabFigure = LabFigure;

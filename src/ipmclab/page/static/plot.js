@@ -237,10 +237,20 @@ const LabPlot = (() => {
       };
     }
 
-    legend() {
+    // The curves that a legend has to tell apart, by their names.
+    named() {
       const names = new Map();
       for (const panel of this.options.panels)
         for (const one of panel.series) if (panel.series.length > 1 || one.named) names.set(one.label, one);
+      return names;
+    }
+
+    bandsOf(panel) {
+      return this.options.bands.filter((band) => !band.channel || band.channel === panel?.key);
+    }
+
+    legend() {
+      const names = this.named();
       this.host.querySelector(".lab-stack-legend")?.remove();
       if (!names.size) return;
       const list = document.createElement("ul");
@@ -526,8 +536,7 @@ const LabPlot = (() => {
       ctx.beginPath();
       ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
       ctx.clip();
-      for (const band of this.options.bands) {
-        if (band.channel && band.channel !== this.options.panels[this.plots.indexOf(plot)]?.key) continue;
+      for (const band of this.bandsOf(this.options.panels[this.plots.indexOf(plot)])) {
         const left = plot.valToPos(band.begin, "x", true);
         const width = Math.max(plot.valToPos(band.end, "x", true) - left, 2 * devicePixelRatio);
         ctx.globalAlpha = 0.2;
@@ -591,7 +600,8 @@ const LabPlot = (() => {
     return at - time[low] < time[high] - at ? low : high;
   }
 
-  const fileName = (name) => name.replace(/[^\w.+-]+/g, "_") || "plot";
+  // With its ending no longer than 80 characters, whatever is compared.
+  const fileName = (name) => LabFigure.shortened(name.replace(/[^\w.+-]+/g, "_"), 75).replace("…", "__") || "plot";
 
   function save(blob, name) {
     const link = document.createElement("a");
