@@ -38,7 +38,7 @@ def test_what_is_no_text_is_told(tmp_path: Path) -> None:
 @given(text=st.text() | st.sampled_from(["a = " + "[" * 100_000, f"a = 1{'0' * 5000}"]))
 def test_any_text_is_a_table_or_told(text: str) -> None:
     try:
-        assert tomllib.loads(text) == parse_table(text, where="x.toml")
+        assert repr(tomllib.loads(text)) == repr(parse_table(text, where="x.toml"))
     except (ValueError, RecursionError):
-        with pytest.raises(InputError, match="^not a TOML file: |x.toml: not a TOML file: "):
+        with pytest.raises(InputError, match=r"x\.toml: not a TOML file: "):
             parse_table(text, where="x.toml")
