@@ -193,18 +193,15 @@ def truth_of(case: Case, generator: np.random.Generator) -> Actuator:
 
 def records_of(case: Case, strip: Actuator, generator: np.random.Generator) -> list[Any]:
     """Its noisy records."""
-    runs = []
-    for signal in case.signals:
-        clean = ipmclab.simulate(strip, signal, duration=40.0, rate=50.0)
-        readings = {name: getattr(clean, name) for name in case.keep}
-        noisy = {
-            name: values + NOISE[name] * generator.standard_normal(len(values)) for name, values in readings.items()
-        }
-        rest = ipmclab.RunMetadata(starts_from_rest=True)
-        runs.append(
-            ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, metadata=rest, hold="zero", **noisy)
-        )
-    return runs
+    clean = (ipmclab.simulate(strip, signal, duration=40.0, rate=50.0) for signal in case.signals)
+    return [noisy(run, case.keep, generator) for run in clean]
+
+
+def noisy(clean: ipmclab.Run, keep: Sequence[str], generator: np.random.Generator) -> ipmclab.Run:
+    """Some channels of a simulated run with white noise, as a measured run that begins at rest."""
+    readings = {name: getattr(clean, name) + NOISE[name] * generator.standard_normal(len(clean)) for name in keep}
+    rest = ipmclab.RunMetadata(starts_from_rest=True)
+    return ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, metadata=rest, hold="zero", **readings)
 
 
 def bounds(case: Case, strip: Actuator, fit: ipmclab.Fit) -> dict[str, float]:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 import ipmclab
 from benchmarks.harness import finish
-from benchmarks.recovery import NOISE
+from benchmarks.recovery import NOISE, noisy
 from benchmarks.trust import Tally
 from ipmclab.model import Actuator
 from ipmclab.model.variants import with_stages
@@ -150,19 +150,10 @@ def run_trials(name: str, trials: int, part: int = 0) -> Tally:
     case = CASES[name]
     clean = case.clean(case.strip)
     generator = np.random.default_rng([SEED, 5, list(CASES).index(name), part])
-    rest = ipmclab.RunMetadata(starts_from_rest=True)
     tally: Tally | None = None
     names: tuple[str, ...] = ()
     for _ in range(trials):
-        runs = []
-        for run in clean:
-            noisy = {
-                channel: getattr(run, channel) + NOISE[channel] * generator.standard_normal(len(run))
-                for channel in case.keep
-            }
-            runs.append(
-                ipmclab.Run.from_arrays(time=run.time, voltage=run.voltage, hold="zero", metadata=rest, **noisy)
-            )
+        runs = [noisy(run, case.keep, generator) for run in clean]
         begin = time.process_time()
         fit = ipmclab.identify(case.known, runs, free=case.free)
         spent = time.process_time() - begin

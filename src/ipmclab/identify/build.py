@@ -86,7 +86,8 @@ def build_fit(
         for unknown, one in zip(asked, alone, strict=True)
         if any(reaches_out(unknown, (one.low, one.high), rival) for rival in rivals)
     }
-    nearer = [math.inf if u.name in apart | {*beside} else one.error for u, one in zip(asked, alone, strict=True)]
+    told_twice = apart | {*beside}
+    nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
     open_directions = directions(asked, values, sharper, problem.records, model, rivals)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}

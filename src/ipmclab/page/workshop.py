@@ -19,6 +19,7 @@ from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
 from ipmclab.page.lab import Lab
 from ipmclab.page.uploads import Uploads
+from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
     from ipmclab.run import Run
@@ -203,17 +204,9 @@ class Workshop:
 
     def own_actuators(self) -> list[str]:
         """Actuator files of the lab, by their path below the root."""
-        import tomllib
-
-        found = []
-        for path in self.lab.tables():
-            try:
-                table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-            except (OSError, ValueError, RecursionError):
-                continue
-            if "geometry" in table and "circuit" in table:
-                found.append(self.lab.below(path))
-        return found
+        return [
+            self.lab.below(path) for path in self.lab.tables() if {"geometry", "circuit"} <= {*(glance(path) or {})}
+        ]
 
     def actuator_path(self, name: str) -> str:
         """What ``load_actuator`` is given for a name of the page: a fit of this session, a file of the lab, or the
@@ -312,13 +305,10 @@ class Workshop:
         InputError
             No fitted actuator.
         """
-        import tomllib
-
-        file = Path(self.actuator_path(name))
         try:
-            used = tomllib.loads(file.read_text(encoding="utf-8-sig"))["fit"]["runs"]
+            used = (glance(Path(self.actuator_path(name))) or {})["fit"]["runs"]
             wanted = [(str(one["content_sha256"]), str(one["label"])) for one in used]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        except (KeyError, TypeError) as error:
             raise InputError(
                 "this is no fitted actuator", code="not-a-fit", where="fit", repair="choose what identify wrote"
             ) from error

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.identify.diagnostics.columns import of_voltage
 from ipmclab.identify.diagnostics.evidence import Evidence
 from ipmclab.identify.estimate import Estimate
-from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise
+from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, with_constants
 from ipmclab.identify.noise.problem import measured_rows
 from ipmclab.identify.noise.terms import Terms
 from ipmclab.identify.problem import Evaluation, Problem
@@ -78,7 +78,8 @@ class Left:
         )
         if coloured and all(shape.terms.is_white for shape in shapes.values()):
             # No noise was found, or one that contradicted the model: here the model is what is doubted.
-            shapes = choose_noise(System(problem, here, pieces))
+            system = System(problem, here, pieces)
+            shapes = with_constants(system, choose_noise(system))
         return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured)
 
     @property

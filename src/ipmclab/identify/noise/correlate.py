@@ -13,7 +13,17 @@ import numpy.typing as npt
 from ipmclab.identify.noise.blind import Blind, blind_outputs
 from ipmclab.identify.noise.columns import CONSTANTS, constants
 from ipmclab.identify.noise.model import NoiseModel
-from ipmclab.identify.noise.pieces import Key, Piece, Shape, System, choose_noise, directions_of, imitated, refine_noise
+from ipmclab.identify.noise.pieces import (
+    Key,
+    Piece,
+    Shape,
+    System,
+    choose_noise,
+    directions_of,
+    imitated,
+    refine_noise,
+    with_constants,
+)
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
 from ipmclab.identify.noise.robust import contradicts
 from ipmclab.identify.noise.screen import needs_search
@@ -109,12 +119,16 @@ def correlate(
     found = CorrelatedProblem(problem, {})
     for turn in range(_TURNS):
         system = System(problem, plain, pieces)
-        shapes = refine_noise(system, shapes) if turn else choose_noise(system, drifting)
-        hidden = {} if turn else blind_outputs(system, pieces, shapes)
-        if hidden:
+        if turn:
+            shapes = refine_noise(system, shapes)
+        else:
+            chosen = choose_noise(system)
+            shapes = with_constants(system, chosen, drifting)
+            hidden = blind_outputs(system, pieces, shapes)
+            more = {output for output, one in hidden.items() if one.allowed}
+            if more:
+                shapes = with_constants(system, chosen, drifting | more)
             blind = {**blind, **hidden}
-            drifting |= {output for output, one in hidden.items() if one.allowed}
-            shapes = choose_noise(system, drifting)
         if all(shape.terms.is_white for shape in shapes.values()):
             return given
         found = CorrelatedProblem(problem, {piece.key: piece.whitening(shapes[piece.key]) for piece in pieces})

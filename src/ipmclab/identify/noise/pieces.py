@@ -135,15 +135,8 @@ class System:
         return self.rest + sum(part for other, part in parts.items() if other != key)
 
 
-def choose_noise(system: System, drifting: Collection[str] = ()) -> dict[Key, Shape]:
-    """Terms and values of the noise of every piece, each given all others: they share the free parameters.
-
-    Parameters
-    ----------
-    system : System
-    drifting : collection of str
-        Outputs that may drift unseen: they have an offset and a trend whatever the criterion says.
-    """
+def choose_noise(system: System) -> dict[Key, Shape]:
+    """Terms and values of the noise of every piece, each given all others: they share the free parameters."""
     shapes: dict[Key, Shape] = {}
     parts: dict[Key, FloatArray] = {}
     several = len(system.pieces) > 1
@@ -155,10 +148,24 @@ def choose_noise(system: System, drifting: Collection[str] = ()) -> dict[Key, Sh
         best = choose_terms(system.columns[key], system.others(parts, key), piece.allowed)
         shapes[key] = Shape(best.terms, best.entries, best.likelihood.variance)
         parts[key] = best.likelihood.products
-    for key, shape in shapes.items():
-        if key[1] in drifting and not shape.terms.walk:
-            shapes[key] = shape.with_drift()
-    if several or drifting:
+    return shapes
+
+
+def with_constants(system: System, chosen: Mapping[Key, Shape], drifting: Collection[str] = ()) -> dict[Key, Shape]:
+    """What was chosen for every piece, with the offsets and trends that others call for.
+
+    Parameters
+    ----------
+    system : System
+    chosen : mapping of (place, output) to Shape
+    drifting : collection of str
+        Outputs that may drift unseen: they have an offset and a trend whatever the criterion says.
+    """
+    shapes = {
+        key: shape.with_drift() if key[1] in drifting and not shape.terms.walk else shape
+        for key, shape in chosen.items()
+    }
+    if len(shapes) > 1 or drifting:
         _share_constants(shapes, system.pieces)
         shapes = refine_noise(system, shapes)
     return shapes
