@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
-from ipmclab.page.experiments import FIELDS, Draft, check, experiments, limit_at, preview, rigs, save
+from ipmclab.page.experiments import FIELDS, Draft, Unsaved, check, experiments, limit_at, preview, rigs, save
 from ipmclab.page.lab import Lab
 from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
 
@@ -225,3 +227,30 @@ def test_saving_does_not_overwrite_unasked(lab: Lab) -> None:
     for name in ("", "../x", ".hidden", "a/b", "x" * 200):
         with pytest.raises(InputError, match="no plain file name"):
             save(lab, replace(draft, name=name))
+
+
+def test_what_a_browser_kept_stands_upon_the_file_as_it_is_now(lab: Lab) -> None:
+    """What the form does not show comes from the file, never from a browser."""
+    (lab.root / "t.toml").write_text('signal = "step 1 V"\nrate = "50 Hz"\nsteps = ["clamp"]\n', encoding="utf-8")
+    values = {"sample": "strip-1", "pair": True, "folder": "elsewhere", "steps": [], "rate": 3, "measured": "nothing"}
+    found = Unsaved.of(lab, {"from": "t", "values": {**values, "name": "new"}})
+    table = found.draft.table()
+    assert (table["sample"], table["pair"], table["steps"], table["rate"]) == ("strip-1", True, ["clamp"], "50 Hz")
+    assert "folder" not in table
+    assert (found.origin, found.base.name, found.draft.name) == ("t", "t", "new")
+    gone = Unsaved.of(lab, {"from": "../t", "values": {"sample": "strip-1"}})
+    assert (gone.origin, gone.draft.values["sample"]) == ("", "strip-1")
+    assert "cannot be read" in gone.problem
+
+
+_JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["from", "values", "sample", "name"]), inner),
+)
+
+
+@given(kept=_JSON)
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_nothing_that_a_browser_says_it_has_kept_is_a_fault(lab: Lab, kept: object) -> None:
+    found = Unsaved.of(lab, kept)
+    check(lab, found.draft)

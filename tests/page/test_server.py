@@ -14,17 +14,28 @@ import pytest
 
 from ipmclab.cli.app import run
 from ipmclab.errors import InputError
-from ipmclab.page.server import bind, vendored
+from ipmclab.page.lab import Lab
+from ipmclab.page.server import bind, bind_own, vendored
 from ipmclab.page.settings import Settings
 
 
 def test_it_binds_this_computer_only_unless_told_otherwise() -> None:
     with bind(Settings()) as bound:
         assert bound.getsockname()[0] == "127.0.0.1"
-        bound.listen()
         with pytest.raises(InputError, match="cannot be used") as refused:
             bind(Settings(port=bound.getsockname()[1]))
         assert "another port" in refused.value.repair
+
+
+def test_a_folder_has_its_own_port_unless_somebody_has_taken_it(tmp_path: Path) -> None:
+    """Begun anew the page stands where it stood: what is open in a browser finds it, with what the browser has kept."""
+    lab = Lab.open(tmp_path)
+    with bind_own(Settings(), lab.port) as first:
+        assert first.getsockname()[1] == Lab.open(tmp_path).port
+        with bind_own(Settings(), lab.port) as second:
+            assert second.getsockname()[1] != lab.port
+    with bind(Settings()) as other, pytest.raises(InputError, match="cannot be used"):
+        bind_own(Settings(port=other.getsockname()[1]), lab.port)  # one that was asked for is never another
 
 
 def test_where_others_could_bind_it_too_they_are_kept_out(monkeypatch: pytest.MonkeyPatch) -> None:

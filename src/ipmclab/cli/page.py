@@ -17,7 +17,9 @@ def page(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="The folder of your experiments, actuators and runs.")
     ] = Path(),
-    port: Annotated[int, typer.Option(metavar="N", help="Where it listens; 0: any port that is free.")] = 0,
+    port: Annotated[
+        int, typer.Option(metavar="N", help="Where it listens; 0: the folder's own port, or any that is free.")
+    ] = 0,
     open_: Annotated[bool, typer.Option("--open/--no-open", help="Show it in the browser at once.")] = True,
     host: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Let other computers reach it; needs the options below.")

@@ -202,6 +202,49 @@ class Draft:
         return table
 
 
+@dataclass(frozen=True)
+class Unsaved:
+    """What a browser has kept of an experiment that was not saved.
+
+    Parameters
+    ----------
+    origin : str
+        The file that it was begun from, without the suffix; empty for a new experiment.
+    base, draft : Draft
+        What it was begun from as it is now, and what was made of it.
+    problem : str
+        Why the file cannot be gone on from.
+    """
+
+    origin: str
+    base: Draft
+    draft: Draft
+    problem: str = ""
+
+    @classmethod
+    def of(cls, lab: Lab, kept: object) -> Unsaved:
+        """What a browser says that it has kept: ``{"from": file, "values": {field: value}}``; else, nothing is."""
+        given = kept if isinstance(kept, dict) else {}
+        origin, told, problem = given.get("from"), given.get("values"), ""
+        origin = origin if isinstance(origin, str) else ""
+        values: Mapping[str, Any] = told if isinstance(told, dict) else {}
+        try:
+            base = Draft.read(lab, origin) if origin else Draft.new()
+        except InputError as error:
+            origin, base, problem = "", Draft.new(), f"what it was begun from cannot be read: {error}"
+        changed = {one.key: values[one.key] for one in FIELDS if _may_be(one, values.get(one.key))}
+        name = values.get("name")
+        draft = replace(base, values={**base.values, **changed}, name=name if isinstance(name, str) else base.name)
+        return cls(origin, base, draft, problem)
+
+
+def _may_be(one: FormField, value: object) -> bool:
+    """Whether a field can show a value."""
+    if one.kind == "switch":
+        return isinstance(value, bool)
+    return isinstance(value, str) and (one.kind != "choice" or value in one.choices)
+
+
 def _is_idle(table: Mapping[str, Any]) -> bool:
     """Whether it says how long to wait for an environment, but not for which."""
     inside = table.get("environment")

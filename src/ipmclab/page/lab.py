@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from dataclasses import dataclass
@@ -12,6 +13,10 @@ from ipmclab.errors import InputError
 
 RUNS: Final = "runs"
 """The laboratory folder in a folder that is none itself, as experiment files name it unless they say otherwise."""
+
+_FIRST_PORT: Final = 20_000
+_PORTS: Final = 10_000
+"""Of these ports each folder has one: above those of known services, below those that systems give away."""
 
 _FILE: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b", re.IGNORECASE)  # no files to Windows
@@ -60,6 +65,19 @@ class Lab:
     def laboratory_folder(self) -> Path:
         """Where the runs are: the folder itself where it is a laboratory, else ``runs`` in it."""
         return self.root if (self.root / "recording").is_dir() else self.root / RUNS
+
+    @property
+    def mark(self) -> str:
+        """A short name of the folder that tells it from others."""
+        return hashlib.sha256(os.fsencode(self.root)).hexdigest()[:12]
+
+    @property
+    def port(self) -> int:
+        """The port that the page of this folder has where nobody says otherwise and nobody has taken it.
+
+        Begun anew it stands where it stood: a page that is open finds it again, with what its browser has kept.
+        """
+        return _FIRST_PORT + int(self.mark, 16) % _PORTS
 
     def path(self, name: str | os.PathLike[str]) -> Path:
         """A file or folder in the lab, by its path below the root.

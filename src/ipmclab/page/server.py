@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import importlib
 import importlib.util
 import os
@@ -10,6 +11,7 @@ import socket
 import ssl
 import traceback
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -47,7 +49,7 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None
     import uvicorn
 
     check_certificate(settings)
-    bound = bind(settings)
+    bound = bind_own(settings, lab.port)
     port = bound.getsockname()[1]
     app = application(lab, settings)
     config = uvicorn.Config(
@@ -101,6 +103,20 @@ def check_certificate(settings: Settings) -> None:
         ) from error
 
 
+def bind_own(settings: Settings, port: int) -> socket.socket:
+    """The socket that the page listens at: where no port is asked for, the folder's own unless it is taken.
+
+    Raises
+    ------
+    InputError
+        What ``bind`` refuses.
+    """
+    if settings.port == 0:
+        with contextlib.suppress(InputError):
+            return bind(replace(settings, port=port))
+    return bind(settings)
+
+
 def bind(settings: Settings) -> socket.socket:
     """The socket that the page listens at.
 
@@ -117,6 +133,7 @@ def bind(settings: Settings) -> socket.socket:
         only_us = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR if only_us is None else only_us, 1)
         found.bind((settings.host, settings.port))
+        found.listen()  # now: two that are bound and not listening yet can have one port
     except (OSError, OverflowError) as error:
         if found is not None:
             found.close()

@@ -28,7 +28,7 @@ class Settings:
     host : str
         The address it binds.
     port : int
-        0: any that is free.
+        0: the folder's own, or any that is free.
     origin : str, optional
         Under which browsers reach it from elsewhere: ``https://lab.example.org:8443``.
     token : str, optional

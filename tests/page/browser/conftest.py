@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+LONG = 60_000
+"""Milliseconds that a machine may take over what a worker or a recorder does: one that is busy takes long."""
+
 
 @contextmanager
 def served(folder: Path, *options: str) -> Iterator[str]:
@@ -24,7 +27,7 @@ def served(folder: Path, *options: str) -> Iterator[str]:
         yield address
     finally:
         process.terminate()
-        _, told = process.communicate(timeout=20)
+        _, told = process.communicate(timeout=60)
     assert "Traceback" not in told, told
 
 
@@ -56,7 +59,7 @@ def open_page(chromium) -> Iterator[Callable[..., object]]:
         viewport = {"width": width, "height": height}
         # axe is put into the page by the test, which its policy would refuse.
         context = chromium.new_context(viewport=viewport, color_scheme=theme, bypass_csp=True, user_agent=agent)
-        context.set_default_timeout(20_000)
+        context.set_default_timeout(LONG)
         contexts.append(context)
         page = context.new_page()
         watch(page)
@@ -67,6 +70,17 @@ def open_page(chromium) -> Iterator[Callable[..., object]]:
     for context in contexts:
         context.close()
     assert not faults
+
+
+def choose(page, name: str) -> None:
+    """Choose an experiment of the folder."""
+    page.get_by_label("Experiment", exact=True).click()
+    page.get_by_role("option", name=name, exact=True).click()
+
+
+def kept(page, field: str, value: object) -> None:
+    """Wait until the browser has kept what was said in a field."""
+    page.wait_for_function("([field, value]) => LabDraft.kept().values[field] === value", arg=[field, value])
 
 
 def serious(page) -> list[str]:

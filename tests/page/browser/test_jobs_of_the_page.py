@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 
 from ipmclab import load_actuator, read_fit, read_run, simulate, write_actuator, write_run
-from tests.page.browser.conftest import served
+from tests.page.browser.conftest import LONG, served
 
 pytest.importorskip("playwright")
-
-LONG = 60_000  # ms that a fit may take on a busy machine
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +142,7 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.get_by_label("coupling.zero is", exact=True).select_option("free")
     page.get_by_role("button", name="Identify").click()
     page.get_by_role("button", name="Cancel").click()
-    page.get_by_text("cancelled", exact=True).wait_for()
+    page.get_by_text("cancelled", exact=True).wait_for(timeout=2 * LONG)
     page.get_by_label("coupling.zero is", exact=True).select_option("fixed")
     page.get_by_label("electrical").check()
     page.get_by_text("--free electrical").first.wait_for()

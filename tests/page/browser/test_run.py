@@ -16,7 +16,7 @@ import pytest
 
 from benchmarks.kills import RIG, level
 from ipmclab import read_run
-from tests.page.browser.conftest import serious, served
+from tests.page.browser.conftest import LONG, choose, serious, served
 
 EXPERIMENT = """
 title = "square by hand"
@@ -59,11 +59,6 @@ def wait_until(condition: Callable[[], object], seconds: float, what: str) -> No
         time.sleep(0.02)
 
 
-def choose(page, name: str) -> None:
-    page.get_by_label("Experiment", exact=True).click()
-    page.get_by_role("option", name=name, exact=True).click()
-
-
 def ink(page, panel: int = 0) -> int:
     """How many pixels of a live panel have the colour of its curve: a data model may be full and the canvas blank."""
     return page.evaluate(
@@ -103,7 +98,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         # Out of the water. Not check(): the step goes as soon as it is ticked, before it could be seen to be.
         operator.get_by_role("checkbox", name="done").click()
         operator.get_by_role("button", name="kept", exact=True).click()
-        wait_until(lambda: level(levels)[0] != 0.0, 20, "a voltage")
+        wait_until(lambda: level(levels)[0] != 0.0, 60, "a voltage")
 
         watcher = open_page(f"{address}/run", theme="dark", width=820, height=1180)
         watcher.wait_for_selector(".lab-live[data-drawn]")
@@ -117,7 +112,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         operator.reload()
         operator.wait_for_selector(".lab-live[data-drawn]")
         assert operator.get_by_role("button", name="STOP", exact=True).is_enabled()  # it is still theirs
-        wait_until(lambda: ink(operator) > 200, 5, "a curve that can be seen")
+        wait_until(lambda: ink(operator) > 200, 60, "a curve that can be seen")
         assert float(operator.locator(".lab-live").get_attribute("data-drawn")) > 0.5
         assert serious(operator) == []
         operator.evaluate("document.querySelector('.lab-live').style.paddingBottom = '900px'; scrollTo(0, 400)")
@@ -136,7 +131,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
     shown = "getComputedStyle(document.querySelector('.lab-bench-state'), '::before').content"
     assert operator.evaluate(shown) == '"last known: "'
     before = time.monotonic()
-    wait_until(lambda: time.monotonic() - before > 1.0 and level(levels)[0] != 0.0, 10, "a voltage without a server")
+    wait_until(lambda: time.monotonic() - before > 1.0 and level(levels)[0] != 0.0, 60, "a voltage without a server")
     with served(lab, "--port", port):
         operator.wait_for_selector("#lab-lost", state="hidden")  # nobody reloads it
         operator.wait_for_selector(".lab-live[data-drawn]")
@@ -150,7 +145,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         watcher.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'recording'")
         asked = time.time()
         watcher.get_by_role("button", name="ZERO").click()
-        wait_until(lambda: level(levels)[0] == 0.0, 5, "0 V")
+        wait_until(lambda: level(levels)[0] == 0.0, 60, "0 V")
         assert level(levels)[1] - asked < 1.0
         watcher.get_by_text("emergency zero").first.wait_for()
         watcher.wait_for_function("document.getElementById('lab-bench-word').textContent === 'ended'")
@@ -171,7 +166,7 @@ def test_three_browsers_one_of_them_stalled_lose_nothing(lab: Path, open_page) -
         pages[0].get_by_role("button", name="Start", exact=True).click()
         pages[1].wait_for_selector(".lab-live[data-drawn]")
         pages[1].evaluate("setTimeout(() => { const end = Date.now() + 8000; while (Date.now() < end); }, 0)")
-        pages[2].get_by_text("Done.").wait_for(timeout=60_000)
+        pages[2].get_by_text("Done.").wait_for(timeout=3 * LONG)
         pages[2].locator(".lab-live select").select_option("whole")
         pages[2].wait_for_function("Number(document.querySelector('.lab-live').dataset.drawn) > 16.9")
         pages[1].wait_for_function("Number(document.querySelector('.lab-live').dataset.drawn) > 16.9")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from collections.abc import Coroutine
 from dataclasses import replace
 from typing import Any, Final
 
@@ -19,6 +21,7 @@ from ipmclab.page.experiments import (
     Checked,
     Draft,
     FormField,
+    Unsaved,
     check,
     experiments,
     limit_at,
@@ -28,10 +31,10 @@ from ipmclab.page.experiments import (
 )
 from ipmclab.page.sections.parts import sentence
 
-_DRAFTS: dict[str, Draft] = {}
-_MOST_DRAFTS: Final = 32
-
 _NEW: Final = ""
+
+_ANSWER: Final = 30.0
+"""How long [s] a browser may take to say what it has kept: a busy one is slow while it starts."""
 
 _STEERING: Final = """
 <section class="lab-card" id="lab-progress" tabindex="-1" aria-label="The experiment at the bench">
@@ -62,6 +65,7 @@ _READINGS: Final = """
 def build(context: Context) -> None:
     """Fill the page."""
     ui.add_head_html('<script defer src="/static/bench.js"></script>')
+    ui.add_head_html(f'<script defer src="/static/draft.js" data-lab="{context.lab.mark}"></script>')
     with ui.element("div").classes("lab-columns"):
         with ui.element("div").classes("lab-column"):
             ui.html(_STEERING, sanitize=False).classes("lab-column lab-when-busy lab-spread")
@@ -82,7 +86,8 @@ class _Form:
         self._context = context
         self._lab = context.lab
         self._seat = context.seat()
-        self._draft = _DRAFTS.get(self._seat, Draft.new())
+        self._draft = Draft.new()
+        self._unsaved: Unsaved | None = None
         self._inputs: dict[str, Any] = {}
         self._asked = 0
         self._checked: Checked | None = None
@@ -96,9 +101,12 @@ class _Form:
         names = experiments(self._lab)
         ui.html("<h2>Experiment</h2>", sanitize=False)
         options = {_NEW: "a new one", **{name: name for name in names}}
-        chosen = self._draft.name if self._draft.name in options else _NEW
-        self._choice = ui.select(options, label="Experiment", value=chosen, on_change=self._choose)
+        self._choice = ui.select(options, label="Experiment", value=_NEW, on_change=self._choose)
         self._choice.props("dense outlined options-dense").classes("lab-wide")
+        with ui.element("div").classes("lab-row lab-remark") as self._back:
+            self._told_back = ui.label().props("role=status")
+            ui.button("Drop it", on_click=self._drop).props("outline no-caps dense")
+        self._back.set_visibility(False)
         with ui.element("div").classes("lab-fields"):
             for one in FIELDS:
                 if one.group == "main":
@@ -114,10 +122,11 @@ class _Form:
         self._message = ui.label().classes("lab-bad").props("role=alert")
         self._name = ui.input("File name", value=self._draft.name).props('dense outlined suffix=".toml"')
         self._name.classes("lab-wide").on("update:model-value", self._rename)
+        self._name.on("update:model-value", js_handler=_kept_as("name"))
         with ui.element("div").classes("lab-row"):
             ui.button("Save", on_click=self._save).props("outline no-caps")
             self._prepare_button = ui.button("Check the plan", on_click=self._prepare).props("no-caps unelevated")
-        ui.timer(0.05, self._look, once=True)
+        ui.timer(0.05, self._begin, once=True)
 
     def build_preview(self) -> None:
         """The voltage that the form asks for, and what would be done."""
@@ -130,19 +139,25 @@ class _Form:
     def _field(self, one: FormField) -> None:
         value = self._draft.values[one.key]
         made: Any
+
+        def picked() -> Coroutine[Any, Any, None] | None:
+            return None if self._filling else self._picked(one.key)
+
         if one.kind == "switch":
-            made = ui.switch(one.label, value=bool(value), on_change=self._changed)
+            made = ui.switch(one.label, value=bool(value), on_change=picked)
         elif one.kind == "choice":
-            made = ui.select(dict(one.choices), label=one.label, value=value, on_change=self._changed)
+            made = ui.select(dict(one.choices), label=one.label, value=value, on_change=picked)
         elif one.kind == "rig":
             known = rigs(self._lab)
             options = [*known, *([str(value)] if value not in known else [])]
-            made = ui.select(options, label=one.label, value=value, on_change=self._change_rig)
+            made = ui.select(options, label=one.label, value=value, on_change=picked)
         elif one.kind == "lines":
-            made = ui.textarea(one.label, value=str(value), on_change=self._changed)
+            made = ui.textarea(one.label, value=str(value), on_change=self._typed)
             made.props("autogrow debounce=250 input-style='min-height: 2.6em'")
         else:
-            made = ui.input(one.label, value=str(value), on_change=self._changed).props("debounce=250")
+            made = ui.input(one.label, value=str(value), on_change=self._typed).props("debounce=250")
+        if isinstance(made, ui.input | ui.textarea):
+            made.on("update:model-value", js_handler=_kept_as(one.key))
         if one.kind != "switch":
             made.props("dense outlined options-dense").classes("lab-entry")
             if one.hint:
@@ -153,13 +168,35 @@ class _Form:
             made.classes("lab-wide")
         self._inputs[one.key] = made
 
-    async def _choose(self) -> None:
-        name = self._choice.value or _NEW
+    async def _begin(self) -> None:
+        """Go on with what this browser has kept, if anything."""
         try:
-            self._draft = Draft.read(self._lab, name) if name else Draft.new()
-        except InputError as error:
-            self._message.text = str(error)
-            return
+            kept = await ui.run_javascript("LabDraft.kept()", timeout=_ANSWER)
+        except TimeoutError:  # it stays kept: reloaded, the page asks again
+            kept = None
+        unsaved = await asyncio.to_thread(Unsaved.of, self._lab, kept)
+        if unsaved.draft != unsaved.base or unsaved.origin:
+            self._unsaved = unsaved
+            self._fill(unsaved.draft, unsaved.origin)
+        if unsaved.draft != unsaved.base:
+            self._told_back.text = f"As you left it, not saved yet{f'; {unsaved.problem}' if unsaved.problem else '.'}"
+            self._back.set_visibility(True)
+        await self._look()
+
+    async def _drop(self) -> None:
+        """What was not saved is wanted no more."""
+        if self._unsaved is not None:
+            self._fill(self._unsaved.base, self._unsaved.origin)
+            self._begun(self._unsaved.origin)
+        await self._look()
+
+    def _begun(self, origin: str) -> None:
+        """Nothing is unsaved: the form shows a file, or a new experiment."""
+        self._back.set_visibility(False)
+        ui.run_javascript(f"LabDraft.begin({json.dumps(origin)})")
+
+    def _fill(self, draft: Draft, origin: str) -> None:
+        self._draft = draft
         self._filling = True
         for key, made in self._inputs.items():
             value = self._draft.values[key]
@@ -167,23 +204,42 @@ class _Form:
                 made.set_options([*made.options, value])
             made.value = value
         self._name.value = self._draft.name
+        self._choice.value = origin if origin in self._choice.options else _NEW
         self._filling = False
+
+    def _choose(self) -> Coroutine[Any, Any, None] | None:
+        return None if self._filling else self._chosen(self._choice.value or _NEW)
+
+    async def _chosen(self, name: str) -> None:
+        try:
+            draft = Draft.read(self._lab, name) if name else Draft.new()
+        except InputError as error:
+            self._message.text = str(error)
+            return
+        self._fill(draft, name)
+        self._begun(name)
         await self._look()
 
-    async def _change_rig(self) -> None:
+    async def _picked(self, key: str) -> None:
+        """A choice was made, which the browser learns from us: it shows what we answer."""
+        if key == "rig":
+            await self._propose_limit()
+        for one in {key, "limits.current"} if key == "rig" else {key}:
+            ui.run_javascript(f"LabDraft.keep({json.dumps(one)}, {json.dumps(self._inputs[one].value)})")
+        await self._look()
+
+    async def _propose_limit(self) -> None:
         """Another bench: a limit of the current that nobody chose becomes one that this bench sees to be passed."""
-        if self._filling:
-            return
         before = str(self._draft.values["rig"])
         proposed = await asyncio.to_thread(limit_at, self._lab, before)
         field = self._inputs["limits.current"]
         if (field.value or "").strip() == proposed:
+            self._filling = True
             field.value = await asyncio.to_thread(limit_at, self._lab, str(self._inputs["rig"].value))
-        await self._look()
+            self._filling = False
 
-    async def _changed(self) -> None:
-        if not self._filling:
-            await self._look()
+    def _typed(self) -> Coroutine[Any, Any, None] | None:
+        return None if self._filling else self._look()
 
     def _rename(self) -> None:
         self._name.error = None
@@ -192,10 +248,6 @@ class _Form:
     def _take(self) -> None:
         values = {key: made.value if made.value is not None else "" for key, made in self._inputs.items()}
         self._draft = replace(self._draft, values=values, name=(self._name.value or "").strip())
-        if self._seat:
-            _DRAFTS[self._seat] = self._draft
-            while len(_DRAFTS) > _MOST_DRAFTS:
-                _DRAFTS.pop(next(iter(_DRAFTS)))
 
     async def _look(self) -> None:
         """Check the draft, draw its voltage, and say what is wrong at each field."""
@@ -248,6 +300,7 @@ class _Form:
         self._name.error = None
         if path.stem not in self._choice.options:
             self._choice.set_options({_NEW: "a new one", **{name: name for name in experiments(self._lab)}})
+        self._begun(path.stem)
         return True
 
     def _look_at_name(self) -> bool:
@@ -290,6 +343,11 @@ class _Form:
             self._message.text = "correct the fields that are marked"
         else:
             self._message.text = str(error)
+
+
+def _kept_as(key: str) -> str:
+    """What the browser does by itself when a field is typed in."""
+    return f"(value) => LabDraft.keep({json.dumps(key)}, value)"
 
 
 def _is_repaired(draft: Draft, checked: Checked) -> bool:

@@ -8,6 +8,7 @@ const lab = (window.lab = {
   listeners: new Set(),
   socket: null,
   heard: 0,
+  pressed: 0,
   wanted: { view: "none" },
   retry: 300,
 
@@ -51,6 +52,7 @@ const lab = (window.lab = {
       `Connection lost at ${since}: what you see is old. A recording goes on and stays guarded; this page comes back by itself.`;
     banner.hidden = false;
     document.documentElement.classList.add("lab-is-lost");
+    if (this.pressed > this.heard) say("The connection was lost as you pressed that: it may not have been done.", false);
   },
 
   view(wanted) {
@@ -139,13 +141,33 @@ async function press(what, button) {
   button.classList.add("lab-pressed");
   const { ok, message } = await lab.post(what);
   button.classList.remove("lab-pressed");
-  const said = document.getElementById("lab-said");
-  said.textContent = ok && lab.state?.bench === "ended" ? "" : message;
-  said.dataset.ok = ok;
+  say(ok && lab.state?.bench === "ended" ? "" : message, ok);
   press.asked = ok ? what : "";
   if (lab.state) tellHeader(lab.state);
-  clearTimeout(press.timer);
-  press.timer = setTimeout(() => (said.textContent = ""), 8000);
+}
+
+function say(text, ok) {
+  const said = document.getElementById("lab-said");
+  if (said.textContent === text) said.textContent = ""; // it is read out once more
+  said.textContent = text;
+  said.dataset.ok = ok;
+  clearTimeout(say.timer);
+  say.timer = setTimeout(() => (said.textContent = ""), 8000);
+}
+
+// What only the server does: while the link is lost it would wait in a queue and be done later, or never, and the browser would
+// leave for a page of its own. What the browser does itself (zoom, save a figure, type) goes on, and so does what steers the bench.
+const SERVERS = ".q-btn, .q-toggle, .q-select, .q-menu .q-item, .lab-run-table button, a[href^='/']";
+
+function holdBack(event) {
+  const target = event.target.closest?.(SERVERS);
+  if (!target || target.closest(".q-notification")) return;
+  if (event.type === "keydown" && !["Enter", " "].includes(event.key)) return;
+  lab.pressed = performance.now();
+  if (!document.documentElement.classList.contains("lab-is-lost")) return;
+  event.preventDefault();
+  event.stopImmediatePropagation();
+  say("Not done: the connection is lost. What you typed stays; press again when it is back.", false);
 }
 
 // "Stopping" is not said of what has ended: the header then says what the output is at.
@@ -186,6 +208,8 @@ const lists = new MutationObserver(() =>
     for (const box of document.querySelectorAll('[role="listbox"] > [tabindex]:not([role])')) box.removeAttribute("tabindex");
   }),
 );
+
+for (const type of ["click", "keydown"]) document.addEventListener(type, holdBack, true);
 
 document.addEventListener("DOMContentLoaded", () => {
   document.getElementById("lab-stop").addEventListener("click", (event) => press("stop", event.currentTarget));

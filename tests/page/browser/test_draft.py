@@ -1,0 +1,94 @@
+"""A half-written experiment in a real browser: it outlives the page's server, a reload and the window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ipmclab.toml_file import parse_table
+from tests.page.browser.conftest import LONG, choose, kept, served
+
+pytest.importorskip("playwright")
+
+FILE = """signal = "step 1 V"
+rate = "50 Hz"
+duration = "40 s"
+sample = "strip-1"
+steps = ["clamp", "apply"]
+"""
+
+
+def test_what_was_half_written_is_there_again(tmp_path: Path, open_page) -> None:
+    (tmp_path / "mine.toml").write_text(FILE, encoding="utf-8")
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/run")
+        choose(page, "mine")
+        page.get_by_label("Sample", exact=True).and_(page.locator("input")).fill("strip-7")
+        page.get_by_text("How it is recorded").click()
+        page.get_by_role("switch", name="Both polarities of each signal").click()
+        page.get_by_label("Measured", exact=True).click()
+        page.get_by_role("option", name="displacement", exact=True).click()
+        kept(page, "pair", True)
+        kept(page, "measured", "displacement")
+    # The server is gone: what is typed now is kept as well, and what only it can do says so.
+    page.wait_for_selector("#lab-lost:not([hidden])")
+    page.get_by_label("Signals, one a line").fill("sine 2 V 0.1 Hz\nstep 1.5 V")
+    page.get_by_label("File name").fill("other")
+    for press in (lambda button: button.click(), lambda button: button.press("Enter")):
+        press(page.get_by_role("button", name="Save", exact=True))
+        page.get_by_role("alert").filter(has_text="Not done: the connection is lost").wait_for()
+        page.evaluate("document.getElementById('lab-said').textContent = ''")
+    page.get_by_role("link", name="Runs", exact=True).click()
+    page.get_by_role("alert").filter(has_text="Not done: the connection is lost").wait_for()
+    assert page.url.endswith("/run")  # not at an error of the browser
+    kept(page, "name", "other")
+    kept(page, "signals", "sine 2 V 0.1 Hz\nstep 1.5 V")
+
+    with served(tmp_path) as again:
+        assert again == address  # a folder's page comes back where it was
+        page.wait_for_selector("#lab-lost", state="hidden", timeout=LONG)  # nobody reloads it
+        page.get_by_text("As you left it, not saved yet").wait_for(timeout=LONG)
+        shown(page)
+        page.reload()
+        page.get_by_text("As you left it, not saved yet").wait_for(timeout=LONG)
+        shown(page)
+        window = page.context.new_page()
+        window.goto(f"{address}/run")
+        window.get_by_text("As you left it, not saved yet").wait_for(timeout=LONG)
+        shown(window)
+        window.close()
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.get_by_text("As you left it, not saved yet").wait_for(state="hidden")
+        assert (tmp_path / "mine.toml").read_text("utf-8") == FILE  # it was begun from this one
+        saved = parse_table((tmp_path / "other.toml").read_text("utf-8"), where="other")
+        assert saved["steps"] == ["clamp", "apply"]  # what the form does not show
+        assert (saved["sample"], saved["pair"]) == ("strip-7", True)
+        assert saved["signals"] == ["sine 2 V 0.1 Hz", "step 1.5 V"]
+        assert saved["measured"] == ["displacement"]
+        page.get_by_label("File name").fill("mine")
+        kept(page, "name", "mine")
+        page.reload()
+        page.get_by_text("As you left it, not saved yet").wait_for(timeout=LONG)
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.get_by_role("button", name="Leave it").click()  # never without being asked
+        assert (tmp_path / "mine.toml").read_text("utf-8") == FILE
+        page.get_by_role("button", name="Drop it").click()
+        page.get_by_text("As you left it, not saved yet").wait_for(state="hidden")
+        page.wait_for_function("document.querySelector('[aria-label=\"File name\"]').value === 'other'")
+        page.reload()
+        page.get_by_text("2 runs, at least").or_(page.get_by_text("4 runs, at least")).wait_for(timeout=LONG)
+        assert page.get_by_label("File name").input_value() == "other"
+        assert not page.get_by_text("As you left it, not saved yet").is_visible()
+
+
+def shown(page) -> None:
+    values = {
+        "Sample": "strip-7",
+        "Signals, one a line": "sine 2 V 0.1 Hz\nstep 1.5 V",
+        "Measured": "displacement",
+        "Experiment": "mine",
+        "File name": "other",
+    }
+    for label, value in values.items():
+        assert page.get_by_label(label, exact=True).and_(page.locator("input, textarea")).input_value() == value, label
