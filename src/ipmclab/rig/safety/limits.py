@@ -450,6 +450,13 @@ def _read(given: Any, default: Limit, quantity: Quantity, place: str) -> Limit:
                 values[key] = text
             else:
                 values[key] = parse_quantity(text, quantity if key == "most" else TIME, where=at)
+    if "most" in values and not 0.0 < values["most"] < math.inf:  # here its unit is known
+        raise InputError(
+            f"the limit is {values['most']:g} {quantity.unit}, it must be above 0",
+            code="bad-limit",
+            where=f"{place}.most",
+            repair="give the largest magnitude that is allowed",
+        )
     try:
         return replace(default, **values)
     except InputError as error:
