@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ipmclab.destination import replacing
 from ipmclab.errors import InputError
 from ipmclab.page.lab import Lab
 
@@ -62,6 +63,25 @@ def test_a_new_file_stands_in_the_folder_itself(name: str) -> None:
     assert found.parent == lab.root
     assert found.suffix == ".toml"
     assert not found.name.startswith(".")
+
+
+def test_what_a_killed_process_left_half_is_deleted_and_nothing_else(tmp_path: Path) -> None:
+    """Half files as ``destination`` leaves them where its process is killed."""
+    lab = Lab.open(tmp_path)
+    lab.laboratory_folder.mkdir()
+    killed = [replacing(folder / "r.html", overwrite=False) for folder in (lab.root, lab.laboratory_folder)]
+    for writing in killed:
+        half = writing.__enter__()
+        half.write_text("half")
+        os.utime(half, (0, 0))
+    others = [".r.html.part", "r.html.0a1b2c3d.part", ".mine.toml", ".r.html.0a1b2c3d.part.txt"]
+    for name in others:
+        (tmp_path / name).write_text("mine")
+        os.utime(tmp_path / name, (0, 0))
+    (tmp_path / ".now.html.0a1b2c3d.part").write_text("somebody writes it now")
+    lab.forget_halves()
+    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert left == {*others, ".now.html.0a1b2c3d.part"}
 
 
 def test_the_runs_are_where_record_puts_them(tmp_path: Path) -> None:

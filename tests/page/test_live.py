@@ -70,6 +70,7 @@ class Recorder:
 
     def __init__(self, folder: Path) -> None:
         self.asked: list[Message] = []
+        self.folder = folder
         recording = folder / "runs" / "recording"
         recording.mkdir(parents=True, exist_ok=True)
         self.hub = Hub(recording, self.asked.append, {"sample": "strip-1", "rig": "none", "experiment": "x.toml"})
@@ -87,7 +88,7 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    made = Bench(Lab.open(tmp_path), "no.such.program")
+    made = Bench(Lab.open(tmp_path), "no.such.program", right=0.0)
     made.follower.start()
     yield made
     made.follower.close()
@@ -224,6 +225,27 @@ def test_one_holds_the_bench_until_it_is_released_or_gone_for_long() -> None:
     assert not seats.held
     with pytest.raises(IpmclabError, match="cookies"):
         seats.take("")
+
+
+def test_a_run_that_goes_on_is_kept_for_who_held_it_when_the_page_is_begun_anew(recorder: Recorder) -> None:
+    lab = Lab.open(recorder.folder)
+    bench = Bench(lab, "no.such.program", right=60.0)
+    for what in ("stop", "start", "mark"):
+        with pytest.raises(IpmclabError, match="who held the bench may take it again first") as refused:
+            bench.ask("watcher", what)
+        assert refused.value.code == "bench-kept"
+    with pytest.raises(IpmclabError, match="begun anew"):
+        bench.take("watcher")
+    bench.take("operator", again=True)
+    assert bench.seats.holds("operator")
+    bench.seats.release("operator")
+    bench.take("watcher")  # given up: it is anybody's
+    later = Bench(lab, "no.such.program", right=0.0)
+    later.take("watcher")
+    recorder.hub.close()
+    for file in (recorder.folder / "runs" / "recording").glob(f"*{SUFFIX}"):
+        file.unlink(missing_ok=True)
+    Bench(lab, "no.such.program", right=60.0).take("watcher")  # nothing runs: nobody waits
 
 
 def test_steps_are_ticked_in_their_order_and_what_comes_again_is_noted() -> None:

@@ -11,9 +11,12 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from fastapi import FastAPI
+from starlette.testclient import TestClient
 
 from ipmclab.cli.app import run
 from ipmclab.errors import InputError
+from ipmclab.page.faults import add_faults
 from ipmclab.page.lab import Lab
 from ipmclab.page.server import bind, bind_own, vendored
 from ipmclab.page.settings import Settings
@@ -45,6 +48,24 @@ def test_where_others_could_bind_it_too_they_are_kept_out(monkeypatch: pytest.Mo
     with bind(Settings()) as bound:
         assert bound.getsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE)
         assert not bound.getsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR)
+
+
+def test_a_fault_of_the_server_says_what_happened_and_what_is_safe(capsys) -> None:
+    app = FastAPI()
+    add_faults(app)
+
+    @app.get("/odd")
+    def odd() -> None:
+        raise ValueError("<b>something</b> odd")
+
+    client = TestClient(app, raise_server_exceptions=False)
+    answer = client.get("/odd", headers={"accept": "text/html,*/*"})
+    assert answer.status_code == 500
+    for told in ("ValueError: &lt;b&gt;something", "It touches no recording", 'id="lab-zero"', 'href="/run"'):
+        assert told in answer.text
+    assert client.get("/odd").text == "Internal Server Error"
+    refused = client.post("/odd", headers={"accept": "text/html"})
+    assert (refused.status_code, refused.json()) == (405, {"detail": "Method Not Allowed"})
 
 
 def test_the_script_of_the_plots_is_there_without_its_package() -> None:
@@ -99,6 +120,13 @@ def test_a_served_page_is_guarded_and_small(tmp_path: Path) -> None:
             status, body = get(f"/{section}")
             assert status == 200
             assert 'id="lab-zero"' in body
+        for path in ("/nowhere", "/reports/none.html", "/static/none.js", "/a/b/<script>alert(1)</script>"):
+            status, body = get(path, Accept="text/html")
+            assert status == 404
+            assert 'id="lab-zero"' in body  # a page of ours, with its header
+            assert "Nothing was changed" in body
+            assert "<script>alert" not in body
+            assert "<html" not in get(path)[1]  # no program asked for a page
         assert get("/run", Host="evil.example")[0] == 403
         assert get("/run", Origin="http://evil.example")[0] == 403
         for path in ("/static/../server.py", "/static/%2e%2e/server.py", "/vendor/..%2f..%2f__init__.py"):

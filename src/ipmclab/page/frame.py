@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import Final
 
 from nicegui import ui
@@ -55,17 +56,32 @@ _HEADER: Final = """
 """
 
 
+_BARE: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title} · ipmclab</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">{head}</head><body>{header}
+<main id="app" tabindex="-1" class="lab-bare"><section class="lab-card" role="alert"><h2>{title}</h2>{words}
+<p><a href="/run">Go to Run</a>, or to a section above.</p></section></main></body></html>"""
+
 # On a tablet too a list opens below its field: Quasar's other way is a dialog without a name, over STOP and ZERO.
 ui.select.default_props("behavior=menu")
 
 
 def frame(section: str) -> None:
     """Put the frame around the section that is being built."""
+    ui.page_title(f"{SECTIONS[section]} · ipmclab")
+    ui.add_head_html(HEAD)
+    ui.add_body_html(_header(SECTIONS[section], section))
+    ui.query(".nicegui-content").classes("lab-content")
+
+
+def bare(title: str, told: Sequence[str]) -> str:
+    """A page with words alone, for where a section cannot be shown: STOP and ZERO work on it too."""
+    words = "".join(f"<p>{html.escape(one)}</p>" for one in told)
+    return _BARE.format(head=HEAD, header=_header(title), title=html.escape(title), words=words)
+
+
+def _header(title: str, section: str = "") -> str:
     links = "".join(
         f'<li><a href="/{name}"{" aria-current=page" if name == section else ""}>{html.escape(text)}</a></li>'
         for name, text in SECTIONS.items()
     )
-    ui.page_title(f"{SECTIONS[section]} · ipmclab")
-    ui.add_head_html(HEAD)
-    ui.add_body_html(_HEADER.format(links=links, title=html.escape(SECTIONS[section])))
-    ui.query(".nicegui-content").classes("lab-content")
+    return _HEADER.format(links=links, title=html.escape(title))

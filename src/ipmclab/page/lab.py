@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import re
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,6 +21,10 @@ _PORTS: Final = 10_000
 """Of these ports each folder has one: above those of known services, below those that systems give away."""
 
 _FILE: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
+_HALF: Final = re.compile(r"\..+\.[0-9a-f]{8}\.part")  # as ``destination`` names a file until it is whole
+_LEFT: Final = 600.0
+"""How long [s] nobody writes on with a file that nobody writes any more."""
+
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b", re.IGNORECASE)  # no files to Windows
 _NAME = re.compile(r"[\w][\w .+-]{0,79}")
 
@@ -128,6 +134,14 @@ class Lab:
                 repair="use letters, digits, spaces, and . + - _; at most 80, beginning with a letter or digit",
             )
         return self.path(stem + suffix)
+
+    def forget_halves(self) -> None:
+        """Delete what a process that was killed had written half; what somebody may be writing now stays."""
+        for folder in {self.root, self.laboratory_folder}:
+            for path in folder.glob(".*.part"):
+                with contextlib.suppress(OSError):
+                    if _HALF.fullmatch(path.name) and time.time() - path.lstat().st_mtime > _LEFT:
+                        path.unlink()
 
     def tables(self) -> list[Path]:
         """The TOML files of the root, which may be experiments, actuators, rigs..."""

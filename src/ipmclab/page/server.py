@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.page.faults import add_faults, fault, tell_fault
 from ipmclab.page.guard import Guard
 from ipmclab.page.lab import Lab
 from ipmclab.page.settings import Settings, bracketed
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from ipmclab.page.context import Context
 
 _STATIC: Final = Path(__file__).parent / "static"
-_REPORT: Final = "if it comes again, report what the terminal of ipmclab page shows"
 _PING: Final = 20.0
 """How often [s] a WebSocket is asked whether its browser is still there, and how long it may take to answer."""
 
@@ -159,6 +159,7 @@ def application(lab: Lab, settings: Settings) -> FastAPI:
     from ipmclab.page.live.bench import Bench
     from ipmclab.page.workshop import Workshop
 
+    lab.forget_halves()
     workshop = Workshop(lab)
     bench = Bench(lab, settings.recorder)
     app = FastAPI(title="ipmclab", docs_url=None, redoc_url=None, openapi_url=None)
@@ -168,6 +169,7 @@ def application(lab: Lab, settings: Settings) -> FastAPI:
     app.mount("/static", StaticFiles(directory=_STATIC))
     app.mount("/vendor", StaticFiles(directory=vendored()))
     add_sections(Context(workshop, bench))
+    add_faults(app)
     ui.run_with(app, title="ipmclab", tailwind=False, show_welcome_message=False, dark=None, reconnect_timeout=10.0)
     app.router.on_startup.append(bench.follower.start)
     app.router.on_shutdown.append(bench.follower.close)
@@ -209,20 +211,6 @@ def add_sections(context: Context) -> None:
         return RedirectResponse("/run")
 
 
-def _fault(error: Exception) -> str:
-    """What is said of a fault of the page, and what is safe to do."""
-    what = str(error) if isinstance(error, IpmclabError) else f"{type(error).__name__}: {error}"
-    return f"This went wrong: {what}. It touches no recording, and STOP and ZERO work. Reload the page; {_REPORT}."
-
-
-def _tell_fault(error: Exception) -> None:
-    """Say at the page whose event failed what happened."""
-    from nicegui import ui
-
-    traceback.print_exception(error)
-    ui.notify(_fault(error), type="negative", timeout=0, close_button="Close", multi_line=True)
-
-
 def _page(
     name: str, build: Callable[[Context], Awaitable[None] | None], context: Context
 ) -> Callable[[], Awaitable[None]]:
@@ -233,7 +221,7 @@ def _page(
 
     async def page() -> None:
         frame(name)
-        ui.on_exception(_tell_fault)
+        ui.on_exception(tell_fault)
         try:
             built = build(context)
             if built is not None:
@@ -241,6 +229,6 @@ def _page(
         except Exception as error:  # whatever it is: the header with STOP and ZERO stays usable
             traceback.print_exc()
             with ui.element("section").classes("lab-card").props("role=alert"):
-                ui.label(_fault(error)).classes("lab-bad")
+                ui.label(fault(error)).classes("lab-bad")
 
     return page

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, Final
 
 from ipmclab.errors import IpmclabError
 from ipmclab.page.lab import Lab
 from ipmclab.page.live.follower import Follower
 from ipmclab.page.live.seats import Seats
+
+RIGHT: Final = 10.0
+"""How long [s] after the page was begun anew in mid-run only who held the bench before may take it."""
 
 OPERATOR_ONLY: Final = ("start", "stop", "abort", "mark", "answer")
 """What only the operator may ask for. Anybody may bring the output to 0 V."""
@@ -21,12 +25,32 @@ class Bench:
     lab : Lab
     recorder : str
         The program of the recorder's process.
+    right : float [s]
+        How long a bench that runs when the page begins is kept for who says that it was theirs.
     """
 
-    def __init__(self, lab: Lab, recorder: str) -> None:
+    def __init__(self, lab: Lab, recorder: str, right: float = RIGHT) -> None:
         self.follower = Follower(lambda: lab.laboratory_folder)
         self.seats = Seats()
         self._recorder = recorder
+        self._until = time.monotonic() + right
+
+    def take(self, seat: str, *, again: bool = False) -> None:
+        """Let a browser hold the bench; ``again`` where it did before the page was begun anew.
+
+        Raises
+        ------
+        IpmclabError
+            Another one does, or may.
+        """
+        if not again and self.seats.is_new and time.monotonic() < self._until and self.follower.may_run:
+            raise IpmclabError(
+                "the page was begun anew: who held the bench may take it again first",
+                code="bench-kept",
+                where="bench",
+                repair=f"try again in {RIGHT:g} s; ZERO is everybody's",
+            )
+        self.seats.take(seat)
 
     def prepare(self, seat: str, job: dict[str, Any]) -> None:
         """Start a recorder for an experiment; it plans, and waits for the start.
@@ -36,7 +60,7 @@ class Bench:
         InputError, IpmclabError
             Somebody else holds the bench, something runs at it, or what the recorder refuses.
         """
-        self.seats.take(seat)
+        self.take(seat)
         self.follower.launch(self._recorder, {"yes": False, "plan": False, "interactive": True, "answers": {}, **job})
 
     def ask(self, seat: str, what: str, **values: Any) -> str:
@@ -49,7 +73,7 @@ class Bench:
         """
         taken = what in OPERATOR_ONLY and not self.seats.holds(seat)
         if taken:
-            self.seats.take(seat)  # it is free, or this says whose it is
+            self.take(seat)  # it is free, or this says whose it is
         if not self._reached(what, **values):
             if taken:
                 self.seats.release(seat)

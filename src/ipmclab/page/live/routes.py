@@ -67,7 +67,7 @@ def routes(bench: Bench) -> APIRouter:
     async def steer(what: str, request: Request) -> JSONResponse:
         seat = seat_of(request.headers.get("cookie", ""))
         try:
-            values = await read_object(request) if what in ("mark", "answer") else {}
+            values = await read_object(request) if what in ("hold", "mark", "answer") else {}
             message = await asyncio.wait_for(asyncio.shield(_begun(bench, seat, what, values)), PATIENCE)
         except TimeoutError:
             return JSONResponse({"message": _SLOW}, 503)
@@ -106,7 +106,7 @@ def _begun(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> asynci
 def _steer(bench: Bench, seat: str, what: str, values: dict[str, Any]) -> str:
     match what:
         case "hold":
-            bench.seats.take(seat)
+            bench.take(seat, again=values.get("again") is True)
             return "you hold the bench"
         case "release":
             bench.seats.release(seat)

@@ -35,8 +35,14 @@ class Seats:
         self._lock = threading.Lock()
         self._there: Counter[str] = Counter()
         self._holder: str | None = None
+        self._was_held = False
         self._seen = 0.0
         self.version = 0
+
+    @property
+    def is_new(self) -> bool:
+        """Whether nobody has held the bench yet."""
+        return not self._was_held
 
     @property
     def watching(self) -> int:
@@ -82,7 +88,7 @@ class Seats:
                 )
             if self._holder != seat:
                 self.version += 1
-            self._holder, self._seen = seat, self._clock()
+            self._holder, self._seen, self._was_held = seat, self._clock(), True
 
     def release(self, seat: str) -> None:
         """Give the bench back."""

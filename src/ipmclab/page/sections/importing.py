@@ -102,7 +102,7 @@ class _Import:
         except JobCancelled:
             return
         except IpmclabError as error:
-            self._message.set_text(str(error).replace(str(path), name))
+            self._message.set_text(self._named(str(error)))
             if layout is None:
                 self._form.clear()
             return
@@ -110,6 +110,11 @@ class _Import:
         self._form.clear()
         with self._form:
             self._build_form()
+
+    def _named(self, told: str) -> str:
+        """What is said of a file, with the name that its owner gave it: one that was sent is kept under another."""
+        assert self._path is not None
+        return told.replace(str(self._path), self._name).replace(self._path.name, self._name)
 
     async def _do(self, task: str, arguments: dict[str, Any]) -> Frame:
         job = self._workshop.jobs.submit(task, arguments, title="import")
@@ -250,7 +255,7 @@ class _Import:
         where = error.where.removeprefix("map: ").removeprefix("map")
         channel = where.split("channels.", 1)[1].split(".")[0] if "channels." in where else ""
         place = next((k for k, column in enumerate(self._columns) if channel and column["channel"] == channel), None)
-        told = sentence(error).replace(str(self._path), self._name)
+        told = self._named(sentence(error))
         if error.code in _IN_A_FORM and (error.code != "missing-key" or where == "channels"):
             told = f"{error.message}; {_IN_A_FORM[error.code]}"
         if place is not None:
@@ -260,4 +265,4 @@ class _Import:
         elif where.startswith("sample"):
             fail_at(self._sample, told)
         else:
-            self._wrong.set_text(f"{where}: {told}".replace(str(self._path), self._name) if where else told)
+            self._wrong.set_text(self._named(f"{where}: {told}") if where else told)

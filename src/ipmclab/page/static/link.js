@@ -190,7 +190,7 @@ function keepSeat(state) {
     sessionStorage.removeItem("lab-held"); // it ended, was released, or is somebody else's now
   else if (held === experiment && isBusy(state)) {
     sessionStorage.removeItem("lab-held"); // asked once; it is remembered again when it is ours
-    lab.post("hold");
+    lab.post("hold", { again: true });
   }
 }
 
