@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -9,14 +10,27 @@ import typer
 
 from ipmclab.cli.files import check_output
 from ipmclab.cli.options import ActuatorName, Force, Json, positive
-from ipmclab.cli.output import print_json, print_remarks, print_table, progress, read, with_unit
+from ipmclab.cli.output import (
+    print_json,
+    print_paragraph,
+    print_remarks,
+    print_table,
+    progress,
+    read,
+    significant,
+    with_unit,
+)
 from ipmclab.errors import InputError, suggest
-from ipmclab.units import CHANNELS, FREQUENCY, TIME
+from ipmclab.units import CHANNELS, FREQUENCY, TIME, Quantity
 
 if TYPE_CHECKING:
+    from ipmclab.identify.many_runs.answer import SureAnswer
+    from ipmclab.model import Actuator
     from ipmclab.run import Hold, Run
 
 HOLDS: Final[tuple[Hold, ...]] = ("zero", "zero-before", "first")
+
+Ends = tuple[float, float]
 
 
 def simulate(
@@ -29,7 +43,7 @@ def simulate(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate an actuator under a signal and write the run.
+    """Simulate an actuator under a signal and write the run; of a fitted one, tell how sure it is.
 
     \b
     ipmclab simulate friend-2 --signal "step 1 V" --duration "40 s" --rate "50 Hz" --out step.nc
@@ -48,9 +62,10 @@ def simulate(
     with progress(f"simulating {model.name}"):
         run = simulate_actuator(model, applied, duration=seconds, rate=hertz, hold=hold)
         write_run(run, out, overwrite=force)
+        sure = _sureness(model, run, actuator)
 
     told = [sentence(finding) for finding in run.metadata.findings]
-    summary = {name: _summary(run, name) for name in run.channels if name != "voltage"}
+    peaks = {name: _peak(run, name) for name in run.channels if name != "voltage"}
     if as_json:
         print_json(
             {
@@ -61,29 +76,103 @@ def simulate(
                 "hold": run.hold,
                 "outputs": {
                     name: {
-                        "peak": with_unit(peak, CHANNELS[name].unit) | {"time": with_unit(time, "s")},
-                        "end": with_unit(end, CHANNELS[name].unit),
+                        "peak": with_unit(float(run.channels[name][row]), CHANNELS[name].unit)
+                        | {"time": with_unit(float(run.time[row]), "s")}
+                        | _intervals(sure, run, name, row),
+                        "end": with_unit(float(run.channels[name][-1]), CHANNELS[name].unit)
+                        | _intervals(sure, run, name, -1),
                     }
-                    for name, (peak, time, end) in summary.items()
+                    for name, row in peaks.items()
                 },
+                **({} if sure is None else {"fit": _document(sure)}),
                 "warnings": told,
                 "out": out,
             }
         )
         return
-    rows = [
-        [CHANNELS[name].name, read(peak, CHANNELS[name]), read(time, TIME), read(end, CHANNELS[name])]
-        for name, (peak, time, end) in summary.items()
-    ]
+    rows = []
+    for name, row in peaks.items():
+        values, quantity = run.channels[name], CHANNELS[name]
+        peak, time = read(float(values[row]), quantity), read(float(run.time[row]), TIME)
+        rows.append([quantity.name, peak, time, read(float(values[-1]), quantity)])
     print_table(["output", "peak", "at", "end"], rows, title=f"{model.name} under {applied}, {len(run)} rows")
+    if sure is not None:
+        _print_sureness(sure, run, peaks)
     print_remarks(told, "warning")
     print(f"wrote {out}")
 
 
-def _summary(run: Run, channel: str) -> tuple[float, float, float]:
-    """The value of largest magnitude, its time [s], and the last value."""
-    values: Any = run.channels[channel]
-    sizes = abs(values)
+def _peak(run: Run, channel: str) -> int:
+    """The row of the value of largest magnitude."""
+    sizes: Any = abs(run.channels[channel])
     sizes[sizes != sizes] = -1.0  # no reading: the laser lost the strip
-    row = int(sizes.argmax())
-    return float(values[row]), float(run.time[row]), float(values[-1])
+    return int(sizes.argmax())
+
+
+def _sureness(model: Actuator, run: Run, named: str) -> SureAnswer | None:
+    """What a fit says of the answer; the rest of the program is not loaded for an actuator without one."""
+    if model.fit_table is None and "+" not in named:
+        return None
+    from ipmclab.identify.many_runs.answer import sure_answer
+
+    return sure_answer(model, run, named=named)
+
+
+def _intervals(sure: SureAnswer | None, run: Run, output: str, row: int) -> dict[str, Ends | None]:
+    """Where the strip's answer, a reading of it, and the answer at the next mounting lie with 95 % [SI]."""
+    if sure is None:
+        return {}
+    value = float(run.channels[output][row])
+
+    def ends(bands: Any, of_readings: bool) -> Ends | None:
+        if bands is None or output not in bands.predicted:
+            return None
+        reach = float(bands.reach(output, of_readings=of_readings)[row])
+        return value - reach, value + reach
+
+    return {
+        "interval": ends(sure.here, False),
+        "interval_of_reading": ends(sure.here, True),
+        "interval_next_mounting": ends(sure.following, False),
+    }
+
+
+def _document(sure: SureAnswer) -> dict[str, Any]:
+    """What stands beside the intervals in a JSON document."""
+    return {
+        "level": 0.95,
+        "why_no_interval": sure.why_none or None,
+        "mountings": sure.mountings,
+        "left_out": some.left_out if (some := sure.here or sure.following) is not None else (),
+        "not_read": sure.not_read,
+        "next_mounting_unknown": sure.next_mounting_unknown or None,
+        "warnings": sure.warnings,
+    }
+
+
+def _print_sureness(sure: SureAnswer, run: Run, peaks: dict[str, int]) -> None:
+    columns = {"interval": "of the answer", "interval_of_reading": "of a reading"} if sure.here is not None else {}
+    if sure.following is not None:
+        columns["interval_next_mounting"] = "at the next mounting"
+    some = sure.here or sure.following
+    rows = []
+    for name in some.predicted if some is not None else ():
+        quantity = CHANNELS[name]
+        for row in dict.fromkeys((peaks[name], len(run) - 1)):
+            found = _intervals(sure, run, name, row)
+            ends = [_ends(found[key], quantity) for key in columns]
+            rows.append([quantity.name, read(float(run.time[row]), TIME), *ends])
+    if rows:
+        print_table(["95 % interval", "at", *columns.values()], rows)
+    for sentence in sure.sentences():
+        print_paragraph(sentence)
+
+
+def _ends(interval: Ends | None, quantity: Quantity) -> str:
+    """An interval with three digits of its width."""
+    if interval is None or not all(map(math.isfinite, interval)):
+        return "-"
+    low, high = (quantity.to_display(end) for end in interval)
+    largest, width = max(abs(low), abs(high)), high - low
+    digits = min(max(3 + math.ceil(math.log10(largest / width)), 3), 9) if width > 1e-9 * largest else 6
+    return f"{significant(low, digits)} to {significant(high, digits)} {quantity.display_unit}"

@@ -18,6 +18,8 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
         "evaluations": fit.evaluations,
         "rank": fit.rank,
         "singular_values": list(fit.singular_values),
+        # Who edits them afterwards has another actuator than the one whose errors these are.
+        "values": dict(fit.actuator.parameter_values),
         "parameters": [
             {
                 "name": parameter.name,

@@ -67,7 +67,7 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
         return actuator_from_text(text, where=name_or_path)
     path = Path(name_or_path)
     if isinstance(name_or_path, str) and "+" in name_or_path and not path.exists():
-        base, stages = _base(name_or_path)
+        base, stages = stages_after(name_or_path)
         return with_stages(load_actuator(base), *stages)
     _refuse_a_run(path)
     states = [name for name in library_names() if name.startswith(f"{name_or_path}-")]
@@ -91,8 +91,16 @@ def is_library_name(name: str) -> bool:
     return name.partition("+")[0].strip() in library_names()
 
 
-def _base(name: str) -> tuple[str, list[str]]:
-    """An actuator and the stages after it; a folder above its file may have a plus in its name too."""
+def stages_after(name: str) -> tuple[str, list[str]]:
+    """An actuator and the stages after it; a folder above its file may have a plus in its name too.
+
+    Examples
+    --------
+    >>> stages_after("friend-2+leak.cubic+clamp")
+    ('friend-2', ['leak.cubic', 'clamp'])
+    """
+    if Path(name).is_file():
+        return name, []
     parts = name.split("+")
     for count in range(1, len(parts)):
         base = "+".join(parts[:count]).strip()

@@ -16,6 +16,7 @@ from ipmclab.identify.many_runs.common_error import common_covariance
 from ipmclab.identify.many_runs.random_effect import FEWEST
 from ipmclab.identify.observation import Observation, own_endings, own_values
 from ipmclab.model.sensitivity import sensitivities, simulate_outputs
+from ipmclab.model.simulate import with_shunt
 
 if TYPE_CHECKING:
     from ipmclab.identify.fit import Fit
@@ -99,7 +100,8 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     fit : Fit
         As ``identify`` returned it, or ``read_fit`` read it.
     run : Run
-        Its time, voltage, hold and mounting are used; what was read is not.
+        Its time, voltage, hold and mounting are used, and a shunt that its voltage was sensed upstream of; what was
+        read is not.
 
     Returns
     -------
@@ -131,12 +133,11 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     found = known_in(fit, None)
     unlimited = [name for name, one in fit.parameters.items() if not math.isfinite(one.standard_error)]
     since = run.time - run.time[0]
-    predicted = dict(zip(outputs, drive.outputs(fit.actuator, outputs), strict=True))
-    others = next_mountings(fit, fit.actuator, run.metadata.mounting_id)
+    strip = with_shunt(fit.actuator, run)
+    predicted = dict(zip(outputs, drive.outputs(strip, outputs), strict=True))
+    others = [with_shunt(one, run) for one in next_mountings(fit, fit.actuator, run.metadata.mounting_id)]
     spread = (
-        spread_of_next(fit, others, fit.actuator, drive, predicted)
-        if others
-        else spread_of(found, fit.actuator, drive, outputs)
+        spread_of_next(fit, others, strip, drive, predicted) if others else spread_of(found, strip, drive, outputs)
     )
     noise = {output: noise_of(fit.observations, output, since) for output in outputs}
     if others:

@@ -1,0 +1,206 @@
+"""How sure a fitted actuator is of an answer to a voltage that it was never asked for, and why it may not be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from ipmclab.errors import InputError
+from ipmclab.identify.fit_file import fit_of
+from ipmclab.identify.many_runs.bands import Bands, prediction_bands
+from ipmclab.identify.many_runs.mountings import why_unknown
+from ipmclab.identify.observation import READ_OUTPUTS
+
+if TYPE_CHECKING:
+    from ipmclab.identify.fit import Fit
+    from ipmclab.model import Actuator
+    from ipmclab.run import Run
+
+MOST_ROWS: Final = 200_000
+"""Of an answer with a band: the derivative of every row by every parameter is held at once."""
+
+_AVERAGE: Final = "mountings-differ"
+_TOLD: Final = "undetermined"
+"""Findings of a fit that stand in the sentences."""
+
+_NONSENSE: Final = "model-explains-nothing"
+
+_SAME: Final = 1e-9
+"""Values that went through a file in another unit differ by less."""
+
+
+@dataclass(frozen=True, eq=False)
+class SureAnswer:
+    """What the fit of an actuator says of a simulated answer.
+
+    Parameters
+    ----------
+    here : Bands or None
+        For the mountings of the fit.
+    following : Bands or None
+        For the next mounting.
+    why_none : str
+        Why nothing is said of the mountings of the fit; empty where ``here`` is something.
+    next_mounting_unknown : str
+        Why nothing is said of the next mounting.
+    mountings : tuple of str
+        Of the fit.
+    not_read : tuple of str
+        Outputs that the fit never read, so that there is no band of them.
+    warnings : tuple of str
+        Codes of what the fit itself warns of.
+    """
+
+    here: Bands | None
+    following: Bands | None = None
+    why_none: str = ""
+    next_mounting_unknown: str = ""
+    mountings: tuple[str, ...] = ()
+    not_read: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def sentences(self) -> list[str]:
+        """What must be known with the numbers."""
+        some = self.here or self.following
+        if some is None:
+            return [f"No interval: {self.why_none}."]
+        held = _mountings(self.mountings) if self.here else "the next mounting alone"
+        told = [f"The 95 % intervals hold for {held}{f': {self.why_none}' if self.why_none else ''}."]
+        if some.left_out:
+            names = _listed(some.left_out)
+            told.append(f"What {names} may change beyond what the runs of the fit show is not in them.")
+        if self.not_read:
+            them = "it" if len(self.not_read) == 1 else "them"
+            told.append(f"There is none of {_listed(self.not_read)}: the fit did not read {them}.")
+        if self.next_mounting_unknown:
+            told.append(f"{self.next_mounting_unknown[0].upper()}{self.next_mounting_unknown[1:]}.")
+        if self.warnings:
+            told.append(f"The fit itself warns ({', '.join(self.warnings)}): the intervals are as good as its model.")
+        return told
+
+
+def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer | None:
+    """What a fitted actuator knows of its answer to the voltage of a run that starts at rest.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    run : Run
+        What ``simulate`` gave.
+    named : str
+        What the actuator was loaded by; stages after a plus are stages that its fit did not have.
+
+    Returns
+    -------
+    answer : SureAnswer or None
+        None for an actuator that was never fitted.
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> fit = identify(strip, simulate(strip, "step 1 V", duration=20, rate=50))
+    >>> run = simulate(fit.actuator, "sine 1 V 0.2 Hz", duration=10, rate=50)
+    >>> sure_answer(strip, run) is None, sure_answer(fit.actuator, run).mountings
+    (True, ())
+    >>> sure_answer(fit.actuator, run).next_mounting_unknown
+    'what another mounting would give cannot be known: these runs do not say of which mounting they are'
+    """
+    if actuator.fit_table is None:
+        return SureAnswer(None, why_none=why) if (why := _stages_named(named)) else None
+    try:
+        fit = fit_of(actuator, where=actuator.name)
+    except InputError:
+        return SureAnswer(None, why_none="the [fit] table is not one that identify writes")
+    if why := why_not(fit, len(run)):
+        return SureAnswer(None, why_none=why)
+    here = prediction_bands(fit, _of_mounting(run, None))
+    if here.left_out and not any(one.any() for one in here.of_parameters.values()):
+        return SureAnswer(None, why_none=f"nothing is known of {_listed(here.left_out)}")
+    seen = tuple(dict.fromkeys(one.mounting for one in fit.observations if one.mounting))
+    codes = tuple(dict.fromkeys(one.code for one in fit.findings if one.severity != "info"))
+    unknown, following = why_unknown(fit), None
+    if not unknown:
+        following = prediction_bands(fit, _of_mounting(run, f"not {' '.join(seen)}"))
+    average = ""
+    if _AVERAGE in codes:
+        average = f"mountings {_listed(seen)} differ by more than their errors, and the fit answers for none of them"
+    return SureAnswer(
+        None if average else here,
+        following,
+        average,
+        next_mounting_unknown=unknown,
+        mountings=seen,
+        not_read=tuple(name for name in READ_OUTPUTS if name not in here.predicted and name in run.channels),
+        warnings=tuple(code for code in codes if code not in (_AVERAGE, _TOLD)),
+    )
+
+
+def why_not(fit: Fit, rows: int = 0) -> str:
+    """Why the errors of a fit say nothing of its actuator; empty where they do.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> fit = identify(strip, simulate(strip, "step 1 V", duration=20, rate=50), free="circuit.dc_resistivity")
+    >>> wider = {**fit.actuator.parameter_values, "geometry.width": 6e-3}
+    >>> why_not(fit), why_not(replace(fit, actuator=replace(fit.actuator, parameter_values=wider)))
+    ('', 'geometry.width is no longer what it was when its fit was made')
+    """
+    if rows > MOST_ROWS:
+        return f"{rows} rows, and it is computed for {MOST_ROWS} at most; give a lower rate or a shorter duration"
+    if not fit.converged:
+        return "the fit did not converge, and its errors mean nothing"
+    if any(finding.code == _NONSENSE for finding in fit.findings):
+        return "the model of the fit explains nothing of its runs"
+    values, table = fit.actuator.parameter_values, fit.actuator.fit_table or {}
+    known = table.get("values")
+    expected = {name: one.value for name, one in fit.parameters.items() if name in values}
+    expected |= {str(name): value for name, value in known.items()} if isinstance(known, dict) else {}
+    if isinstance(known, dict) and known.keys() != values.keys():
+        return "the actuator has other stages than when its fit was made"
+    moved = [name for name, value in expected.items() if not _same(values.get(name), value)]
+    stated = fit.actuator.standard_uncertainties
+    held = {name: math.sqrt(max(row[name], 0.0)) for name, row in fit.covariance.items() if name not in fit.parameters}
+    moved += [
+        f"the stated uncertainty of {name}" for name, one in held.items() if not _same(stated.get(name, 0.0), one)
+    ]
+    if not moved:
+        return ""
+    verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
+    return f"{_listed(moved)} {verb} when its fit was made"
+
+
+def _same(one: float | None, other: object) -> bool:
+    return one is not None and isinstance(other, int | float) and math.isclose(one, other, rel_tol=_SAME)
+
+
+def _stages_named(named: str) -> str:
+    """Why a fit that was loaded with further stages says nothing; empty where no fit was."""
+    from ipmclab.model.actuator_file import load_actuator, stages_after
+
+    base, stages = stages_after(named)
+    try:
+        fitted = bool(stages) and load_actuator(base).fit_table is not None
+    except InputError:
+        return ""
+    return f"the fit in {Path(base).name} is of the actuator without {_listed(stages)}" if fitted else ""
+
+
+def _of_mounting(run: Run, name: str | None) -> Run:
+    return replace(run, metadata=replace(run.metadata, mounting_id=name))
+
+
+def _mountings(names: Sequence[str]) -> str:
+    if not names:
+        return "the mounting of the fit, which its runs do not name"
+    return f"mounting {names[0]}" if len(names) == 1 else f"the mountings of the fit, {_listed(names)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
