@@ -40,7 +40,9 @@ def routes(workshop: Workshop) -> APIRouter:
         try:
             given = await read_object(request)
             arguments = _simulation(workshop, given)
-            job = workshop.jobs.submit("simulate", arguments, replaces=str(given.get("client", ""))[:40] or None)
+            client = str(given.get("client", ""))[:40]
+            task = "bands" if given.get("bands") is True else "simulate"
+            job = workshop.jobs.submit(task, arguments, replaces=f"{client} {task}" if client else None)
             frame = await asyncio.wrap_future(job.future)
         except IpmclabError as error:
             return JSONResponse(error.as_dict(), 400 if error.code == BAD_REQUEST else 422)

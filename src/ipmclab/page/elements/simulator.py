@@ -51,6 +51,7 @@ class Simulator(Element, component="simulator.js"):
         self._props["options"] = {
             "actuator": key,
             "parameters": [slider(one, notes.get(one.name, "")) for one in known if one.transform != "count"],
+            "fitted": actuator.fit_table is not None or "+" in key,
             "runs": list(runs),
             "run": run,
         }

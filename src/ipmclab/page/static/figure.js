@@ -15,17 +15,21 @@ const LabFigure = (() => {
     const escape = (text) => String(text).replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
     const text = (x, y, body, more = "") => parts.push(`<text x="${x}" y="${y}" ${more}>${escape(body)}</text>`);
     const count = stack.plots.length;
+    const isEnd = (one) => one.style === "low" || one.style === "high";
     const lookOf = (one) => {
+      if (isEnd(one)) return `fill="none" stroke="${palette[one.colour % 8]}" stroke-width="0.6"`;
       const dash = dashes[one.style]?.length ? ` stroke-dasharray="${dashes[one.style].join(" ")}"` : "";
       const pen = one.style === "points" ? 'stroke-width="3" stroke-linecap="round"' : `stroke-width="1.3"${dash}`;
       return `fill="none" stroke="${palette[one.colour % 8]}" ${pen}`;
     };
+    const areaOf = (one) => `fill="${palette[one.colour % 8]}" fill-opacity="0.25"`;
     // A row a curve: names of runs are long.
     const named = [...stack.named().values()];
     named.forEach((one, row) => {
       const y = 14 + 16 * row;
       const sample = one.style === "points" ? `M${left + 15} ${y}h0` : `M${left} ${y}h30`;
-      parts.push(`<path d="${sample}" ${lookOf(one)}/>`);
+      if (isEnd(one)) parts.push(`<rect x="${left}" y="${y - 5}" width="30" height="10" ${areaOf(one)}/>`);
+      else parts.push(`<path d="${sample}" ${lookOf(one)}/>`);
       text(left + 38, y + 3.5, shortened(one.label, 105));
     });
     const head = 20 + 16 * named.length;
@@ -58,7 +62,14 @@ const LabFigure = (() => {
       parts.push(`${frame} fill="none" stroke="#5f6973"/>`);
       const label = stack.titleOf(panel);
       text(0, 0, label, `transform="translate(14 ${top + high / 2}) rotate(-90)" text-anchor="middle"`);
-      stack.data.get(panel.key).forEach(([time, values], which) => {
+      const curves = stack.data.get(panel.key);
+      for (const [low, high] of stack.areas(panel)) {
+        for (const points of outlines(curves[low], curves[high])) {
+          const outline = points.map(([time, value]) => `${toX(time).toFixed(1)} ${toY(value).toFixed(1)}`);
+          parts.push(`<path clip-path="url(#p${place})" d="M${outline.join("L")}Z" ${areaOf(panel.series[low])}/>`);
+        }
+      }
+      curves.forEach(([time, values], which) => {
         const one = panel.series[which];
         const marks = [];
         let pen = false;
@@ -82,6 +93,19 @@ const LabFigure = (() => {
       `font-family="system-ui, sans-serif" font-size="11" fill="#1c2126"><title>${escape(stack.options.name)}</title>` +
       `<rect width="${width}" height="${height}" fill="#ffffff"/>${parts.join("\n")}</svg>\n`
     );
+  }
+
+  // An area between its ends: along the upper one, and back along the lower; where there is no value, another begins.
+  function outlines([lowTime, low], [highTime, high]) {
+    const stretches = (time, values) => {
+      const found = [[]];
+      for (let k = 0; k < time.length; k++)
+        if (Number.isFinite(values[k])) found.at(-1).push([time[k], values[k]]);
+        else if (found.at(-1).length) found.push([]);
+      return found.filter((one) => one.length);
+    };
+    const below = stretches(lowTime, low);
+    return stretches(highTime, high).map((above, k) => [...above, ...(below[k] ?? []).toReversed()]);
   }
 
   function ticks(low, high, most) {

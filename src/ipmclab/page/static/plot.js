@@ -84,7 +84,11 @@ const LabPlot = (() => {
     return any ? Array.from(values, (value) => (value === value ? value : null)) : values;
   };
 
+  // Of the two ends of an area: one line of the legend names both.
+  const nameOf = (one) => (one.style === "low" || one.style === "high" ? `${one.label}, ${one.style}` : one.label);
+
   class Stack {
+    // A series of the style "low" and the next one, "high", are the ends of an area.
     // options: name, panels [{key, label, unit, factor, series: [{key, label, colour, style}]}], source, live, bands, height,
     // x {label, symbol, unit, power}; with power the x of curves is a decimal logarithm. Without live and source: show() and draw().
     constructor(host, options) {
@@ -209,6 +213,7 @@ const LabPlot = (() => {
             { ...axis, size: 52, space: 20, values: (_, splits) => distinct(splits) },
           ],
           series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
+          bands: this.areas(panel).map(([low, high]) => ({ series: [high + 1, low + 1], fill: () => `${colour(panel.series[low])}40` })),
           hooks: {
             setSelect: [(plot) => this.selected(plot)],
             setCursor: [(plot) => this.moved(plot)],
@@ -223,12 +228,18 @@ const LabPlot = (() => {
       this.legend();
     }
 
+    // Places of the series between which an area lies.
+    areas(panel) {
+      return panel.series.flatMap((one, place) => (one.style === "low" ? [[place, place + 1]] : []));
+    }
+
     seriesOptions(one) {
       const points = one.style === "points";
+      const end = one.style === "low" || one.style === "high";
       return {
         label: one.label,
-        stroke: () => colour(one),
-        width: points ? 0 : 1.5,
+        stroke: () => (end ? `${colour(one)}90` : colour(one)),
+        width: points ? 0 : end ? 1 : 1.5,
         dash: DASHES[one.style] ?? [],
         pxAlign: 0, // a slow drift on whole pixels would look like steps of a converter
         paths: points ? () => null : undefined,
@@ -477,7 +488,7 @@ const LabPlot = (() => {
       this.options.panels.forEach((panel) => {
         this.data.get(panel.key).forEach(([time, values], place) => {
           if (!time.length || this.at < time[0] || this.at > time[time.length - 1]) return;
-          const name = panel.series.length > 1 ? `${panel.label} (${panel.series[place].label})` : panel.label;
+          const name = panel.series.length > 1 ? `${panel.label} (${nameOf(panel.series[place])})` : panel.label;
           parts.push(`${name} ${number(values[nearest(time, this.at)])} ${unitOf(panel)}`.trim());
         });
       });
@@ -573,7 +584,7 @@ const LabPlot = (() => {
       for (const panel of this.options.panels)
         this.data.get(panel.key).forEach(([x, values], place) => {
           if (!tables.has(x)) tables.set(x, []);
-          const name = panel.series.length > 1 ? `${panel.label} ${panel.series[place].label}` : panel.label;
+          const name = panel.series.length > 1 ? `${panel.label} ${nameOf(panel.series[place])}` : panel.label;
           tables.get(x).push([`${name} [${panel.unit}]`, values]);
         });
       const cell = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(10))) : "");

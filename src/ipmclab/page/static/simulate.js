@@ -32,6 +32,7 @@ const LabSimulate = (() => {
     return made;
   };
 
+  const voltageOf = ({ run, signal, duration, rate }) => [run, ...(run ? [] : [signal, duration, rate])].join("|");
   const digits = (value) => String(Number(Number(value).toPrecision(5)));
   let counter = 0;
 
@@ -185,6 +186,9 @@ const LabSimulate = (() => {
     build() {
       this.alert = make("p", { className: "lab-bad", role: "alert", hidden: true });
       this.notes = make("ul", { className: "lab-notes" });
+      this.sureSays = make("summary");
+      this.sureMore = make("ul");
+      this.sureness = make("details", { className: "lab-sureness", hidden: true }, this.sureSays, this.sureMore);
       this.took = make("span", { className: "lab-quiet", textContent: "the model is being loaded" });
       const left = make("div", { className: "lab-column" }, this.signalCard(), this.parametersCard());
       const time = make("div");
@@ -192,7 +196,7 @@ const LabSimulate = (() => {
       const frequency = make("div");
       const right = make("div", { className: "lab-column" },
         make("section", { className: "lab-card" },
-          make("div", { className: "lab-title" }, make("h2", {}, "Response"), this.took), this.alert, this.notes, time),
+          make("div", { className: "lab-title" }, make("h2", {}, "Response"), this.took), this.alert, this.notes, this.sureness, time),
         make("section", { className: "lab-card" }, make("h2", {}, "The strip from the side"), strip),
         make("section", { className: "lab-card" },
           make("div", { className: "lab-title" }, make("h2", {}, "Frequency response"), this.outputChoice()), frequency),
@@ -446,46 +450,92 @@ const LabSimulate = (() => {
 
     take(head, arrays, question) {
       this.shown = arrays;
-      if (!this.loaded && !Object.keys(question.changes).length) this.loaded = arrays;
+      const moved = Object.keys(question.changes).length > 0;
+      if (!this.same(question) || !moved) this.loaded = moved ? null : arrays;
       this.notes.replaceChildren(...head.findings.map((text) => make("li", {}, text)));
       if (head.assumed_hold)
         this.notes.append(make("li", {}, "The run does not say when its output changed: each row is taken as read just before it."));
+      this.asked = question;
+      this.drawResponse();
+      this.drawFrequency();
+      this.strip.take(head.shape, arrays);
+      this.host.dataset.answers = String(Number(this.host.dataset.answers ?? 0) + 1);
+      if (!moved) this.askBands(question);
+    }
+
+    drawResponse() {
+      const { shown: arrays, asked: question } = this;
       const over = question.run !== "";
       const series = [{ key: "now", label: "now", colour: 0 }];
-      const before = this.loaded && this.loaded !== arrays && !over && this.same(question);
+      const before = this.loaded && this.loaded !== arrays && !over;
       if (before) series.push({ key: "loaded", label: "as loaded", colour: 7, style: "dashed" });
+      const sure = this.sure?.voltage === voltageOf(question) && (before || this.loaded === arrays) ? this.sure : null;
+      this.tellSureness(sure, Object.keys(question.changes).length > 0);
+      const band = (name) => (sure?.arrays.has(`${name}.low`) ? ["low", "high"] : []).map((style) => (
+        { key: style, style, label: `${sure.head.label}${before ? ", as loaded" : ""}`, colour: before ? 7 : 0 }));
       const panels = [{ key: "voltage", label: "voltage", unit: "V", factor: 1, least: 0.2, series: [{ key: "v", label: "voltage", colour: 6 }] }];
       for (const [name, { label, unit, factor }] of Object.entries(OUTPUTS)) {
         if (!arrays.has(name) || name === "applied_voltage") continue;
-        const own = arrays.has(`measured.${name}`)
-          ? [{ key: "measured", label: "measured", colour: 1, style: "dashed" }, ...series] : series;
+        const measured = arrays.has(`measured.${name}`) ? [{ key: "measured", label: "measured", colour: 1, style: "dashed" }] : [];
+        const own = [...band(name), ...measured, ...series];
         panels.push({ key: name, label, unit, factor, series: own });
       }
       this.stack.setPanels(panels);
       const curve = (from, name, factor) => [
-        from.get(`${name}.time`) ?? from.get("time"), (from.get(name) ?? new Float64Array()).map((value) => value * factor),
+        // Answers to one voltage have the same rows, and one array for them is drawn without joining.
+        from.get(`${name}.time`) ?? arrays.get("time"), (from.get(name) ?? new Float64Array()).map((value) => value * factor),
       ];
       for (const panel of panels)
         this.stack.show(panel.key, panel.series.map((one) => {
           if (one.key === "v") return curve(arrays, "voltage", 1);
+          if (one.key === "low" || one.key === "high") return curve(sure.arrays, `${panel.key}.${one.key}`, panel.factor);
           if (one.key === "measured") return curve(arrays, `measured.${panel.key}`, panel.factor);
           return curve(one.key === "loaded" ? this.loaded : arrays, panel.key, panel.factor);
         }));
       this.stack.draw(...(this.stack.zoom ?? this.stack.extent()));
-      this.drawFrequency();
-      this.strip.take(head.shape, arrays);
-      this.asked = question;
-      this.host.dataset.answers = String(Number(this.host.dataset.answers ?? 0) + 1);
     }
 
-    // Whether what was loaded answered the same voltage.
+    // Whether the voltage is still that which the values as loaded answered.
     same(question) {
-      const voltage = [question.signal, question.duration, question.rate].join("|");
-      this.loadedFor ??= voltage;
-      if (this.loadedFor === voltage) return true;
-      this.loadedFor = null;
-      this.loaded = null;
-      return false;
+      const voltage = voltageOf(question);
+      const still = this.loadedFor === voltage;
+      this.loadedFor = voltage;
+      return still;
+    }
+
+    // How sure the fit is of the values as loaded: asked after they are drawn, and answered beside the sliders.
+    async askBands(question) {
+      const voltage = voltageOf(question);
+      if (!this.options.fitted || this.sure?.voltage === voltage || this.sureAsked === voltage) return;
+      this.sureAsked = voltage;
+      try {
+        const body = JSON.stringify({ ...question, bands: true });
+        const answer = await fetch("/simulate", { method: "POST", headers: { "content-type": "application/json" }, body });
+        if (!answer.ok || answer.status === 204 || this.gone || this.sureAsked !== voltage) return;
+        const { head, arrays } = LabPlot.unpack(await answer.arrayBuffer());
+        this.sure = { voltage, head, arrays };
+        this.drawResponse();
+      } catch {
+        return; // the curve itself says that the link is lost
+      } finally {
+        if (this.sureAsked === voltage) this.sureAsked = null;
+      }
+    }
+
+    // What the band holds for, and that it does not hold for a slider that was moved.
+    tellSureness(sure, moved) {
+      const isDrawn = Boolean(sure?.head.label);
+      const known = this.sure && this.sure.voltage === voltageOf(this.asked);
+      const told = known ? [...this.sure.head.sentences] : [];
+      if (moved && isDrawn) told.unshift("The band lies around the values as loaded: it does not hold for the sliders.");
+      else if (moved && this.sure?.head.label) told.splice(0, told.length, "No band: it holds for the values as loaded alone.");
+      const [first = "", ...more] = told;
+      const text = more.length ? `${first} ${more.length} more to know` : first;
+      this.sureness.hidden = !told.length;
+      this.sureness.classList.toggle("lab-alone", !more.length);
+      if (this.sureSays.textContent === text) return; // a slider that is moved leaves it alone
+      this.sureSays.textContent = text;
+      this.sureMore.replaceChildren(...more.map((one) => make("li", {}, one)));
     }
 
     drawFrequency() {

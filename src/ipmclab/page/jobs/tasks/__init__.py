@@ -34,6 +34,7 @@ WORK: Final = "work"
 
 TASKS: Final[dict[str, Entry]] = {
     "simulate": Entry("simulate", SIMULATE),
+    "bands": Entry("bands", LOOK),  # beside the sliders, which wait for nothing
     "look": Entry("look", LOOK),
     "about": Entry("about", LOOK),
     "figure": Entry("figure", LOOK),

@@ -39,36 +39,9 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     InputError
         What ``simulate`` refuses, or more rows than an interactive answer can have.
     """
-    from ipmclab.errors import InputError
-    from ipmclab.model.simulate import simulate
-    from ipmclab.signals.text import parse
-
-    actuator = _actuator(arguments["actuator"], _stamp(arguments["actuator"]))
-    changes = arguments.get("changes") or {}
-    changed = actuator.replace(**changes) if changes else actuator
-    document: dict[str, Any] = {"actuator": actuator.name}
-    if arguments.get("run"):
-        measured = _measured(arguments["run"], _stamp(arguments["run"]))
-        if measured.hold == "unknown":
-            from dataclasses import replace
-
-            measured = replace(measured, hold="zero-before")
-            document["assumed_hold"] = "zero-before"
-        run_ = simulate(changed, measured)
-        document["overlay"] = {name: None for name in measured.channels if name in _OUTPUTS}
-    else:
-        duration, rate = float(arguments.get("duration", 40.0)), float(arguments.get("rate", 50.0))
-        if duration * rate > MOST_ROWS:
-            raise InputError(
-                f"{duration * rate:.0f} rows, at most {MOST_ROWS} follow a slider",
-                code="too-many-rows",
-                where="rate",
-                repair="give a shorter duration or a lower rate, or use ipmclab simulate",
-            )
-        signal = parse(arguments["signal"], folder=arguments.get("folder", ""))
-        run_ = simulate(changed, signal, duration=duration, rate=rate, hold=arguments.get("hold", "zero"))
-        measured = None
-    document |= {
+    run_, measured, changed, assumed_hold = answered(arguments)
+    document: dict[str, Any] = {
+        "actuator": changed.name,
         "rows": len(run_),
         "findings": [one.message for one in run_.metadata.findings],
         "values": changed.parameter_values,
@@ -76,18 +49,57 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     arrays = {"time": run_.time, "voltage": run_.voltage}
     arrays |= {name: run_.channels[name] for name in _OUTPUTS if name in run_.channels}
     if measured is not None:
+        document["overlay"] = {name: None for name in measured.channels if name in _OUTPUTS}
         arrays |= {f"measured.{name}": measured.channels[name] for name in _OUTPUTS if name in measured.channels}
-    if len(run_) > _MOST_SENT:
-        arrays = _thinned(arrays)
+    if assumed_hold is not None:
+        document["assumed_hold"] = assumed_hold
+    arrays = thinned_where_long(arrays)
     arrays |= _frequency_arrays(changed)
     shape_arrays, document["shape"] = _shape_arrays(changed, run_)
     return Frame(document, {**arrays, **shape_arrays})
 
 
-def _thinned(arrays: dict[str, FloatArray]) -> dict[str, FloatArray]:
+def answered(arguments: dict[str, Any]) -> tuple[Run, Run | None, Actuator, str | None]:
+    """The answer, the run that it is laid over, the actuator with its changes, and a hold that had to be assumed.
+
+    Raises
+    ------
+    InputError
+        What ``simulate`` refuses, or more rows than an interactive answer can have.
+    """
+    from ipmclab.errors import InputError
+    from ipmclab.model.simulate import simulate
+    from ipmclab.signals.text import parse
+
+    actuator = _actuator(arguments["actuator"], _stamp(arguments["actuator"]))
+    changes = arguments.get("changes") or {}
+    changed = actuator.replace(**changes) if changes else actuator
+    if arguments.get("run"):
+        measured, assumed_hold = _measured(arguments["run"], _stamp(arguments["run"])), None
+        if measured.hold == "unknown":
+            from dataclasses import replace
+
+            measured, assumed_hold = replace(measured, hold="zero-before"), "zero-before"
+        return simulate(changed, measured), measured, changed, assumed_hold
+    duration, rate = float(arguments.get("duration", 40.0)), float(arguments.get("rate", 50.0))
+    if duration * rate > MOST_ROWS:
+        raise InputError(
+            f"{duration * rate:.0f} rows, at most {MOST_ROWS} follow a slider",
+            code="too-many-rows",
+            where="rate",
+            repair="give a shorter duration or a lower rate, or use ipmclab simulate",
+        )
+    signal = parse(arguments["signal"], folder=arguments.get("folder", ""))
+    run_ = simulate(changed, signal, duration=duration, rate=rate, hold=arguments.get("hold", "zero"))
+    return run_, None, changed, None
+
+
+def thinned_where_long(arrays: dict[str, FloatArray]) -> dict[str, FloatArray]:
     """Each curve at times of its own, without losing a peak: a slider must not wait for a long record to be sent."""
     from ipmclab.page.thin import thin
 
+    if len(arrays["time"]) <= _MOST_SENT:
+        return arrays
     found: dict[str, FloatArray] = {}
     for name, values in arrays.items():
         if name != "time":

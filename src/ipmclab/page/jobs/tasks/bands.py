@@ -1,0 +1,33 @@
+"""How sure a fitted actuator is of what it answers, as areas around its curves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.jobs.tasks import Progress
+from ipmclab.page.wire import FloatArray
+
+
+def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001  # it takes some milliseconds
+    """The 95 % band of the answer that the task ``simulate`` gives with the same arguments and no changes.
+
+    Arrays are ``OUTPUT.low`` and ``OUTPUT.high`` in SI units, at the rows of that answer, or at times of their own.
+    ``label`` is empty where there is no band; ``sentences`` say why, and what a band holds for.
+    """
+    from ipmclab.identify.many_runs.answer import sure_answer
+    from ipmclab.page.jobs.tasks.simulate import answered, thinned_where_long
+
+    answer, measured, actuator, _ = answered({**arguments, "changes": {}})
+    sure = sure_answer(actuator, answer, named=arguments["actuator"])
+    if sure is None:
+        return Frame({"label": "", "sentences": []}, {})
+    mounting = measured.metadata.mounting_id if measured is not None else None
+    of_next = sure.here is None or (mounting is not None and mounting not in sure.mountings)
+    bands = sure.following if of_next and sure.following is not None else sure.here
+    arrays: dict[str, FloatArray] = {"time": answer.time}
+    for name in bands.predicted if bands is not None else ():
+        reach = bands.reach(name, of_readings=False) if bands is not None else 0.0
+        arrays |= {f"{name}.low": answer.channels[name] - reach, f"{name}.high": answer.channels[name] + reach}
+    label = "" if bands is None else "95 % at the next mounting" if bands is sure.following else "95 % of the answer"
+    return Frame({"label": label, "sentences": sure.sentences()}, thinned_where_long(arrays))
