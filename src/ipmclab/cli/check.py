@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -119,16 +118,14 @@ def _conflicts(strip: str, runs: Sequence[Run]) -> tuple[Finding, ...]:
     """The cross-checks on one actuator; to a sample of the thesis belongs what the thesis states of it."""
     from ipmclab import load_actuator, read_fit
     from ipmclab.data import published_sample
-    from ipmclab.identify.consistency import cross_check, published_facts
+    from ipmclab.identify.consistency import cross_check, published_of
 
     model = load_actuator(strip)
     fit = read_fit(strip) if model.fit_table is not None else None
-    published = None if Path(strip).exists() else re.fullmatch(r"friend-([1-7])", strip.partition("+")[0].strip())
-    if published is None:
-        found = cross_check(model, runs, fit=fit)
-    else:
-        number = int(published.group(1))
-        sample = model.sample or published_sample(number)
-        found = cross_check(model, runs, fit=fit, facts=published_facts(number), sample=sample)
+    facts = () if Path(strip).exists() else published_of(strip)
+    sample = model.sample
+    if sample is None and facts and facts[0].sample is not None:
+        sample = published_sample(int(facts[0].sample.removeprefix("friend-")))
+    found = cross_check(model, runs, fit=fit, facts=facts, sample=sample)
     # What the runs say of each other stands under "together".
     return tuple(finding for finding in found if not (finding.code == "prefix-disagrees" and "until" in finding.values))

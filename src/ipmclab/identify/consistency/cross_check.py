@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
+from ipmclab.identify.consistency.against_motion import PUSHED, RANG, push_against_motion, resonance_against_motion
 from ipmclab.identify.consistency.capacitance import CODE as CAPACITANCE
 from ipmclab.identify.consistency.capacitance import capacitance_out_of_range
 from ipmclab.identify.consistency.dry_mass import CODE as DRY_MASS
@@ -20,13 +21,13 @@ from ipmclab.identify.consistency.peak import peak_above_series_resistance
 from ipmclab.identify.consistency.prefix import CODE as PREFIX
 from ipmclab.identify.consistency.prefix import compared_runs, prefix_of_facts, prefix_of_runs
 from ipmclab.identify.consistency.push import CODE as PUSH
-from ipmclab.identify.consistency.push import push_against_stiffness
+from ipmclab.identify.consistency.push import push_against_stiffness, pushes
 from ipmclab.identify.consistency.ratio import CODE as RATIO
 from ipmclab.identify.consistency.ratio import sine_against_step
 from ipmclab.identify.consistency.states import CODE as STATES
 from ipmclab.identify.consistency.states import two_states
 from ipmclab.identify.consistency.stiffness import CODE as STIFFNESS
-from ipmclab.identify.consistency.stiffness import motion_against_stiffness
+from ipmclab.identify.consistency.stiffness import motion_against_stiffness, motions_of
 from ipmclab.identify.consistency.thickness import CODE as THICKNESS
 from ipmclab.identify.consistency.thickness import thickness_against_membrane
 from ipmclab.identify.consistency.water import CODE as WATER
@@ -47,6 +48,8 @@ CHECKS: Final = (
     STIFFNESS,
     PUSH,
     FLICK,
+    PUSHED,
+    RANG,
     PEAK,
     STATES,
     PREFIX,
@@ -104,17 +107,20 @@ def cross_check(
     mine = {place for place, run in enumerate(runs) if own in (None, _sample_of(run) or own)}
     together = [one for one in compared_runs(runs) if {one.values["first"], one.values["second"]} <= mine]
     compared = {(int(one.values["first"] or 0), int(one.values["second"] or 0)) for one in together}
-    of_runs = (*facts_of_runs(runs), *flicks(runs))
+    of_runs = (*facts_of_runs(runs), *pushes(runs), *flicks(runs))
     every = (*facts, *(fact for fact in of_runs if fact.place in mine))
+    motions = motions_of(known, every)
     return (
         *density_against_mass(known),
         *thickness_against_membrane(known),
         *dry_mass_against_layers(known),
         *water_uptake(known),
         *capacitance_out_of_range(known),
-        *motion_against_stiffness(known, every),
+        *motion_against_stiffness(known, motions),
         *push_against_stiffness(known, every),
         *resonance_against_stiffness(known, every),
+        *push_against_motion(known, every, motions),
+        *resonance_against_motion(known, every, motions),
         *peak_above_series_resistance(known, every),
         *two_states(every, compared),
         *prefix_of_runs(together, runs, _outputs(fit)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +11,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from ipmclab.data import published_measurements
+from ipmclab.data import measured_contacts, published_measurements
 from ipmclab.quality import measure, period_of
 from ipmclab.quality.check import check_record
 from ipmclab.quality.kept import kept
@@ -21,13 +22,19 @@ from ipmclab.units import CHANNELS
 Waveform = Literal["step", "sine", "square", "push", "flick"]
 
 READ_OFF: Final = 0.02
-"""Relative standard uncertainty of a number in a text: two or three digits, read from a record with noise."""
+"""Relative standard uncertainty of a number in a text, beside its last digit: read from a record with noise."""
 
 REPEATS: Final = 0.03
 """Relative standard uncertainty that a number of a run has beside its noise: gains, and where exactly it was read."""
 
 READ_BY: Final = 5.0
-"""Published largest displacements and forces of steps were read by then [s]; later they relax (Friend, chapter 5)."""
+"""Largest displacements and forces of sample 2 were read by then [s]; later they relax (Friend, chapter 5)."""
+
+READ_UNTIL: Final = 40.0
+"""Those of the other samples may have been read as late as that [s]: nothing says when."""
+
+_RIPPLE: Final = 0.1
+"""A first maximum of displacement or force before that [s] is a ripple of the edge, not how far the strip went."""
 
 _SAME: Final = 0.02
 _STEADY: Final = 0.1
@@ -65,6 +72,8 @@ class Fact:
         Whether the instrument clipped, so that the truth may be larger.
     place : int, optional
         Of the run in the call; None for a number that does not come from a run.
+    doubts : str
+        What is wrong with how it was measured.
     """
 
     sample: str | None
@@ -80,6 +89,7 @@ class Fact:
     time: float | None = None
     at_least: bool = False
     place: int | None = None
+    doubts: str = ""
 
     @property
     def signal(self) -> str:
@@ -108,15 +118,15 @@ def _near(one: float | None, other: float | None) -> bool:
     return abs(one - other) <= _SAME * max(abs(one), abs(other))
 
 
-def published_facts(sample: int, *, conditions: str = "room") -> tuple[Fact, ...]:
+def published_facts(sample: int, *, conditions: str | None = None) -> tuple[Fact, ...]:
     """What Friend's thesis states of one of its samples.
 
     Parameters
     ----------
     sample : int
         The thesis's number, 1 to 7.
-    conditions : str
-        ``"room"``, or for example ``"20 degC, 80 %RH"``.
+    conditions : str, optional
+        ``"room"``, or for example ``"20 degC, 80 %RH"``; those of most of its runs where it is left out.
 
     Examples
     --------
@@ -124,7 +134,10 @@ def published_facts(sample: int, *, conditions: str = "room") -> tuple[Fact, ...
     [0.2048, 0.06701]
     """
     facts = []
-    for row in published_measurements(sample, conditions=conditions):
+    rows = published_measurements(sample, conditions=conditions or "room")
+    if conditions is None and not rows:
+        rows = published_measurements(sample, conditions="20 degC, 80 %RH")
+    for row in rows:
         value = row.value(CHANNELS[row.metric.rpartition("_")[2]])
         facts.append(
             Fact(
@@ -132,16 +145,54 @@ def published_facts(sample: int, *, conditions: str = "room") -> tuple[Fact, ...
                 waveform=_waveform(row.waveform),
                 metric=row.metric,
                 value=value,
-                uncertainty=READ_OFF * value,
+                uncertainty=math.hypot(READ_OFF * value, _rounding(row.number) * value),
                 amplitude=row.amplitude,
                 frequency=row.frequency,
                 where=f"figure {row.figure}",
                 beside=row.measured,
                 conditions=row.conditions,
+                time=READ_BY if sample == 2 and row.waveform == "step" else None,
                 at_least=row.qualifier == "lower_bound",
             )
         )
     return tuple(facts)
+
+
+def published_of(actuator: str) -> tuple[Fact, ...]:
+    """What Friend's thesis states of a strip of the library, or of a variant of one.
+
+    Of a strip that was identified from printed numbers those of its own figures count: another state of the same
+    sample is another strip.
+
+    Parameters
+    ----------
+    actuator : str
+        Name in the library.
+
+    Examples
+    --------
+    >>> len(published_of("friend-3-measured+relaxation.displacement")), published_of("mine")
+    (14, ())
+    """
+    name = actuator.partition("+")[0].strip()
+    sample = re.fullmatch(r"friend-([1-7])(-measured.*)?", name)
+    if sample is None:
+        return ()
+    facts = published_facts(int(sample.group(1)))
+    figures = {f"figure {figure}" for figure in measured_contacts(name)}
+    return tuple(fact for fact in facts if fact.where in figures) if figures else facts
+
+
+def _rounding(number: str) -> float:
+    """Relative standard uncertainty of a printed number by its last digit.
+
+    Examples
+    --------
+    >>> round(_rounding("7 mA"), 3), round(_rounding("67.01 mA"), 6)
+    (0.041, 4.3e-05)
+    """
+    digits = number.split()[0]
+    return 0.5 * 10.0 ** -len(digits.partition(".")[2]) / math.sqrt(3.0) / abs(float(digits))
 
 
 def _waveform(text: str) -> Waveform:
@@ -204,6 +255,8 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
     for metric in metrics:
         name = names.get((waveform, metric.name, metric.channel))
         if name is None or metric.channel in noise:
+            continue
+        if waveform == "step" and name.startswith("max_") and times.get(metric.channel, _RIPPLE) < _RIPPLE:
             continue
         low, high = metric.interval or (metric.value, metric.value)
         yield Fact(

@@ -10,6 +10,7 @@ import numpy as np
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
 from ipmclab.identify.consistency.facts import Fact, label_of
 from ipmclab.identify.consistency.known import Known, Values
+from ipmclab.identify.consistency.push import push_of
 from ipmclab.model.stages.beam import resonance
 from ipmclab.quality.noise import noise_level
 from ipmclab.quality.record import NO_VOLTAGE
@@ -21,6 +22,9 @@ NAMES = ("beam.modulus", "beam.density", "geometry.thickness", "geometry.free_le
 _ROWS_OF_A_PERIOD = 8.0
 _PERIODS = 3.0
 _STANDS_OUT = 10.0
+_LEAST_DECAY = 1e-3
+"""Of the angular frequency: what moves on and on is moved."""
+
 _CLAMP = 0.01
 """Relative: a clamp gives way a little, and the air moves with the strip."""
 
@@ -40,6 +44,8 @@ def flicks(runs: Sequence[Run]) -> tuple[Fact, ...]:
     for place, run in enumerate(runs):
         if run.displacement is None or np.abs(run.voltage).max() > NO_VOLTAGE or not run.is_uniform:
             continue
+        if push_of(run) is not None:
+            continue  # moved to and fro by hand, it does not ring
         ring = ring_of(run.displacement, run.rate)
         if ring is not None:
             sample = run.metadata.sample.id if run.metadata.sample else None
@@ -100,7 +106,7 @@ def ring_of(displacement: FloatArray, rate: float) -> tuple[float, float] | None
     spread = float(np.std(left))
     if not (rows >= _ROWS_OF_A_PERIOD and len(values) >= _PERIODS * rows and spread < 0.2 * height):
         return None
-    if height < _STANDS_OUT * noise or decay > turning / _PERIODS:
+    if height < _STANDS_OUT * noise or not _LEAST_DECAY < decay / turning < 1.0 / _PERIODS:
         return None
     curvature = fitted.jac.T @ fitted.jac
     error = math.sqrt(float(np.linalg.inv(curvature)[1, 1])) * spread / size

@@ -50,7 +50,7 @@ def two_states(facts: Sequence[Fact], compared: Collection[tuple[int, int]] = ()
             CODE,
             f"under the same {large.signal} the {large.metric.replace('_', ' ')} is {bound}{more} in "
             f"{_run_of(large)} and {less} in {_run_of(small)}, {large.value / small.value:.2g} times: "
-            f"{how_sure(sigmas)}; the strip was in two states{also}",
+            f"{how_sure(sigmas)}; the strip, or its clamping, was in two states{also}",
             "record one step twice in one mounting, displacement and force one after the other at the same humidity: "
             "if the currents agree, hydration or clamping made the difference, and no one parameter set fits both",
             found=more,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,40 +32,96 @@ def stiffness(values: Values) -> float:
     )
 
 
-def motion_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Finding]:
-    """``motion-against-stiffness``: blocked force over free displacement under one voltage is not the model's.
+@dataclass(frozen=True)
+class Motion:
+    """Blocked force and free displacement under one voltage.
 
-    In the base model that ratio is the stiffness at the sensing point for every signal; with slow modes it is read from
-    the model as it was measured. A step is told before a sine or a square.
+    Parameters
+    ----------
+    force, motion : Fact
+    measured : Amount [N/m]
+        Their ratio.
+    model : float [N/m]
+        The same ratio of the model.
+    slow : float
+        Relative standard uncertainty of ``model`` over the stiffness of the model, from its slow modes.
     """
+
+    force: Fact
+    motion: Fact
+    measured: Amount
+    model: float
+    slow: float
+
+    @property
+    def said(self) -> str:
+        """What it was made of: ``"1.3 mN in figure 5.18 over 3.7 mm in figure 5.15"``."""
+        force, motion = self.force, self.motion
+        return f"{_milli(force.value)} mN in {force.where} over {_milli(motion.value)} mm in {motion.where}"
+
+    @property
+    def order(self) -> int:
+        """A step is told before a sine or a square."""
+        return ("step", "sine", "square").index(self.force.waveform)
+
+
+def motions_of(known: Known, facts: Sequence[Fact]) -> list[Motion]:
+    """Every force with a displacement under the same voltage; without those of which only a bound was read."""
     forces = [fact for fact in facts if fact.metric == "max_force"]
     motions = [fact for fact in facts if fact.metric == "max_displacement"]
     pairs = [(force, motion) for force in forces for motion in motions if force.like(motion)]
     # A run that has both is no partner for another.
     own = {one.where for one, other in pairs if one.where == other.where}
-    pairs = [pair for pair in pairs if pair[0].where == pair[1].where or not {pair[0].where, pair[1].where} & own]
     found = []
     for force, motion in pairs:
-        ratio = force.value / motion.value
+        together = force.where == motion.where or not {force.where, motion.where} & own
+        if not together or force.at_least or motion.at_least:
+            continue
+        value = force.value / motion.value
         relative = math.hypot(force.uncertainty / force.value, motion.uncertainty / motion.value)
-        measured = Amount(ratio, relative * ratio, "N/m")
-        model = predicted(known.actuator, force) / predicted(known.actuator, motion)
-        spread = known.spread(stiffness, NAMES) / stiffness(known.values)
-        expected = Amount(model, spread * model, "N/m")
-        sigmas = apart(measured, expected)
-        if sigmas > SURE and not (force.at_least or motion.at_least):
-            found.append((("step", "sine", "square").index(force.waveform), sigmas, measured, expected, force, motion))
+        model = _ratio(known.actuator, force, motion)
+        slow = [name for name in known.values if name.startswith(("relaxation.", "viscoelastic."))]
+
+        def ratio(
+            values: Values, force: Fact = force, motion: Fact = motion, slow: Sequence[str] = tuple(slow)
+        ) -> float:
+            return _ratio(known.actuator.replace(**{name: values[name] for name in slow}), force, motion)
+
+        found.append(
+            Motion(force, motion, Amount(value, relative * value, "N/m"), model, known.spread(ratio, slow) / model)
+        )
+    return found
+
+
+def _ratio(actuator: Actuator, force: Fact, motion: Fact) -> float:
+    return predicted(actuator, force) / predicted(actuator, motion)
+
+
+def motion_against_stiffness(known: Known, motions: Sequence[Motion]) -> list[Finding]:
+    """``motion-against-stiffness``: blocked force over free displacement under one voltage is not the model's.
+
+    In the base model that ratio is the stiffness at the sensing point for every signal; with slow modes it is read from
+    the model as it was measured. A step is told before a sine or a square.
+    """
+    found = []
+    spread = known.spread(stiffness, NAMES) / stiffness(known.values)
+    for one in motions:
+        expected = Amount(one.model, math.hypot(spread, one.slow) * one.model, "N/m")
+        sigmas = apart(one.measured, expected)
+        if sigmas > SURE:
+            found.append((one.order, sigmas, one.measured, expected, one))
     if not found:
         return []
     found.sort(key=lambda one: (one[0], -one[1]))
-    _, sigmas, measured, expected, force, motion = found[0]
+    _, sigmas, measured, expected, worst = found[0]
+    motion = worst.motion
     modulus = known.values["beam.modulus"] * measured.value / expected.value
     gain = known.values["coupling.gain"] * motion.value / predicted(known.actuator, motion)
     softer = known.actuator.replace(**{"beam.modulus": modulus, "coupling.gain": gain})
     now, then = (resonance(one.parameter_values).frequency for one in (known.actuator, softer))
     rings = sorted((ring_of_step(known.actuator), ring_of_step(softer)))
     rest = [
-        f"{one[4].waveform} {known.values['beam.modulus'] * one[2].value / one[3].value * 1e-6:.3g} MPa"
+        f"{one[4].force.waveform} {known.values['beam.modulus'] * one[2].value / one[3].value * 1e-6:.3g} MPa"
         for one in found[1:]
     ]
     also = f"; likewise {', '.join(rest)}" if rest else ""
@@ -77,10 +134,9 @@ def motion_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Findin
     return [
         conflict(
             CODE,
-            f"force over displacement is {measured} ({_milli(force.value)} mN in {force.where} over "
-            f"{_milli(motion.value)} mm in {motion.where}), the stiffness of the model says {expected}: "
-            f"{how_sure(sigmas)}; the measured ratio needs a modulus of {modulus * 1e-6:.3g} MPa in place of "
-            f"{known.values['beam.modulus'] * 1e-6:.4g} MPa{also}" + known.taken(NAMES),
+            f"force over displacement is {measured} ({worst.said}), the stiffness of the model says "
+            f"{expected}: {how_sure(sigmas)}; the measured ratio needs a modulus of {modulus * 1e-6:.3g} MPa in place "
+            f"of {known.values['beam.modulus'] * 1e-6:.4g} MPa{also}" + known.taken(NAMES),
             f"flick the strip at 0 V with the laser at 1 kS/s: it rings at {now:.3g} Hz if the modulus is right and at "
             f"{then:.3g} Hz if the motion is{useless}",
             found=measured,

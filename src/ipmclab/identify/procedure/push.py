@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ _TURN: Final = 0.1  # of the whole travel, by which a push has to go back to hav
 _SURE: Final = 1e-3
 _BENT: Final = 0.05  # change of the slope over a push from which it counts
 _LOOP: Final = 0.02  # width of the loop, as a part of the force, from which it counts
+_CORNERS: Final = np.linspace(0.04, 0.8, 20)  # of the travel, at which contact is sought
+_EDGE: Final = 0.05  # of the travel in contact, left out where it begins: the corner is known no better
+_CHANCE: Final = 6.0  # variances by which a straight line bends by chance
 _FAR: Final = 0.2  # of the length: beyond it the beam equation no longer holds
 
 
@@ -99,6 +102,74 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
     neighbours that hang together as many as are independent), half the difference between the slopes in and out, and
     the scales.
     """
+    x, f, ways, touching, perhaps = in_contact(push)
+    findings: list[Finding] = []
+    missed = int(np.count_nonzero(~touching))
+    if missed:
+        findings.append(
+            Finding(
+                "push-without-contact",
+                "info",
+                f"in {missed} of {len(x)} readings the load cell did not touch the strip yet: they were left out",
+                "",
+                samples=_ranges(~touching),
+            )
+        )
+    bent = None if perhaps is None else _line(x[perhaps], f[perhaps], ways[perhaps])[0]
+    x, f, ways = x[touching], f[touching], ways[touching]
+    slope, error, residual = _line(x, f, ways)
+    if not slope > 0.0:
+        raise InputError(
+            f"the slope of the force is {slope:.3g} N/m: a strip pushes back",
+            code="out-of-range",
+            where="modulus.force",
+            repair="give the force as positive where the displacement grows",
+        )
+    parts = {"scatter of the push": error}
+    findings += _bent(x, f, ways)
+    loop = _loop(x, f, ways, slope, residual)
+    if bent is not None:
+        # Either it touched all the time or it did not: the mean of the two, as far from each.
+        parts["where the push touches"] = 0.5 * abs(bent - slope)
+        slope = 0.5 * (bent + slope)
+    parts["calibration of the push"] = slope * push.calibration
+    if loop is not None:
+        half, finding = loop
+        parts["hysteresis of the push"] = half
+        findings += [finding] if finding is not None else []
+    else:
+        findings.append(
+            Finding(
+                "push-one-way",
+                "info",
+                "the push goes one way only: friction and creep cannot be told from stiffness",
+                "read it on the way back too",
+            )
+        )
+    return Uncertain(slope, {source: part for source, part in parts.items() if part}), tuple(findings)
+
+
+class Contact(NamedTuple):
+    """A push towards positive: its readings, the way, in or out, of each, and whether the load cell touched then.
+
+    ``perhaps`` is there where that is open: then it touched in all of them, or only in these.
+    """
+
+    displacement: FloatArray
+    force: FloatArray
+    ways: npt.NDArray[np.intp]
+    touching: npt.NDArray[np.bool_]
+    perhaps: npt.NDArray[np.bool_] | None
+
+
+def in_contact(push: Push) -> Contact:
+    """Where the load cell touches the strip; a push towards negative is turned round.
+
+    Raises
+    ------
+    InputError
+        Too few readings, no travel, readings that are missing.
+    """
     x, f = push.displacement, push.force
     if len(x) < _FEWEST:
         raise InputError(
@@ -117,45 +188,7 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
     if -float(np.min(x)) > float(np.max(x)) and -float(np.min(f)) > float(np.max(f)):
         x, f = -x, -f  # a push towards negative: the contact is sought on the far side of the travel
     ways = _ways(x)
-    touching = _touching(x, f, ways)
-    findings: list[Finding] = []
-    missed = int(np.count_nonzero(~touching))
-    if missed:
-        findings.append(
-            Finding(
-                "push-without-contact",
-                "info",
-                f"in {missed} of {len(x)} readings the load cell did not touch the strip yet: they were left out",
-                "",
-                samples=_ranges(~touching),
-            )
-        )
-    x, f, ways = x[touching], f[touching], ways[touching]
-    slope, error, residual = _line(x, f, ways)
-    if not slope > 0.0:
-        raise InputError(
-            f"the slope of the force is {slope:.3g} N/m: a strip pushes back",
-            code="out-of-range",
-            where="modulus.force",
-            repair="give the force as positive where the displacement grows",
-        )
-    parts = {"scatter of the push": error, "calibration of the push": slope * push.calibration}
-    findings += _bent(x, f, ways)
-    loop = _loop(x, f, ways, slope, residual)
-    if loop is not None:
-        half, finding = loop
-        parts["hysteresis of the push"] = half
-        findings += [finding] if finding is not None else []
-    else:
-        findings.append(
-            Finding(
-                "push-one-way",
-                "info",
-                "the push goes one way only: friction and creep cannot be told from stiffness",
-                "read it on the way back too",
-            )
-        )
-    return Uncertain(slope, {source: part for source, part in parts.items() if part}), tuple(findings)
+    return Contact(x, f, ways, *_touching(x, f, ways))
 
 
 def _ways(x: FloatArray) -> npt.NDArray[np.intp]:
@@ -176,24 +209,34 @@ def _ways(x: FloatArray) -> npt.NDArray[np.intp]:
     return ways
 
 
-def _touching(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    """Which readings were taken in contact: before, the force does not depend on the displacement.
+def _touching(
+    x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_] | None]:
+    """Which readings were taken in contact, and which perhaps were: before, the force does not depend on the travel.
 
-    The bend of a line that is flat at first is sought; it counts where it leaves far less than a straight one.
+    The bend of a line that is flat at first is sought; it counts where it leaves far less than a straight one, and is
+    open where it leaves less than chance would.
     """
     best, where = _squares(x, f, ways), -math.inf
     plain = best
-    for corner in np.quantile(x, np.linspace(0.05, 0.7, 27)):
-        left = _squares(np.maximum(x, corner), f, ways)
-        if left < best:
-            best, where = left, float(corner)
-    free = max(len(x) - 4, 1)
+    # A record that rests for long has most of its readings at one place, a table has few over its travel.
+    low, travel = float(np.min(x)), float(np.ptp(x))
+    corners = np.sort(np.concatenate([np.quantile(x, np.linspace(0.05, 0.7, 27)), low + travel * _CORNERS]))
+    for _ in range(2):
+        sums = [_squares(np.maximum(x, corner), f, ways) for corner in corners]
+        place = int(np.argmin(sums))
+        if sums[place] < best:
+            best, where = sums[place], float(corners[place])
+        corners = np.linspace(corners[max(place - 1, 0)], corners[min(place + 1, len(corners) - 1)], 9)
+    everything = np.ones(len(x), dtype=np.bool_)
     # A straight line that bends by chance does so by a few variances.
-    if plain - best <= max(16.0 * best / free, 1e-9 * float(np.ptp(f)) ** 2) or best > 0.5 * plain:
-        return np.ones(len(x), dtype=np.bool_)
-    touching = x > where
-    enough = np.count_nonzero(touching) >= _FEWEST
-    return touching if enough else np.ones(len(x), dtype=np.bool_)
+    variance, least = best / max(len(x) - 4, 1), 1e-9 * float(np.ptp(f)) ** 2
+    touching = x > where + _EDGE * (float(np.max(x)) - where) if where > -math.inf else everything
+    if plain - best <= max(_CHANCE * variance, least) or np.count_nonzero(touching) < _FEWEST:
+        return everything, None
+    if plain - best <= 16.0 * variance or best > 0.5 * plain:
+        return everything, touching
+    return touching, None
 
 
 def _columns(ways: npt.NDArray[np.intp]) -> FloatArray:

@@ -1,0 +1,131 @@
+"""Force over displacement against other measurements of the same stiffness: whatever modulus the model has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
+from ipmclab.identify.consistency.facts import Fact
+from ipmclab.identify.consistency.flick import NAMES as OF_RING
+from ipmclab.identify.consistency.known import Known, Values
+from ipmclab.identify.consistency.push import doubted
+from ipmclab.identify.consistency.stiffness import Motion, stiffness
+from ipmclab.model.stages.beam import resonance
+from ipmclab.run import Finding
+
+PUSHED = "push-against-motion"
+RANG = "resonance-against-motion"
+_POINT = ("geometry.sensing_length",)
+_MASS = (*(name for name in OF_RING if name != "beam.modulus"), "geometry.width", *_POINT)
+
+
+def push_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[Motion]) -> list[Finding]:
+    """``push-against-motion``: the slope of a push is not blocked force over free displacement under one voltage.
+
+    Both are the stiffness at the sensing point, so that the modulus of the model does not count. Where the model has
+    slow modes, by which force and displacement differ, its ratio over its stiffness is taken off. They are known at
+    one point as far as the sensing length is.
+    """
+    at_point = known.spread(stiffness, _POINT) / stiffness(known.values)
+    found = []
+    for push in (fact for fact in facts if fact.metric == "stiffness"):
+        for one in motions:
+            if push.conditions != one.force.conditions:
+                continue
+            still = _static(known, one)
+            pushed = Amount(push.value, math.hypot(push.uncertainty, at_point * push.value), "N/m")
+            sigmas = apart(still, pushed)
+            if sigmas > SURE:
+                found.append((one.order, sigmas, still, pushed, push, one))
+    if not found:
+        return []
+    found.sort(key=lambda each: (each[0], -each[1]))
+    _, sigmas, still, pushed, push, one = found[0]
+    others = [f"{each[5].force.waveform} {each[2].number} against {each[3].number}" for each in found[1:]]
+    also = f"; likewise {', '.join(others)}" if others else ""
+    if_pushed, if_moved = _ring(known, pushed.value), _ring(known, still.value)
+    return [
+        conflict(
+            PUSHED,
+            f"force over displacement is {still} ({one.said}{_taken_off(known, one)}), {push.where or 'the push'} "
+            f"gives {pushed}, {_times(pushed, still)}: {how_sure(sigmas)}, whatever modulus the model has{also}"
+            f"{doubted(push)}" + known.taken(_POINT),
+            f"flick the strip at 0 V with the laser at 1 kS/s: it rings at {if_pushed:.3g} Hz if the push is right and "
+            f"at {if_moved:.3g} Hz if the motion is; if the push is right, record force and displacement of one step "
+            "in one mounting: the strip may have been in two states",
+            found=still,
+            expected=pushed,
+            sigmas=sigmas,
+            more={"resonance": if_pushed, "implied_resonance": if_moved},
+        )
+    ]
+
+
+def resonance_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[Motion]) -> list[Finding]:
+    """``resonance-against-motion``: the strip does not ring as force over displacement says.
+
+    Density and dimensions give the mass, blocked force over free displacement the stiffness: the modulus of the model
+    cancels.
+    """
+
+    def of_one(values: Values) -> float:
+        return resonance(values).frequency / math.sqrt(stiffness(values))
+
+    mass = known.spread(of_one, _MASS) / of_one(known.values)
+    found = []
+    for flick in (fact for fact in facts if fact.metric == "resonance"):
+        for one in motions:
+            if flick.conditions != one.force.conditions:
+                continue
+            still = _static(known, one)
+            frequency = _ring(known, still.value)
+            expected = Amount(frequency, math.hypot(0.5 * still.uncertainty / still.value, mass) * frequency, "Hz")
+            rings = Amount(flick.value, flick.uncertainty, "Hz")
+            sigmas = apart(rings, expected)
+            if sigmas > SURE:
+                found.append((one.order, sigmas, rings, expected, flick, one))
+    if not found:
+        return []
+    found.sort(key=lambda each: (each[0], -each[1]))
+    _, sigmas, rings, expected, flick, one = found[0]
+    others = [f"{each[5].force.waveform} {each[2].number} against {each[3].number}" for each in found[1:]]
+    also = f"; likewise {', '.join(others)}" if others else ""
+    still = _static(known, one)
+    if_rung = still.value * (rings.value / expected.value) ** 2
+    return [
+        conflict(
+            RANG,
+            f"{flick.where or 'the flick'}: the strip rings at {rings}, but with force over displacement of {still} "
+            f"({one.said}{_taken_off(known, one)}) and its mass it would ring at {expected}: {how_sure(sigmas)}, "
+            f"whatever modulus the model has{also}" + known.taken(_MASS),
+            f"push the strip at the sensing point with the load cell at 0 V, in and out: the slope is {if_rung:.3g} "
+            f"N/m if the flick is right and {still.value:.3g} N/m if the motion is; weigh the strip, too",
+            found=rings,
+            expected=expected,
+            sigmas=sigmas,
+            channel="displacement",
+            more={"stiffness": still.value, "implied_stiffness": if_rung},
+        )
+    ]
+
+
+def _static(known: Known, one: Motion) -> Amount:
+    """The stiffness [N/m] that a force over a displacement says, without what the model's slow modes add."""
+    share = stiffness(known.values) / one.model
+    value = share * one.measured.value
+    return Amount(value, math.hypot(share * one.measured.uncertainty, one.slow * value), "N/m")
+
+
+def _taken_off(known: Known, one: Motion) -> str:
+    share = one.model / stiffness(known.values)
+    return f", less the slow modes of the model, {share:.3g} times" if abs(share - 1.0) > 0.01 else ""
+
+
+def _times(large: Amount, small: Amount) -> str:
+    return f"{large.value / small.value:.2g} times it"
+
+
+def _ring(known: Known, still: float) -> float:
+    """Resonance [Hz] with another stiffness at the sensing point."""
+    return resonance(known.values).frequency * math.sqrt(still / stiffness(known.values))
