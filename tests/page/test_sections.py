@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ipmclab import Run, load_actuator, read_run, simulate, write_run
+from ipmclab import Run, load_actuator, read_fit, read_run, simulate, write_run
 from ipmclab.errors import InputError
 from ipmclab.page import curves
 from ipmclab.page.commands import identify_step, import_step, report_step, simulate_step, validate_step
@@ -26,7 +26,7 @@ from ipmclab.page.jobs.tasks.preview import guess_channels, guess_layout
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows, told_runs
-from ipmclab.page.workshop import Workshop
+from ipmclab.page.workshop import FitRequest, Workshop
 from ipmclab.store.catalogue.catalogue import Catalogue
 from ipmclab.store.catalogue.query import CatalogueRow
 from ipmclab.units import CURRENT
@@ -353,9 +353,33 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
     assert import_step("a.csv", "a.map.toml", "a.nc").command == "ipmclab import a.csv --map a.map.toml --out a.nc"
 
 
-def test_fits_are_bounded_and_the_oldest_that_is_over_goes(workshop: Workshop) -> None:
-    from ipmclab.page.workshop import FitRequest
+def test_a_parameter_of_each_mounting_is_one_in_command_python_and_worker(workshop: Workshop, monkeypatch) -> None:
+    from ipmclab.cli.app import run as run_command
 
+    monkeypatch.chdir(workshop.lab.root)
+    contact = "circuit.contact_resistance"
+    asked = FitRequest(
+        name="each", actuator="friend-2", runs=("a.nc", "b.nc"), free=(), per_mounting=(contact,), prior=()
+    )
+    for name, source, mounting in (("a", "step", "one"), ("b", "sine", "two")):
+        run = read_run(workshop.lab.root / "runs" / f"{source}.nc")
+        write_run(replace(run, metadata=replace(run.metadata, mounting_id=mounting)), f"{name}.nc")
+    names = [f"{contact}[mounting one]", f"{contact}[mounting two]"]
+    told = workshop.identify(asked).job.future.result(60.0).document
+    assert [row["name"] for row in told["parameters"]] == names
+    step = identify_step("friend-2", asked.runs, (), (), (contact,), out="each.toml")
+    assert f"--free {contact} --per-mounting {contact}" in step.command
+    exec(step.python, {})
+    assert list(read_fit("each.toml").parameters) == names
+    assert run_command([*shlex.split(step.command)[1:], "--force"]) == 0
+    assert list(read_fit("each.toml").parameters) == names
+    failed = workshop.identify(replace(asked, runs=("runs/step.nc",))).job.future.exception(60.0)
+    assert isinstance(failed, InputError)
+    assert failed.code == "no-mounting"
+    assert "this run does not say of which it is" in failed.message
+
+
+def test_fits_are_bounded_and_the_oldest_that_is_over_goes(workshop: Workshop) -> None:
     def ask(name: str) -> FitRequest:
         return FitRequest(name=name, actuator="no-such-actuator", runs=("runs/step.nc",), free=("electrical",))
 

@@ -28,10 +28,11 @@ def identify_step(
     runs: Sequence[str],
     free: Sequence[str],
     per_run: Sequence[str] = (),
+    per_mounting: Sequence[str] = (),
     prior: Sequence[str] = (),
     out: str = "fitted.toml",
 ) -> Step:
-    """Identify.
+    """Identify. What each run or mounting has for itself is free by that; the command wants something in ``free`` too.
 
     Examples
     --------
@@ -39,11 +40,12 @@ def identify_step(
     >>> step.command
     "ipmclab identify friend-2 'runs/a b.nc' --free electrical --out fitted.toml"
     """
+    free = free or [*per_run, *per_mounting]
     command = ["ipmclab", "identify", actuator, *runs, "--free", ",".join(free)]
     own = ""
-    for option, name, names in (("--per-run", "per_run", per_run), ("--prior", "prior", prior)):
+    for name, names in {"per_run": per_run, "per_mounting": per_mounting, "prior": prior}.items():
         if names:
-            command += [option, ",".join(names)]
+            command += [f"--{name.replace('_', '-')}", ",".join(names)]
             own += f", {name}={list(names)!r}"
     again = "fit = ipmclab.leave_one_run_out(fit)\n" if len(runs) > 1 else ""
     python = (

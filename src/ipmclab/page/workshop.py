@@ -48,7 +48,7 @@ class FitRequest:
         What it starts from, as the page names it.
     runs, held : tuple of str
         Runs to identify from, and runs to predict.
-    free, per_run, prior : tuple of str
+    free, per_run, per_mounting, prior : tuple of str
     """
 
     name: str
@@ -56,6 +56,7 @@ class FitRequest:
     runs: tuple[str, ...]
     free: tuple[str, ...]
     per_run: tuple[str, ...] = ()
+    per_mounting: tuple[str, ...] = ()
     prior: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
 
@@ -248,6 +249,7 @@ class Workshop:
             "labels": labels(asked.runs),
             "free": asked.free,
             "per_run": asked.per_run,
+            "per_mounting": asked.per_mounting,
             "prior": asked.prior,
             "out": str(file),
         }

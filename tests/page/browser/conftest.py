@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,8 +46,8 @@ def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
         browser.close()
 
 
-@pytest.fixture
-def open_page(chromium) -> Iterator[Callable[..., object]]:
+@contextmanager
+def opening(chromium) -> Iterator[Callable[..., object]]:
     """Opens pages, each in a browser of its own; nothing may go wrong in them, and nothing be asked of another host."""
     contexts = []
     faults: list[str] = []
@@ -72,6 +73,38 @@ def open_page(chromium) -> Iterator[Callable[..., object]]:
     assert not faults
 
 
+@pytest.fixture
+def open_page(chromium) -> Iterator[Callable[..., object]]:
+    """Pages for one test."""
+    with opening(chromium) as new:
+        yield new
+
+
+@contextmanager
+def stand_in(folder: Path) -> Iterator[None]:
+    """A stand-in chassis, its rig in the folder, and a file with the levels of its outputs."""
+    from benchmarks.kills import RIG
+
+    command = [sys.executable, "-m", "ipmclab", "rig", "serve", "--levels", str(folder / "levels.json")]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert server.stdout is not None
+        address = server.stdout.readline().strip()
+        (folder / "rig.toml").write_text(RIG.format(address=address), encoding="utf-8")
+        yield
+    finally:
+        server.kill()
+        server.communicate()
+
+
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    """Wait for something that no browser shows."""
+    end = time.monotonic() + LONG / 1000
+    while not condition():
+        assert time.monotonic() < end, f"not within {LONG / 1000:g} s: {what}"
+        time.sleep(0.02)
+
+
 def choose(page, name: str) -> None:
     """Choose an experiment of the folder."""
     page.get_by_label("Experiment", exact=True).click()
@@ -84,11 +117,22 @@ def kept(page, field: str, value: object) -> None:
 
 
 def serious(page) -> list[str]:
-    """What axe finds in a page that would keep somebody from using it."""
+    """What axe finds in a page that would keep somebody from using it, in light and in dark."""
     from axe_playwright_python.sync_playwright import Axe
 
-    found = Axe().run(page).response["violations"]
-    return [f"{one['id']}: {one['nodes'][0]['html']}" for one in found if one["impact"] in ("serious", "critical")]
+    page.add_style_tag(content="* { transition: none !important }")  # else a colour may be seen on its way
+    before = page.evaluate("document.documentElement.dataset.theme")
+    found = []
+    for theme in ("light", "dark"):
+        page.evaluate(f"setTheme('{theme}')")
+        violations = Axe().run(page).response["violations"]
+        found += [
+            f"{theme}: {one['id']}: {[node['html'][:120] for node in one['nodes']]}"
+            for one in violations
+            if one["impact"] in ("serious", "critical")
+        ]
+    page.evaluate(f"setTheme('{before}')")
+    return found
 
 
 def _local(url: str) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ipmclab.toml_file import parse_table
-from tests.page.browser.conftest import LONG, choose, kept, served
+from tests.page.browser.conftest import LONG, choose, kept, serious, served
 
 pytest.importorskip("playwright")
 
@@ -50,6 +50,7 @@ def test_what_was_half_written_is_there_again(tmp_path: Path, open_page) -> None
         page.wait_for_selector("#lab-lost", state="hidden", timeout=LONG)  # nobody reloads it
         page.get_by_text("As you left it, not saved yet").wait_for(timeout=LONG)
         shown(page)
+        assert serious(page) == []
         page.reload()
         page.get_by_text("As you left it, not saved yet").wait_for(timeout=LONG)
         shown(page)

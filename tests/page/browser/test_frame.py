@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.page.browser.conftest import served
+from tests.page.browser.conftest import serious, served
 
 pytest.importorskip("playwright")
 
@@ -19,6 +19,18 @@ def test_every_section_opens(tmp_path: Path, open_page) -> None:
             page.wait_for_function(f"document.title.startsWith('{title} ·')")
             assert page.get_by_role("button", name="ZERO").is_enabled()
         page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
+
+
+def test_an_address_that_is_none_leads_back(tmp_path: Path, open_page) -> None:
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/rusn")
+        page.get_by_text("There is no page /rusn").wait_for()
+        page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")  # it is live
+        assert serious(page) == []
+        page.get_by_role("button", name="ZERO").click()
+        page.get_by_text("no recorder is at the bench").wait_for()
+        page.get_by_role("link", name="Go to Run").click()
+        page.get_by_role("heading", name="Experiment").wait_for()
 
 
 def test_the_token_is_asked_once_and_opens_the_page(tmp_path: Path, open_page) -> None:
@@ -71,5 +83,6 @@ def test_zero_stays_in_its_corner_and_above_a_dialog(tmp_path: Path, open_page) 
             places.append(tuple(page.evaluate(seen)))
         assert len(set(places)) == 1
         assert places[0][2] == "lab-zero"
+        assert serious(page) == []
         page.get_by_role("button", name="ZERO", include_hidden=True).focus()
         assert page.evaluate("document.activeElement.id") == "lab-zero"

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.kills import RIG, level
+from benchmarks.kills import level
 from ipmclab import read_run
-from tests.page.browser.conftest import LONG, choose, serious, served
+from tests.page.browser.conftest import LONG, choose, serious, served, stand_in, wait_until
 
 EXPERIMENT = """
 title = "square by hand"
@@ -28,7 +26,7 @@ duration = "90 s"
 rest_before = "0 s"
 zero_time = "0.2 s"
 measured = ["current"]
-steps = ["clamp", "hydrate", "apply"]
+steps = ["hydrate", "clamp", "apply"]
 fingerprint = false
 """
 
@@ -38,25 +36,9 @@ TABLET = "Mozilla/5.0 (iPad; CPU OS 16_0 like Mac OS X) AppleWebKit/605.1.15 (KH
 @pytest.fixture
 def lab(tmp_path: Path) -> Iterator[Path]:
     """A folder with a rig and an experiment for a stand-in, whose levels stand in a file."""
-    command = [sys.executable, "-m", "ipmclab", "rig", "serve", "--levels", str(tmp_path / "levels.json")]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert server.stdout is not None
-        address = server.stdout.readline().strip()
-        (tmp_path / "rig.toml").write_text(RIG.format(address=address), encoding="utf-8")
-        text = EXPERIMENT.replace('"clamp", "hydrate"', '"hydrate", "clamp"')
-        (tmp_path / "square.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "square.toml").write_text(EXPERIMENT, encoding="utf-8")
+    with stand_in(tmp_path):
         yield tmp_path
-    finally:
-        server.kill()
-        server.communicate()
-
-
-def wait_until(condition: Callable[[], object], seconds: float, what: str) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"not within {seconds:g} s: {what}"
-        time.sleep(0.02)
 
 
 def ink(page, panel: int = 0) -> int:
@@ -98,7 +80,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         # Out of the water. Not check(): the step goes as soon as it is ticked, before it could be seen to be.
         operator.get_by_role("checkbox", name="done").click()
         operator.get_by_role("button", name="kept", exact=True).click()
-        wait_until(lambda: level(levels)[0] != 0.0, 60, "a voltage")
+        wait_until(lambda: level(levels)[0] != 0.0, "a voltage")
 
         watcher = open_page(f"{address}/run", theme="dark", width=820, height=1180)
         watcher.wait_for_selector(".lab-live[data-drawn]")
@@ -112,7 +94,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         operator.reload()
         operator.wait_for_selector(".lab-live[data-drawn]")
         assert operator.get_by_role("button", name="STOP", exact=True).is_enabled()  # it is still theirs
-        wait_until(lambda: ink(operator) > 200, 60, "a curve that can be seen")
+        wait_until(lambda: ink(operator) > 200, "a curve that can be seen")
         assert float(operator.locator(".lab-live").get_attribute("data-drawn")) > 0.5
         assert serious(operator) == []
         operator.evaluate("document.querySelector('.lab-live').style.paddingBottom = '900px'; scrollTo(0, 400)")
@@ -131,7 +113,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
     shown = "getComputedStyle(document.querySelector('.lab-bench-state'), '::before').content"
     assert operator.evaluate(shown) == '"last known: "'
     before = time.monotonic()
-    wait_until(lambda: time.monotonic() - before > 1.0 and level(levels)[0] != 0.0, 60, "a voltage without a server")
+    wait_until(lambda: time.monotonic() - before > 1.0 and level(levels)[0] != 0.0, "a voltage without a server")
     with served(lab, "--port", port):
         operator.wait_for_selector("#lab-lost", state="hidden")  # nobody reloads it
         operator.wait_for_selector(".lab-live[data-drawn]")
@@ -145,7 +127,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         watcher.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'recording'")
         asked = time.time()
         watcher.get_by_role("button", name="ZERO").click()
-        wait_until(lambda: level(levels)[0] == 0.0, 60, "0 V")
+        wait_until(lambda: level(levels)[0] == 0.0, "0 V")
         assert level(levels)[1] - asked < 1.0
         watcher.get_by_text("emergency zero").first.wait_for()
         watcher.wait_for_function("document.getElementById('lab-bench-word').textContent === 'ended'")

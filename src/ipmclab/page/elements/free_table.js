@@ -1,4 +1,7 @@
-// Which parameters a fit may move: groups, and one by one; which of them each run has for itself, and which are known beforehand.
+// Which parameters a fit may move: groups, and one by one; which of them each run or each mounting has for itself, and which are
+// known beforehand.
+const OWN = ["per_run", "per_mounting"];
+
 export default {
   template: `
     <div class="lab-free">
@@ -15,7 +18,8 @@ export default {
                 <td><template v-for="part in parts(one.name)">{{ part }}<wbr></template><br><span class="lab-quiet">{{ one.value }}</span></td>
                 <td><select :aria-label="one.name + ' is'" :value="state(one.name)" @change="set(one.name, $event.target.value)">
                   <option value="fixed">{{ one.group && mine.free.includes(one.group) ? 'free, with ' + one.group : 'fixed' }}</option>
-                  <option value="free">free</option><option value="each" v-if="one.value">free for each run</option>
+                  <option value="free">free</option><option value="per_run" v-if="one.value">free for each run</option>
+                  <option value="per_mounting" v-if="one.value">free for each mounting</option>
                 </select></td>
                 <td><input type="checkbox" v-if="one.value" :aria-label="one.name + ' is known beforehand'" :checked="mine.prior.includes(one.name)"
                   @change="pick('prior', one.name, $event)"></td>
@@ -35,7 +39,8 @@ export default {
   },
   computed: {
     told() {
-      const names = [...this.mine.free.filter((name) => name.includes(".")), ...this.mine.per_run.map((name) => `${name} of each run`)];
+      const names = [...this.mine.free.filter((name) => name.includes(".")), ...this.mine.per_run.map((name) => `${name} of each run`),
+        ...this.mine.per_mounting.map((name) => `${name} of each mounting`)];
       return names.length ? names.join(", ") : "nothing more";
     },
   },
@@ -45,13 +50,11 @@ export default {
       return name.match(/[^._]+[._]?/g);
     },
     state(name) {
-      return this.mine.per_run.includes(name) ? "each" : this.mine.free.includes(name) ? "free" : "fixed";
+      return OWN.find((role) => this.mine[role].includes(name)) ?? (this.mine.free.includes(name) ? "free" : "fixed");
     },
     set(name, state) {
-      this.mine.free = this.mine.free.filter((one) => one !== name);
-      this.mine.per_run = this.mine.per_run.filter((one) => one !== name);
-      if (state === "free") this.mine.free.push(name);
-      if (state === "each") this.mine.per_run.push(name);
+      for (const role of ["free", ...OWN]) this.mine[role] = this.mine[role].filter((one) => one !== name);
+      this.mine[state]?.push(name);
       this.$emit("chosen", this.mine);
     },
     pick(role, name, event) {

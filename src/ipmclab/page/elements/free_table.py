@@ -32,7 +32,7 @@ class FreeTable(Element, component="free_table.js"):
     def __init__(self, on_chosen: Callable[[], None]) -> None:
         super().__init__()
         self._props["options"] = {"groups": ["electrical"], "parameters": []}
-        self._props["chosen"] = {"free": ["electrical"], "per_run": [], "prior": []}
+        self._props["chosen"] = {"free": ["electrical"], "per_run": [], "per_mounting": [], "prior": []}
         self._props["message"] = ""
 
         def told(event: GenericEventArguments) -> None:
@@ -44,7 +44,7 @@ class FreeTable(Element, component="free_table.js"):
 
     @property
     def chosen(self) -> Roles:
-        """Names that are ``free``, free ``per_run``, and known beforehand (``prior``)."""
+        """Names that are ``free``, free ``per_run`` or ``per_mounting``, and known beforehand (``prior``)."""
         found: Roles = self._props["chosen"]
         return found
 

@@ -115,7 +115,12 @@ class FitView:
                 asked = one.asked
                 step_view()(
                     identify_step(
-                        self._workshop.file_name(asked.actuator), asked.runs, asked.free, asked.per_run, asked.prior
+                        self._workshop.file_name(asked.actuator),
+                        asked.runs,
+                        asked.free,
+                        asked.per_run,
+                        asked.per_mounting,
+                        asked.prior,
                     )
                 )
 

@@ -134,6 +134,7 @@ class _View:
             runs=tuple(chosen["fit"]),
             free=tuple(free["free"]),
             per_run=tuple(free["per_run"]),
+            per_mounting=tuple(free["per_mounting"]),
             prior=tuple(free["prior"]),
             held=tuple(chosen["held"]),
         )
@@ -144,8 +145,9 @@ class _View:
             identify_step(
                 self._workshop.file_name(asked.actuator),
                 asked.runs or ("RUN.nc",),
-                asked.free or ("NAMES",),
+                asked.free if asked.free or asked.per_run or asked.per_mounting else ("NAMES",),
                 asked.per_run,
+                asked.per_mounting,
                 asked.prior,
             )
         )
@@ -157,7 +159,7 @@ class _View:
         if not asked.runs:
             self._message.set_text("Choose a run to identify from: the box “Fit” in the table.")
             return
-        if not (asked.free or asked.per_run):
+        if not (asked.free or asked.per_run or asked.per_mounting):
             self._free.complain("Nothing is free: choose a group such as electrical, or parameters.")
             return
         try:
@@ -219,7 +221,9 @@ class _View:
         self._shown = one
         error = one.job.error
         if error is not None:
-            if error.where.startswith(("free", "per_run", "prior")):
+            if error.code == "no-mounting":  # whose run says of which it is not, the name tells
+                self._free.complain(f"{error.where}: {sentence(error)}")
+            elif error.where.startswith(("free", "per_run", "per_mounting", "prior")):
                 self._free.complain(sentence(error))
             else:
                 self._message.set_text(f"{one.asked.name}: {error}")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Identify ``actuator`` from the files ``runs`` (``labels``), as the command does; the fit is written to ``out``.
 
-    ``free``, ``per_run`` and ``prior`` are lists of names.
+    ``free``, ``per_run``, ``per_mounting`` and ``prior`` are lists of names.
 
     Raises
     ------
@@ -41,6 +41,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
                 runs,
                 free=arguments["free"],
                 per_run=arguments.get("per_run") or (),
+                per_mounting=arguments.get("per_mounting") or (),
                 prior=arguments.get("prior") or (),
                 labels=arguments["labels"],
             )
