@@ -256,7 +256,10 @@ def test_equal_voltages_with_unequal_currents_are_two_states(strip: Strip) -> No
 
 def test_a_push_and_a_motion_that_disagree_are_told_whatever_the_modulus_is(strip: Strip) -> None:
     """The modulus lies between the two, so far from neither that it would be told."""
-    runs = [*changed(strip, "step displacement", displacement=1.3), pushed(strip.actuator, np.random.default_rng(SEED), times=1.3)]
+    runs = [
+        *changed(strip, "step displacement", displacement=1.3),
+        pushed(strip.actuator, np.random.default_rng(SEED), times=1.3),
+    ]
     runs = [runs[place] for place in (0, 3, -1)]  # the steps and the push
     loose = replace(strip.actuator, standard_uncertainties={"geometry.sensing_length": 1e-4})
     found = {one.code: one for one in cross_check(loose, runs)}

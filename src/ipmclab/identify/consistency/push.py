@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 CODE = "push-against-stiffness"
 
-_READINGS: Final = 240
+_READINGS: Final = 120
 """Means that a record is brought down to: noise goes, and drift is not taken for so many independent readings."""
 
 _LEAST_TRAVEL: Final = 50e-6  # [m], a fifth of the thickness of a usual strip
