@@ -50,3 +50,45 @@ def test_a_strip_of_ones_own_is_checked_from_its_file_and_runs(command, tmp_path
     assert command("simulate", "mine.toml", *words).status == 0
     assert command("check", "mine.toml", "s.nc", "--json").document["actuators"][0]["findings"] == []
     assert "mine.toml: no findings" in command("check", "mine.toml", "s.nc").out
+
+
+def test_a_recorded_push_is_held_against_the_strip_and_its_runs(command, tmp_path) -> None:
+    import numpy as np
+
+    from ipmclab import Run, write_run
+
+    words = ("--signal", "step 1 V", "--duration", "20 s", "--rate", "50 Hz", "--out", "s.nc")
+    assert command("simulate", "friend-2", *words).status == 0
+    time = np.arange(0.0, 22.0, 0.02)
+    travel = 0.5e-3 * np.interp(time, [1.0, 11.0, 21.0], [0.0, 1.0, 0.0])
+    noise = 1e-5 * np.random.default_rng(20261121).standard_normal(len(time))
+    for name, stiffness in (("right.nc", 2.878), ("soft.nc", 0.9)):
+        run = Run.from_arrays(
+            time=time, voltage=np.zeros(len(time)), displacement=travel, force=stiffness * travel + noise
+        )
+        write_run(run, tmp_path / name)
+    pushed = {"push-against-stiffness", "push-against-motion"}
+
+    def found(run: str) -> set[str]:
+        (strip,) = command("check", "friend-2", run, "s.nc", "--json").document["actuators"]
+        return {finding["code"] for finding in strip["findings"]}
+
+    assert pushed <= found("soft.nc")
+    assert not pushed & found("right.nc")
+
+
+def test_the_strips_identified_from_printed_numbers_are_checked_with_those_of_their_figures(command) -> None:
+    """What each says is a conflict of the printed numbers or of the thickness that the thesis gives one sample of."""
+    expected = {
+        "friend-1-measured": {"thickness-against-membrane", "dry-mass-against-layers"},
+        "friend-2-measured-force": {"thickness-against-membrane", "dry-mass-against-layers"},
+        "friend-3-measured": {"thickness-against-membrane", "dry-mass-against-layers", "prefix-disagrees"},
+        "friend-5-measured": {"thickness-against-membrane", "water-uptake", "two-states"},
+        "friend-6-measured": {"thickness-against-membrane"},
+    }
+    strips = command("check", *expected, "--json").document["actuators"]
+    assert {one["actuator"]: {finding["code"] for finding in one["findings"]} for one in strips} == expected
+    # The first edge of a square is a step: 78.71 mA in figure 5.31, 88 mA in 5.29.
+    (prefix,) = (finding for finding in strips[2]["findings"] if finding["code"] == "prefix-disagrees")
+    assert abs(prefix["values"]["found"] - 78.71e-3) < 1e-9
+    assert abs(prefix["values"]["expected"] - 88e-3) < 1e-9
