@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ipmclab import RunMetadata, identify, load_actuator, prediction_bands, read_fit, simulate, write_fit
+from ipmclab import InputError, RunMetadata, identify, load_actuator, prediction_bands, read_fit, simulate, write_fit
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.many_runs.answer import MOST_ROWS, SureAnswer, sure_answer
 from ipmclab.model import Actuator
@@ -150,6 +151,10 @@ def test_an_edited_file_has_none_and_says_why(fit: Fit, tmp_path: Path, old: str
     sure = sure_of(load_actuator(path))
     assert (sure.here, sure.following) == (None, None)
     assert sure.sentences() == [f"No interval: {why}."]
+    if "no longer" in why:
+        with pytest.raises(InputError, match=re.escape(f"{why}: how sure it was says nothing")) as caught:
+            prediction_bands(read_fit(path), asked(FRIEND))
+        assert caught.value.code == "changed-since-fit"
 
 
 def test_stages_that_the_fit_did_not_have(fit: Fit, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from ipmclab.errors import InputError
 from ipmclab.identify.fit_file import fit_of
+from ipmclab.identify.many_runs.as_fitted import listed, why_changed
 from ipmclab.identify.many_runs.bands import Bands, prediction_bands
 from ipmclab.identify.many_runs.mountings import why_unknown
 from ipmclab.identify.observation import READ_OUTPUTS
@@ -27,9 +27,6 @@ _TOLD: Final = "undetermined"
 """Findings of a fit that stand in the sentences."""
 
 _NONSENSE: Final = "model-explains-nothing"
-
-_SAME: Final = 1e-9
-"""Values that went through a file in another unit differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +67,11 @@ class SureAnswer:
         held = _mountings(self.mountings) if self.here else "the next mounting alone"
         told = [f"The 95 % intervals hold for {held}{f': {self.why_none}' if self.why_none else ''}."]
         if some.left_out:
-            names = _listed(some.left_out)
+            names = listed(some.left_out)
             told.append(f"What {names} may change beyond what the runs of the fit show is not in them.")
         if self.not_read:
             them = "it" if len(self.not_read) == 1 else "them"
-            told.append(f"There is none of {_listed(self.not_read)}: the fit did not read {them}.")
+            told.append(f"There is none of {listed(self.not_read)}: the fit did not read {them}.")
         if self.next_mounting_unknown:
             told.append(f"{self.next_mounting_unknown[0].upper()}{self.next_mounting_unknown[1:]}.")
         if self.warnings:
@@ -115,11 +112,11 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
         fit = fit_of(actuator, where=actuator.name)
     except InputError:
         return SureAnswer(None, why_none="the [fit] table is not one that identify writes")
-    if why := why_not(fit, len(run)):
+    if why := _why_not(fit, len(run)):
         return SureAnswer(None, why_none=why)
     here = prediction_bands(fit, _of_mounting(run, None))
     if here.left_out and not any(one.any() for one in here.of_parameters.values()):
-        return SureAnswer(None, why_none=f"nothing is known of {_listed(here.left_out)}")
+        return SureAnswer(None, why_none=f"nothing is known of {listed(here.left_out)}")
     seen = tuple(dict.fromkeys(one.mounting for one in fit.observations if one.mounting))
     codes = tuple(dict.fromkeys(one.code for one in fit.findings if one.severity != "info"))
     unknown, following = why_unknown(fit), None
@@ -127,7 +124,7 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
         following = prediction_bands(fit, _of_mounting(run, f"not {' '.join(seen)}"))
     average = ""
     if _AVERAGE in codes:
-        average = f"mountings {_listed(seen)} differ by more than their errors, and the fit answers for none of them"
+        average = f"mountings {listed(seen)} differ by more than their errors, and the fit answers for none of them"
     return SureAnswer(
         None if average else here,
         following,
@@ -139,45 +136,15 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
     )
 
 
-def why_not(fit: Fit, rows: int = 0) -> str:
-    """Why the errors of a fit say nothing of its actuator; empty where they do.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> from ipmclab import identify, load_actuator, simulate
-    >>> strip = load_actuator("friend-2")
-    >>> fit = identify(strip, simulate(strip, "step 1 V", duration=20, rate=50), free="circuit.dc_resistivity")
-    >>> wider = {**fit.actuator.parameter_values, "geometry.width": 6e-3}
-    >>> why_not(fit), why_not(replace(fit, actuator=replace(fit.actuator, parameter_values=wider)))
-    ('', 'geometry.width is no longer what it was when its fit was made')
-    """
+def _why_not(fit: Fit, rows: int) -> str:
+    """Why the errors of a fit say nothing of its actuator; empty where they do."""
     if rows > MOST_ROWS:
         return f"{rows} rows, and it is computed for {MOST_ROWS} at most; give a lower rate or a shorter duration"
     if not fit.converged:
         return "the fit did not converge, and its errors mean nothing"
     if any(finding.code == _NONSENSE for finding in fit.findings):
         return "the model of the fit explains nothing of its runs"
-    values, table = fit.actuator.parameter_values, fit.actuator.fit_table or {}
-    known = table.get("values")
-    expected = {name: one.value for name, one in fit.parameters.items() if name in values}
-    expected |= {str(name): value for name, value in known.items()} if isinstance(known, dict) else {}
-    if isinstance(known, dict) and known.keys() != values.keys():
-        return "the actuator has other stages than when its fit was made"
-    moved = [name for name, value in expected.items() if not _same(values.get(name), value)]
-    stated = fit.actuator.standard_uncertainties
-    held = {name: math.sqrt(max(row[name], 0.0)) for name, row in fit.covariance.items() if name not in fit.parameters}
-    moved += [
-        f"the stated uncertainty of {name}" for name, one in held.items() if not _same(stated.get(name, 0.0), one)
-    ]
-    if not moved:
-        return ""
-    verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
-    return f"{_listed(moved)} {verb} when its fit was made"
-
-
-def _same(one: float | None, other: object) -> bool:
-    return one is not None and isinstance(other, int | float) and math.isclose(one, other, rel_tol=_SAME)
+    return why_changed(fit)
 
 
 def _stages_named(named: str) -> str:
@@ -189,7 +156,7 @@ def _stages_named(named: str) -> str:
         fitted = bool(stages) and load_actuator(base).fit_table is not None
     except InputError:
         return ""
-    return f"the fit in {Path(base).name} is of the actuator without {_listed(stages)}" if fitted else ""
+    return f"the fit in {Path(base).name} is of the actuator without {listed(stages)}" if fitted else ""
 
 
 def _of_mounting(run: Run, name: str | None) -> Run:
@@ -199,8 +166,4 @@ def _of_mounting(run: Run, name: str | None) -> Run:
 def _mountings(names: Sequence[str]) -> str:
     if not names:
         return "the mounting of the fit, which its runs do not name"
-    return f"mounting {names[0]}" if len(names) == 1 else f"the mountings of the fit, {_listed(names)}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    return f"mounting {names[0]}" if len(names) == 1 else f"the mountings of the fit, {listed(names)}"

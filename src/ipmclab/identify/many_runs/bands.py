@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identify.known import Known, known_of
+from ipmclab.identify.many_runs.as_fitted import why_changed
 from ipmclab.identify.many_runs.common_error import common_covariance
 from ipmclab.identify.many_runs.random_effect import FEWEST
 from ipmclab.identify.observation import Observation, own_endings, own_values
@@ -111,7 +112,7 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     Raises
     ------
     InputError
-        No fit, or no run.
+        No fit, no run, or a fit whose file was edited so that its actuator is another one.
 
     Examples
     --------
@@ -136,9 +137,7 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     strip = with_shunt(fit.actuator, run)
     predicted = dict(zip(outputs, drive.outputs(strip, outputs), strict=True))
     others = [with_shunt(one, run) for one in next_mountings(fit, fit.actuator, run.metadata.mounting_id)]
-    spread = (
-        spread_of_next(fit, others, strip, drive, predicted) if others else spread_of(found, strip, drive, outputs)
-    )
+    spread = spread_of_next(fit, others, strip, drive, predicted) if others else spread_of(found, strip, drive, outputs)
     noise = {output: noise_of(fit.observations, output, since) for output in outputs}
     if others:
         noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
@@ -301,3 +300,10 @@ def _need(fit: Fit, run: Run) -> None:
             repair="give what identify returned, or read_fit(path) of what write_fit wrote",
         )
     need_run(run, where="run")
+    if why := why_changed(fit):
+        raise InputError(
+            f"{why}: how sure it was says nothing of this actuator",
+            code="changed-since-fit",
+            where="fit",
+            repair="identify again with these values, or take the file as identify wrote it",
+        )
