@@ -521,6 +521,22 @@ def test_richer_strips_are_read_as_they_are() -> None:
     assert {one.code for one in cross_check(strip, runs)} == {"capacitance-out-of-range"}
 
 
+@pytest.mark.parametrize(
+    "stages", ["viscoelastic", "relaxation.displacement+relaxation.force", "clamp", "leak.exponential"]
+)
+def test_richer_strips_agree_with_their_pushes_and_flicks(stages: str) -> None:
+    strip = load_actuator(f"friend-2+{stages}").replace(**{"circuit.branches.1.permittivity": 0.1})
+    rng = np.random.default_rng(SEED)
+    runs = [
+        recorded(simulate(strip, signal, duration=20.0, rate=50.0), measured, rng)
+        for measured in ("displacement", "force")
+        for signal in SIGNALS.values()
+    ]
+    runs += [flicked(strip, rng), pushed(strip, rng)]
+    assert (len(flicks(runs)), len(pushes(runs))) == (1, 1)
+    assert cross_check(strip, runs) == ()
+
+
 def test_the_codes_are_listed() -> None:
     assert len(set(CHECKS)) == len(CHECKS) == 14
 

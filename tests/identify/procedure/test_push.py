@@ -88,6 +88,32 @@ def test_a_push_towards_negative_is_the_same_push(way_back: bool) -> None:
     assert "push-without-contact" in [one.code for one in others]
 
 
+def test_a_record_that_rests_for_long_before_contact_has_its_slope() -> None:
+    """Four fifths of the readings lie where the cell does not touch: the contact is sought over the travel."""
+    rng = np.random.default_rng(20261121)
+    time = np.linspace(0.0, 60.0, 240)
+    travel = 0.5e-3 * np.interp(time, [0.0, 25.0, 30.0, 35.0, 60.0], [0.0, 0.0, 1.0, 0.0, 0.0])
+    force = K * np.maximum(travel - 0.2e-3, 0.0) + 1e-5 * rng.standard_normal(240)
+    slope, findings = stiffness(Push(travel, force))
+    assert "push-without-contact" in [one.code for one in findings]
+    assert abs(slope.value - K) < 3.0 * slope.uncertainty
+    assert slope.uncertainty < 0.05 * K
+
+
+def test_where_noise_hides_the_contact_the_slope_says_so() -> None:
+    """Both slopes are possible: the uncertainty holds both, and holds the true one as often as it should."""
+    rng = np.random.default_rng(20261121)
+    travel = np.concatenate([np.linspace(0.0, 0.5e-3, 30), np.linspace(0.5e-3, 0.0, 30)])
+    off, told = [], 0
+    for _ in range(100):
+        force = K * np.maximum(travel - 0.15e-3, 0.0) + 1.2e-4 * rng.standard_normal(60)
+        slope, _ = stiffness(Push(travel, force))
+        off.append((slope.value - K) / slope.uncertainty)
+        told += "where the push touches" in slope.parts
+    assert told > 50
+    assert np.mean(np.abs(off) < 1.96) > 0.9
+
+
 def test_a_push_that_bends_is_told() -> None:
     force = K * IN_AND_OUT * (1.0 + 400.0 * IN_AND_OUT)
     assert "push-not-straight" in codes(Push(IN_AND_OUT, force))
