@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from ipmclab import Run, load_actuator, read_fit, read_run, simulate, write_run
 from ipmclab.errors import InputError
+from ipmclab.identify import Bands
 from ipmclab.page import curves
 from ipmclab.page.commands import identify_step, import_step, report_step, simulate_step, validate_step
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
@@ -350,6 +351,12 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
     Path("run.nc").unlink()
     assert run_command(shlex.split(simulated.command)[1:]) == 0
     np.testing.assert_array_equal(read_run("run.nc").force, first.force)
+    Path("run.nc").unlink()
+    known: dict[str, object] = {}
+    exec(simulate_step("fitted.toml", {}, signal="step 1 V", duration=1.0, rate=50.0, is_fit=True).python, known)
+    assert isinstance(known["bands"], Bands)
+    assert isinstance(known["run"], Run)
+    np.testing.assert_array_equal(known["bands"].predicted["current"], known["run"].current)
     assert import_step("a.csv", "a.map.toml", "a.nc").command == "ipmclab import a.csv --map a.map.toml --out a.nc"
 
 

@@ -87,8 +87,11 @@ def simulate_step(
     duration: float = 40.0,
     rate: float = 50.0,
     run: str | None = None,
+    is_fit: bool = False,
 ) -> Step:
     """Simulate; the command needs a file where parameters were changed, the Python does not.
+
+    Of a fit that was left as it is the command tells how sure it is, and the Python has it as ``bands``.
 
     Examples
     --------
@@ -108,6 +111,8 @@ def simulate_step(
     else:
         lines.append(f"run = ipmclab.simulate(actuator, {signal!r}, duration={duration!r}, rate={rate!r})")
         lines.append("ipmclab.write_run(run, 'run.nc')")
+    if is_fit and not changes:
+        lines.append(f"bands = ipmclab.prediction_bands(ipmclab.read_fit({actuator!r}), run)")
     return Step(command, "\n".join(lines) + "\n")
 
 

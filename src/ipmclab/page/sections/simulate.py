@@ -79,6 +79,7 @@ class _View:
                 duration=float(question["duration"] or 0.0),
                 rate=float(question["rate"] or 0.0),
                 run=question["run"] or None,
+                is_fit=self._loaded[1].fit_table is not None,
             )
         except ValueError:
             return
