@@ -24,7 +24,8 @@ def test_what_was_half_written_is_there_again(tmp_path: Path, open_page) -> None
     with served(tmp_path) as address:
         page = open_page(f"{address}/run")
         choose(page, "mine")
-        page.get_by_label("Sample", exact=True).and_(page.locator("input")).fill("strip-7")
+        page.wait_for_function("document.querySelector('[aria-label=\"Sample\"]').value === 'strip-1'")
+        page.get_by_label("Sample", exact=True).fill("strip-7")
         page.get_by_text("How it is recorded").click()
         page.get_by_role("switch", name="Both polarities of each signal").click()
         page.get_by_label("Measured", exact=True).click()

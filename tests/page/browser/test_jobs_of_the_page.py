@@ -143,17 +143,15 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.get_by_role("button", name="Cancel").click()
     page.get_by_text("cancelled", exact=True).wait_for(timeout=2 * LONG)
     page.get_by_label("coupling.zero is", exact=True).select_option("fixed")
-    page.get_by_label("circuit.contact_resistance is").select_option("free for each mounting")
+    page.get_by_label("circuit.contact_resistance is", exact=True).select_option("free for each mounting")
     page.get_by_text("--per-mounting circuit.contact_resistance").first.wait_for()
     page.get_by_text("per_mounting=['circuit.contact_resistance']").first.wait_for()
     page.get_by_text("One by one: circuit.contact_resistance of each mounting").wait_for()
     page.get_by_role("button", name="Identify").click()
-    told = page.get_by_role("alert").filter(
-        has_text="this run does not say of which it is"
-    )  # at the choice, not elsewhere
+    told = page.locator(".lab-free").get_by_role("alert").filter(has_text="this run does not say of which it is")
     told.wait_for(timeout=LONG)
     assert "give the run a mounting_id" in told.inner_text()
-    page.get_by_label("circuit.contact_resistance is").select_option("fixed")
+    page.get_by_label("circuit.contact_resistance is", exact=True).select_option("fixed")
     page.get_by_label("electrical").check()
     page.get_by_text("--free electrical").first.wait_for()
     page.get_by_role("button", name="Identify").click()
@@ -198,7 +196,7 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.get_by_role("button", name="Make the report").click()
     page.get_by_text("report.html exists already").wait_for()
     with page.expect_download() as saved:
-        page.get_by_role("link", name="Save", exact=True).click()
+        page.get_by_role("link", name="Download").first.click()
     assert saved.value.suggested_filename == "report.html"
     assert Path(saved.value.path()).read_bytes() == (lab / "report.html").read_bytes()
     with page.context.expect_page() as opened:
