@@ -18,8 +18,8 @@ export default {
                 <td><template v-for="part in parts(one.name)">{{ part }}<wbr></template><br><span class="lab-quiet">{{ one.value }}</span></td>
                 <td><select :aria-label="one.name + ' is'" :value="state(one.name)" @change="set(one.name, $event.target.value)">
                   <option value="fixed">{{ one.group && mine.free.includes(one.group) ? 'free, with ' + one.group : 'fixed' }}</option>
-                  <option value="free">free</option><option value="per_run" v-if="one.value">free for each run</option>
-                  <option value="per_mounting" v-if="one.value">free for each mounting</option>
+                  <option value="free">free</option><option value="per_run" v-if="one.value">free per run</option>
+                  <option value="per_mounting" v-if="one.value">free per mounting</option>
                 </select></td>
                 <td><input type="checkbox" v-if="one.value" :aria-label="one.name + ' is known beforehand'" :checked="mine.prior.includes(one.name)"
                   @change="pick('prior', one.name, $event)"></td>

@@ -19,6 +19,7 @@ from ipmclab.page.sections.prediction import PredictionView
 from ipmclab.page.workshop import FitCard, FitRequest
 
 _PERIOD: Final = 0.25  # s between looks at the jobs
+_STATE_MOUNTING: Final = "state its mounting where it is recorded or imported, or choose “free per run”"
 
 
 def build(context: Context) -> None:
@@ -222,7 +223,7 @@ class _View:
         error = one.job.error
         if error is not None:
             if error.code == "no-mounting":  # whose run says of which it is not, the name tells
-                self._free.complain(f"{error.where}: {sentence(error)}")
+                self._free.complain(f"{error.where}: {error.message}; {_STATE_MOUNTING}")
             elif error.where.startswith(("free", "per_run", "per_mounting", "prior")):
                 self._free.complain(sentence(error))
             else:

@@ -105,7 +105,7 @@ class _Form:
         self._choice.props("dense outlined options-dense").classes("lab-wide")
         with ui.element("div").classes("lab-row lab-remark") as self._back:
             self._told_back = ui.label().props("role=status")
-            ui.button("Drop it", on_click=self._drop).props("outline no-caps dense")
+            ui.button("Drop it", on_click=self._drop).props("outline no-caps dense padding='2px 10px'")
         self._back.set_visibility(False)
         with ui.element("div").classes("lab-fields"):
             for one in FIELDS:
