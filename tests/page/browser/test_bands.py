@@ -12,7 +12,7 @@ import pytest
 
 from ipmclab import identify, prediction_bands, read_fit, simulate, write_fit
 from tests.identify.many import FRIEND, noisy
-from tests.page.browser.conftest import served
+from tests.page.browser.conftest import serious, served
 
 pytest.importorskip("playwright")
 
@@ -86,6 +86,8 @@ def test_the_band_is_drawn_around_what_was_loaded(address: str, open_page, lab: 
     )
     legend.get_by_text("95 % of the answer, as loaded").wait_for()
     page.get_by_text("it does not hold for the sliders").wait_for()
+    page.locator(".lab-sureness summary").click()
+    assert serious(page) == []
     moved = columns(saved(page, "CSV"))
     np.testing.assert_allclose(moved["current 95 % of the answer, as loaded, low [mA]"], low, rtol=1e-8)
     assert moved["current now [mA]"][-1] < moved["current as loaded [mA]"][-1]

@@ -1,0 +1,70 @@
+"""What a worker says of how sure a fitted actuator is: the areas that Simulate draws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ipmclab import identify, write_fit, write_run
+from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.jobs.tasks import bands, simulate
+from tests.identify.many import FRIEND, noisy
+
+DC = "circuit.dc_resistivity"
+
+
+def told(**arguments: Any) -> tuple[Frame, Frame]:
+    """The area, and the curve that it lies around."""
+    return bands.run(arguments, lambda *_: None), simulate.run(arguments, lambda *_: None)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One mounting of a strip fitted, and three; and a run of another one, behind a shunt."""
+    folder = tmp_path_factory.mktemp("bands")
+    generator = np.random.default_rng(20261121)
+    runs = [noisy(generator, "square 1 V 0.05 Hz", mounting=name) for name in "abc"]
+    write_fit(identify(FRIEND, runs[0], free=DC), folder / "one.toml")
+    write_fit(identify(FRIEND, runs, free=DC), folder / "three.toml")
+    other = noisy(generator, "sine 1 V 0.2 Hz", duration=10.0)
+    about = replace(other.metadata, voltage_sensed="upstream of shunt", shunt_resistance=1.0)
+    for name, mounting in (("seen", "a"), ("new", "d")):
+        write_run(replace(other, metadata=replace(about, mounting_id=mounting)), folder / f"{name}.nc")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("actuator", "run", "label"),
+    [
+        ("one", "seen", "95 % of the answer"),
+        ("one", "new", "95 % of the answer"),
+        ("three", "seen", "95 % of the answer"),
+        ("three", "new", "95 % at the next mounting"),
+    ],
+)
+def test_over_a_run_the_area_is_that_of_its_mounting(folder: Path, actuator: str, run: str, label: str) -> None:
+    area, curve = told(actuator=str(folder / f"{actuator}.toml"), run=str(folder / f"{run}.nc"))
+    assert area.document["label"] == label
+    low, high = area.arrays["current.low"], area.arrays["current.high"]
+    # Behind the shunt too, and changes of sliders do not move it.
+    np.testing.assert_allclose(0.5 * (low + high), curve.arrays["current"], rtol=1e-9, atol=1e-12)
+    changed = {"actuator": str(folder / f"{actuator}.toml"), "run": str(folder / f"{run}.nc"), "changes": {DC: 10.0}}
+    np.testing.assert_array_equal(bands.run(changed, lambda *_: None).arrays["current.low"], low)
+
+
+def test_a_long_area_is_thinned_as_its_curve_is(folder: Path) -> None:
+    asked = {"signal": "sine 1 V 0.1 Hz", "duration": 40.0, "rate": 400.0}
+    area, curve = told(actuator=str(folder / "one.toml"), **asked)
+    assert "time" not in area.arrays
+    assert len(area.arrays["current.low"]) == len(area.arrays["current.low.time"]) < 5000
+    assert area.arrays["current.high"].max() >= curve.arrays["current"].max()
+
+
+def test_nothing_is_said_of_an_actuator_without_a_fit() -> None:
+    area, _ = told(actuator="friend-2", signal="step 1 V")
+    assert area.document == {"label": "", "sentences": []}
+    assert not area.arrays
