@@ -9,6 +9,12 @@ import numpy as np
 import pytest
 
 from ipmclab import Actuator, InputError, Run, identify, load_actuator, read_fit, simulate, write_fit
+from ipmclab.identify.free import FreeParameters, Prior
+from ipmclab.identify.identify import identify_freed
+from ipmclab.identify.observation import prepare
+from ipmclab.identify.problem import Problem
+from ipmclab.identify.response import ActuatorResponder
+from ipmclab.identify.unknowns import actuator_unknown, with_known
 
 FRIEND = load_actuator("friend-2")
 SERIES, DC = "circuit.sheet_resistance", "circuit.dc_resistivity"
@@ -120,3 +126,40 @@ def test_a_prior_from_the_same_runs_is_told(tmp_path: Path) -> None:
 def test_a_prior_that_is_none_is_refused(prior: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         identify(FRIEND, [measured()], free="electrical", prior=prior)
+
+
+def test_what_follows_a_dimension_moves_with_it() -> None:
+    """R_s = R w/d: with a width of 1 % and R/d of 0.5 %, both being known beforehand and nothing read of them."""
+    fitted = "geometry.width", SERIES
+    names = FreeParameters(
+        fitted,
+        priors={
+            "geometry.width": Prior(5e-3, 0.05e-3, merely_uncertain=True),
+            SERIES: Prior(1.333, 0.005 * 1.333, {"geometry.width": 1.333 / 5e-3}),
+        },
+    )
+    width, series = with_known([actuator_unknown(FRIEND.parameters()[name], None) for name in fitted], names.priors)
+    assert series.beforehand == pytest.approx((1.333, 1.333 * np.hypot(0.01, 0.005)))
+    record = prepare(measured(), 0, ["current"], ())
+    noise = {(0, "current"): 1.0}
+    problem = Problem(FRIEND.parameter_values, [record], [width, series], ActuatorResponder(FRIEND), noise)
+    theta = np.log([5e-3, 1.333])
+    np.testing.assert_allclose(problem.from_priors(theta), 0.0, atol=1e-12)
+    # A strip that is 1 % wider has a sheet resistance that is 1 % larger: that is no second surprise.
+    np.testing.assert_allclose(problem.from_priors(theta + 0.01), [1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(problem.from_priors(np.add(theta, [0.0, 0.01])), [0.0, 2.0], atol=1e-9)
+    rows = problem.evaluate(theta).jacobian[-2:]
+    covariance = np.linalg.inv(rows.T @ rows)
+    np.testing.assert_allclose(covariance, [[1e-4, 1e-4], [1e-4, 1.25e-4]], rtol=1e-9)
+    assert names.without_priors == FreeParameters((SERIES,))
+
+
+def test_a_dimension_that_the_readings_contradict_is_told() -> None:
+    """A strip 10 % wider than was measured, within 1 %, while all else is known."""
+    run = measured(3, FRIEND.replace(**{"geometry.width": 5.5e-3}))
+    strip = known(geometry__width=0.05e-3)
+    names = FreeParameters(("geometry.width",), priors={"geometry.width": Prior(5e-3, 0.05e-3, merely_uncertain=True)})
+    fit = identify_freed(strip, [run], replace(names, shared=("geometry.width", DC)), None)
+    (said,) = [finding for finding in fit.findings if finding.code == "prior-contradicted"]
+    assert said.message.startswith("geometry.width was 5 mm within 1 % beforehand (one standard deviation), but the")
+    assert said.values["deviations"] > 5.0

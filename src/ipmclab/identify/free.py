@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
@@ -30,6 +30,28 @@ _PLACE = re.compile(r"\[\d+\]$")
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter beforehand.
+
+    Parameters
+    ----------
+    value : float [SI]
+    uncertainty : float [SI]
+        Standard uncertainty, without that of what it follows.
+    follows : mapping of name to float
+        By how much the value moves with other free parameters of which something is known beforehand, one SI unit of
+        theirs at a time: a width that stands in two measured numbers is one width.
+    merely_uncertain : bool
+        Free only so that its uncertainty counts: where the readings are asked alone, it is held.
+    """
+
+    value: float
+    uncertainty: float
+    follows: Mapping[str, float] = field(default_factory=dict)
+    merely_uncertain: bool = False
+
+
+@dataclass(frozen=True)
 class FreeParameters:
     """The parameters that a fit may move, in the order of the actuator's file.
 
@@ -43,20 +65,25 @@ class FreeParameters:
         One value for each mounting, without its name.
     observation : tuple of str
         Offsets and drifts of the readings, one for each run.
-    priors : mapping of name to pair of float [SI]
-        Value and standard uncertainty of what is known beforehand.
+    priors : mapping of name to Prior
     """
 
     shared: tuple[str, ...]
     per_run: tuple[str, ...] = ()
     per_mounting: tuple[str, ...] = ()
     observation: tuple[str, ...] = ()
-    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
 
     @property
     def actuator(self) -> tuple[str, ...]:
         """Every free parameter of the actuator, shared or not."""
         return (*self.shared, *self.per_run, *self.per_mounting)
+
+    @property
+    def without_priors(self) -> FreeParameters:
+        """What is free where the readings are asked alone."""
+        held = {name for name, prior in self.priors.items() if prior.merely_uncertain}
+        return replace(self, shared=tuple(name for name in self.shared if name not in held), priors={})
 
 
 def parse_free(

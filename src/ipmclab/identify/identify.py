@@ -106,43 +106,43 @@ def identify(
     """
     need_actuator(actuator)
     given = _runs(runs)
-    free, per_run, per_mounting, prior = (
-        words if isinstance(words, str) else tuple(words) for words in (free, per_run, per_mounting, prior)
-    )
+    names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
+    _need_mountings(given, names)
+    _refuse_counts(actuator, names)
+    with telling(progress):
+        return identify_freed(actuator, given, with_priors(actuator, names, prior), labels)
+
+
+def identify_freed(
+    actuator: Actuator, given: Sequence[Run], names: FreeParameters, labels: Sequence[str] | None
+) -> Fit:
+    """What ``identify`` does when it is settled what is free, and what of it is known beforehand."""
 
     def of_these(places: Sequence[int], *, diagnosed: bool = False) -> Fit:
         own = None if labels is None else [labels[place] for place in places]
         these = [given[place] for place in places]
-        return _identify(actuator, these, free, per_run, per_mounting, prior, own, diagnosed=diagnosed)
+        return _identify(actuator, these, names, own, diagnosed=diagnosed)
 
     every = range(len(given))
-    with telling(progress):
-        if len(places_of_mountings(given)) < 2:
-            return with_cross_checks(of_these(every, diagnosed=True), given)
-        with part("each mounting", 0.0, 0.5):
-            each = each_mounting(given, of_these)
-        with part("all mountings", 0.5, 1.0):
-            # Where mountings differ, what one value for all leaves asks for no stage.
-            fit = of_these(every, diagnosed=not differ(each, actuator))
-        return with_cross_checks(with_mountings(fit, each) if each else fit, given)
+    if len(places_of_mountings(given)) < 2:
+        return with_cross_checks(of_these(every, diagnosed=True), given)
+    with part("each mounting", 0.0, 0.5):
+        each = each_mounting(given, of_these)
+    with part("all mountings", 0.5, 1.0):
+        # Where mountings differ, what one value for all leaves asks for no stage.
+        fit = of_these(every, diagnosed=not differ(each, actuator))
+    return with_cross_checks(with_mountings(fit, each) if each else fit, given)
 
 
 def _identify(
     actuator: Actuator,
     given: Sequence[Run],
-    free: str | Iterable[str],
-    per_run: str | Iterable[str],
-    per_mounting: str | Iterable[str],
-    prior: str | Iterable[str],
+    names: FreeParameters,
     labels: Sequence[str] | None,
     *,
     diagnosed: bool,
 ) -> Fit:
     stage("reading the runs", 0.0, 0.05)
-    names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
-    _need_mountings(given, names)
-    _refuse_counts(actuator, names)
-    names = with_priors(actuator, names, prior)
     outputs = _outputs(names)
     checked = [Checked.of(run) for run in given]
     found = [check_record(record) for record in checked]
@@ -177,8 +177,8 @@ def _identify(
     beyond = beyond_findings(fit, records)
     if names.priors:
         with part("without what is known beforehand", 0.8, 1.0):
-            alone = build_fit(actuator, given, estimate(actuator, replace(names, priors={}), records), ())
-        beyond += prior_findings(actuator, fit, alone)
+            alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
+        beyond += prior_findings(actuator, names.priors, fit, alone)
     return changed(fit, findings=(*fit.findings, *beyond)) if beyond else fit
 
 

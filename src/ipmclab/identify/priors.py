@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.identify.fit import Fit
-from ipmclab.identify.free import FreeParameters, names_of
+from ipmclab.identify.free import FreeParameters, Prior, names_of
 from ipmclab.identify.unknowns import actuator_unknown
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
@@ -18,6 +18,7 @@ from ipmclab.run import Finding
 _95: Final = 1.959964
 _NOTHING_NEW: Final = 0.9  # of the error beforehand: an error above that is the prior again
 _SURPRISING: Final = 3.0  # standard deviations
+_LEAST_MOVED: Final = 0.1  # of the deviation beforehand: where the readings add next to nothing, nothing is surprising
 
 
 def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable[str]) -> FreeParameters:
@@ -43,10 +44,10 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
     >>> strip = load_actuator("friend-1-measured")
     >>> free = FreeParameters(("circuit.sheet_resistance", "circuit.dc_resistivity"))
     >>> dict(with_priors(strip, free, "circuit.sheet_resistance").priors)
-    {'circuit.sheet_resistance': (0.5001, 0.29)}
+    {'circuit.sheet_resistance': Prior(value=0.5001, uncertainty=0.29, follows={}, merely_uncertain=False)}
     """
     parameters = actuator.parameters()
-    found: dict[str, tuple[float, float]] = {}
+    found: dict[str, Prior] = {}
     for name in names_of(parameters, prior, "prior"):
         if name not in parameters:
             raise InputError(
@@ -62,7 +63,7 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
                 where="prior",
                 repair="free it too; the stated uncertainty of a parameter that is not free counts without being named",
             )
-        found[name] = _known(actuator, parameters[name])
+        found[name] = Prior(*_known(actuator, parameters[name]))
     return replace(names, priors={name: found[name] for name in names.actuator if name in found})
 
 
@@ -93,16 +94,18 @@ def _known(actuator: Actuator, parameter: Parameter) -> tuple[float, float]:
     return 0.5 * (low + high), (high - low) / (2.0 * _95)
 
 
-def prior_findings(actuator: Actuator, fit: Fit, alone: Fit) -> tuple[Finding, ...]:
+def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, alone: Fit) -> tuple[Finding, ...]:
     """What the readings added to what was known beforehand, and whether they agree with it.
 
     They are asked alone: beside a wrong prior, zeros and slopes of sensors or a start that was not at rest may take up
-    what the two disagree by.
+    what the two disagree by. Where a prior follows others, or the readings are not asked, it counts how far the fit
+    moved from it.
 
     Parameters
     ----------
     actuator : Actuator
         As it was given.
+    priors : mapping of name to Prior
     fit : Fit
     alone : Fit
         To the same runs, with nothing known beforehand.
@@ -112,7 +115,8 @@ def prior_findings(actuator: Actuator, fit: Fit, alone: Fit) -> tuple[Finding, .
     for name, one in fit.parameters.items():
         if one.prior is None:
             continue
-        base, free = declared[name.partition("[")[0]], alone.parameters[name]
+        base, prior = declared[name.partition("[")[0]], priors[name.partition("[")[0]]
+        free = alone.parameters.get(name)
         log = actuator_unknown(base, None).log
 
         def shown(value: float, error: float, base: Parameter = base, log: bool = log) -> str:
@@ -124,23 +128,30 @@ def prior_findings(actuator: Actuator, fit: Fit, alone: Fit) -> tuple[Finding, .
             return f"{text} within {width}"
 
         before = shown(*one.prior)
-        own = shown(free.value, free.standard_error)
-        sigmas = _apart(one.prior, (free.value, free.standard_error), log=log) if free.determined else 0.0
+        own = shown(free.value, free.standard_error) if free is not None and free.determined else ""
+        if free is None or prior.follows:
+            sigmas = _moved(one.prior, (one.value, one.standard_error), log=log)
+        else:
+            sigmas = _apart(one.prior, (free.value, free.standard_error), log=log) if own else 0.0
         left = one.standard_error / one.prior[1] * (one.prior[0] / one.value if log else 1.0)
         values = {"deviations": sigmas, "error_left": left}
         if sigmas > _SURPRISING:
+            after = shown(one.value, one.standard_error)
+            asked = f"the readings alone say {own}" if own else f"the readings ask for {after}"
             found.append(
                 Finding(
                     "prior-contradicted",
                     "warning",
-                    f"{name} was {before} beforehand (one standard deviation), but the readings alone say {own}: "
+                    f"{name} was {before} beforehand (one standard deviation), but {asked}: "
                     f"{sigmas:.1f} standard deviations apart",
                     "measure it again, or leave its prior out; as long as they disagree the fit is neither",
                     values=values,
                 )
             )
             continue
-        added = f"the readings alone say {own}, " if free.determined else "the readings alone leave it open, "
+        if free is None:
+            continue
+        added = f"the readings alone say {own}, " if own else "the readings alone leave it open, "
         added += "and add nothing" if left > _NOTHING_NEW else f"both leave {100.0 * left:.2g} % of that error"
         found.append(Finding("prior", "info", f"{name} was {before} beforehand; {added}", "", values=values))
     return (*found, *_seen_before(actuator, fit))
@@ -152,6 +163,18 @@ def _apart(one: tuple[float, float], other: tuple[float, float], *, log: bool) -
     if log:
         return abs(math.log(b / a)) / math.hypot(a_error / a, b_error / b)
     return abs(b - a) / math.hypot(a_error, b_error)
+
+
+def _moved(before: tuple[float, float], after: tuple[float, float], *, log: bool) -> float:
+    """How far an estimate moved from its prior, in the deviations by which it should: the two variances' difference.
+
+    An estimate that uses all that its prior says differs from it by as much as its variance is smaller (Hausman,
+    Econometrica 46, 1251, 1978).
+    """
+    (a, a_error), (b, b_error) = before, after
+    away, deviations = (math.log(b / a), (a_error / a, b_error / b)) if log else (b - a, (a_error, b_error))
+    wider = max(deviations[0] ** 2 - deviations[1] ** 2, (_LEAST_MOVED * deviations[0]) ** 2)
+    return abs(away) / math.sqrt(wider)
 
 
 def _seen_before(actuator: Actuator, fit: Fit) -> tuple[Finding, ...]:

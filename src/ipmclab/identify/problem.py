@@ -166,8 +166,11 @@ class Problem:
         self._prior_centres = np.array([centre for _, centre, _ in priors])
         self._prior_is_range = np.array([self.unknowns[place].beforehand is None for place, _, _ in priors], dtype=bool)
         self._prior_jacobian = np.zeros((len(priors), len(self.unknowns)))
+        places = {unknown.base: place for place, unknown in enumerate(self.unknowns)}
         for row, (place, _, deviation) in enumerate(priors):
             self._prior_jacobian[row, place] = 1.0 / deviation
+            for other, (slope, _) in self.unknowns[place].follows.items():
+                self._prior_jacobian[row, places[other]] = -slope / deviation
         limits = np.array([unknown.limits for unknown in self.unknowns]).reshape(-1, 2)
         self.lower, self.upper = limits[:, 0], limits[:, 1]
 
@@ -241,7 +244,7 @@ class Problem:
             for record in self.records:
                 self._fill(rows, record, theta)
         rows[:-1, readings:] = self._prior_jacobian.T
-        rows[-1, readings:] = self._prior_jacobian @ (theta - self._centred(theta))
+        rows[-1, readings:] = self._from_beforehand(theta)
         return Evaluation(rows)
 
     def residuals(self, theta: FloatArray) -> dict[tuple[int, str], FloatArray]:
@@ -264,14 +267,18 @@ class Problem:
         There every delay is as likely as another (a rectangular distribution of the same deviation), so within it
         that part is no evidence.
         """
-        away = np.abs(self._prior_jacobian @ (theta - self._centred(theta)))[self._prior_is_range]
+        away = np.abs(self._from_beforehand(theta)[self._prior_is_range])
         beyond = np.maximum(away - _RECTANGLE, 0.0)
         return float(away @ away - beyond @ beyond)
 
-    def _centred(self, theta: FloatArray) -> FloatArray:
-        centred = theta.copy()
-        centred[self._prior_places] = self._prior_centres
-        return centred
+    def from_priors(self, theta: FloatArray) -> FloatArray:
+        """How far each unknown is from what was known beforehand, in its standard deviations; without ranges."""
+        return np.asarray(self._from_beforehand(theta)[~self._prior_is_range])
+
+    def _from_beforehand(self, theta: FloatArray) -> FloatArray:
+        away = np.zeros(len(theta))
+        away[self._prior_places] = theta[self._prior_places] - self._prior_centres
+        return np.asarray(self._prior_jacobian @ away)
 
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""

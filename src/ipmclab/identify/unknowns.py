@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.free import FreeParameters, Prior
 from ipmclab.identify.observation import LONGEST_DELAY, EdgeDelay, Record, mountings_of
 from ipmclab.model.parameters import Parameter
 
@@ -41,6 +41,8 @@ class Unknown:
     prior : pair of float, optional
         Centre and standard deviation of what is known of the entry beforehand; of a delay, those of the range where it
         lies, in which every value is as likely as another.
+    follows : mapping of name to pair of float
+        By how much that centre moves with the entry of another unknown, and the standard deviation of that one.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Unknown:
     nuisance: bool = False
     prior: tuple[float, float] | None = None
     places: tuple[int, ...] | None = None
+    follows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def belongs_to(self, place: int) -> bool:
         """Whether it says something of a run."""
@@ -81,7 +84,8 @@ class Unknown:
         if self.prior is None or self.base == "observation.delay":
             return None
         value = self.value(self.prior[0])
-        return value, self.prior[1] * self.chain(value)
+        deviation = math.hypot(self.prior[1], *(slope * other for slope, other in self.follows.values()))
+        return value, deviation * self.chain(value)
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -120,6 +124,24 @@ def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
     return Unknown(name, parameter.name, place, log, scale, lower, parameter.upper)
 
 
+def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
+    """The unknowns, with what is known of them beforehand."""
+    found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
+    deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in found if u.prior is not None}
+    return [
+        replace(
+            u,
+            follows={
+                other: (slope * deviations[other][0] / deviations[u.base][0], deviations[other][1])
+                for other, slope in priors[u.base].follows.items()
+            },
+        )
+        if u.base in priors
+        else u
+        for u in found
+    ]
+
+
 def unknowns_of(
     free: FreeParameters,
     parameters: Mapping[str, Parameter],
@@ -156,7 +178,7 @@ def unknowns_of(
         for mounting, places in mountings_of(records).items():
             shared = actuator_unknown(parameters[name], None)
             found.append(replace(shared, name=f"{name}[mounting {mounting}]", places=places))
-    found = [u if u.base not in free.priors else u.known(*free.priors[u.base]) for u in found]
+    found = with_known(found, free.priors)
     for record in records:
         if record.delay_is_free:
             reach = LONGEST_DELAY * record.period

@@ -135,8 +135,7 @@ class Density:
         middle = np.concatenate([here, *shapes])
         straight = Straight(middle, _root(whole.evaluate(here).triangle[:, :-1], len(middle)))
         self.coordinates = coordinates(whole, here, straight, width=_NOISE_WIDTH)
-        self._centres, self._deviations = _priors(self.unknowns, ranges=False)
-        self._range_middles, self._range_widths = _priors(self.unknowns, ranges=True)
+        self._range_middles, self._range_widths = _ranges(self.unknowns)
         self._order = Order(self._values(here))
         self._may_swap = any(_SECOND.search(name) for name in self._values(here))
 
@@ -150,7 +149,7 @@ class Density:
         # Branches and modes keep their names: the fastest is the fastest in every sample.
         if self._may_swap and Order(self._values(theta)) != self._order:
             return -math.inf
-        away = (theta - self._centres) / self._deviations
+        away = self.problem.from_priors(theta)
         found: float = -0.5 * float(away @ away)
         for key, residual in self.problem.residuals(theta).items():
             noise = self._noise[key]
@@ -183,7 +182,7 @@ def _root(triangle: FloatArray, size: int) -> FloatArray:
     return found
 
 
-def _priors(unknowns: Sequence[Unknown], *, ranges: bool) -> tuple[FloatArray, FloatArray]:
-    """Centres and widths of the priors that are normal, or of those that are ranges; a width without end for others."""
-    of = [u.prior if u.prior is not None and (u.beforehand is None) == ranges else (0.0, math.inf) for u in unknowns]
+def _ranges(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
+    """Centres and widths of the priors that are ranges; a width without end for others."""
+    of = [u.prior if u.prior is not None and u.beforehand is None else (0.0, math.inf) for u in unknowns]
     return np.array([centre for centre, _ in of]), np.array([width for _, width in of])

@@ -53,7 +53,7 @@ def branches(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
     actuator = actuator_of(name, known, count)
     fit = identify(actuator, [run for _, run in runs], free=wanted, labels=[label for label, _ in runs])
     held = {key: amount for key, amount in known.items() if key not in wanted and not key.startswith("beam.")}
-    amounts = amounts_of_fit(fit, held, {}, "noise of the current").determined
+    amounts = amounts_of_fit(fit, held, "noise of the current").determined
     parameters = actuator.parameters()
     results = {
         key: Result(amounts[key], PERMITTIVITY if key.endswith("permittivity") else RESISTIVITY, parameters[key].symbol)

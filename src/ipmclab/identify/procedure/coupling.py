@@ -56,7 +56,7 @@ def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Unc
     """
     actuator = actuator_of(name, known, branches)
     fit = identify(actuator, [run for _, run in runs], free=NAMES, labels=[label for label, _ in runs])
-    found = amounts_of_fit(as_far_as_seen(fit), known, {}, "noise of the force")
+    found = amounts_of_fit(as_far_as_seen(fit), known, "noise of the force")
     static, sure = found.product(STATIC), found.determined
     parameters = actuator.parameters()
     results = {

@@ -97,9 +97,7 @@ class FittedAmounts:
         return Uncertain(value, {source: value * part for source, part in parts.items()}, self.assumed)
 
 
-def amounts_of_fit(
-    fit: Fit, held: Mapping[str, Uncertain], prior: Mapping[str, Uncertain], source: str
-) -> FittedAmounts:
+def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> FittedAmounts:
     """What a fit found, with its contributions.
 
     Parameters
@@ -108,11 +106,8 @@ def amounts_of_fit(
         Of ``identify``, with everything that was held taken as exact; its free parameters are positive.
     held : mapping of dotted name to Uncertain
         What it was told as fixed.
-    prior : mapping of dotted name to Uncertain
-        What it was told as known beforehand, with those contributions alone that its own prior did not count: the
-        centre of a prior moves with them.
     source : str
-        What the contribution of its noise is called.
+        What the contribution of its noise, and of what was known beforehand, is called.
     """
     estimate = fit.estimate
     assert estimate is not None
@@ -123,7 +118,6 @@ def amounts_of_fit(
     asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
     order = Order(problem.values(solution.theta, problem.records[0].place))
     root = _root(found.covariance)
-    places = {unknown.base: number for number, unknown in enumerate(asked)}
     relative: dict[str, dict[str, float]] = {}
     for number, unknown in enumerate(asked):
         name = order(unknown.name)
@@ -134,16 +128,9 @@ def amounts_of_fit(
         parts = {f"{source}#{k}": wider * float(part) for k, part in enumerate(root[number]) if part}
         for other in names:
             _add(parts, held[other], float(found.leverage[other][number]) / (0.01 * abs(problem.base[other])))
-        for other, amount in prior.items():
-            if other in places and amount.parts:
-                told = asked[places[other]]
-                assert told.prior is not None
-                # A prior is one more reading of its own entry: the answer moves with its centre by J+ of that row.
-                pull = float(found.plain[number, places[other]]) / told.prior[1] ** 2
-                _add(parts, amount, pull / told.chain(amount.value))
         relative[name] = parts
     used = [held[name] for name in names if np.any(np.abs(found.leverage[name]) > _NO_LEVERAGE)]
-    assumed = frozenset().union(*(one.assumed for one in (*used, *prior.values())))
+    assumed = frozenset().union(*(one.assumed for one in used))
     return FittedAmounts(fit, relative, assumed)
 
 

@@ -116,7 +116,7 @@ def known_first(
     points = starting_points(actuator, names, records, circuit)
     if not names.priors:
         return points
-    known = {name: value for name, (value, _) in names.priors.items()}
+    known = {name: prior.value for name, prior in names.priors.items()}
     rest = replace(
         names,
         shared=tuple(name for name in names.shared if name not in known),
