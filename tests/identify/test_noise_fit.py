@@ -176,3 +176,31 @@ def test_bands_hold_new_readings_and_the_answer_itself() -> None:
     assert bands.left_out == ()
     with pytest.raises(InputError, match="between 0 and 1"):
         bands.interval("current", 1.0)
+
+
+@pytest.mark.parametrize("seed", [0, 12])
+def test_a_zero_of_the_current_that_no_rest_shows_is_no_error_of_the_model(seed: int) -> None:
+    """It led least squares so far away that what they left was taken for what the model lacks, and no noise for any."""
+    generator = np.random.default_rng([20261121, seed])
+    library = load_actuator("friend-2")
+    names = list(ELECTRICAL)
+    strip = library.replace(**{n: library[n] * float(np.exp(0.15 * generator.standard_normal())) for n in names})
+    known = replace(library, standard_uncertainties={name: 0.15 * library[name] for name in names})
+    clean = simulate(strip, "square 1 V 0.1 Hz", duration=20, rate=20)
+    assert clean.current is not None
+    noise = scipy.signal.lfilter(
+        [3e-4 * np.sqrt(1.0 - 0.81)], [1.0, -0.9], generator.standard_normal(len(clean) + 200)
+    )[200:]
+    run = Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=clean.current + noise + 1e-3,
+        hold="zero",
+        metadata=RunMetadata(starts_from_rest=True),
+    )
+    fit = identify(known, [run], free="electrical", prior="electrical")
+    assert "model-error-like-noise" not in {finding.code for finding in fit.findings}
+    assert fit.observations[0].offset["current"] == pytest.approx(1e-3, abs=5e-4)
+    for name in names:
+        low, high = fit.parameters[name].interval
+        assert low < strip[name] < high

@@ -44,6 +44,7 @@ FloatArray = npt.NDArray[np.float64]
 _SAME_NOISE: Final = 0.002
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
+_CLEARLY: Final = 0.8  # of what is left: a zero that explains so much is one, whatever the noise
 _RIVAL: Final = 4.0  # of chi-square: a minimum no higher than that is as good
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 _LONGEST: Final = 300  # evaluations of one search
@@ -85,6 +86,30 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     A sensor's zero is an unknown until the readings allow it to be zero; a run is at rest at its start until
     the readings contradict it.
     """
+    found = _estimate(actuator, names, records)
+    if "current" not in found.correlated.contradicted or not any(record.zero_is_open for record in records):
+        return found
+    # A zero of the current that is not at zero can lead the first fit so far away that what it leaves is no noise.
+    opened = [
+        replace(record, unsettled=record.unsettled | {("offset", "current")}) if record.zero_is_open else record
+        for record in records
+    ]
+    again = _estimate(actuator, names, opened)
+    nearer = _power(again, "current") < _CLEARLY * _power(found, "current")
+    return again if nearer and "current" not in again.correlated.contradicted else found
+
+
+def _power(found: Estimate, output: str) -> float:
+    """What least squares leaves of an output [SI squared]."""
+    problem, solution = found.white or (found.problem, found.solution)
+    return sum(
+        float(np.sum((problem.noise[key] * solution.evaluation.residual[piece]) ** 2))
+        for key, piece in problem.pieces.items()
+        if key[1] == output
+    )
+
+
+def _estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record]) -> Estimate:
     records = list(records)
     # Before any numerics; starting states are counted when their number is known.
     parameters = actuator.parameters()

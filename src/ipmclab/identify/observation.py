@@ -39,6 +39,9 @@ _EDGE: Final = 0.05  # of the largest voltage
 
 Start = Literal["stated rest", "shown rest", "rest, which the readings do not contradict", "free"]
 
+_SHOWS_ZERO: Final = 20
+"""Rows at 0 V before the first step from which the check of a record tells whether the current reads zero there."""
+
 ASSUMED_REST: Final = "rest, which the readings do not contradict"
 
 
@@ -168,6 +171,16 @@ class Record:
     def at_its_rows(self) -> EdgeDelay:
         """Edges at the rows, give or take half a row (a rectangular distribution)."""
         return EdgeDelay(0.0, self.period / math.sqrt(12.0))
+
+    @property
+    def zero_is_open(self) -> bool:
+        """Whether nothing has shown the zero of the current: the record begins with the voltage on."""
+        return (
+            "current" in self.readings
+            and self.run.metadata.origin != "simulated"
+            and rest_rows(self.run) < _SHOWS_ZERO
+            and ("offset", "current") not in self.unsettled
+        )
 
     @property
     def delay_is_free(self) -> bool:

@@ -12,6 +12,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.identify.diagnostics.doses import Dose
 from ipmclab.identify.estimate import entries_at, problem_at
 from ipmclab.identify.free import FreeParameters
+from ipmclab.identify.observation import ASSUMED_REST
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped
 from ipmclab.identify.solve import Solution, minimise
@@ -118,8 +119,15 @@ def afresh(problem: Problem, actuator: Actuator, names: FreeParameters, dose: Do
         richer = richer.replace(**dose.sized(1.0))
         wider = replace(names, shared=(*names.shared, *_freed(actuator, richer)))
         parameters = richer.parameters()
-        for point in starting_points(richer, wider, problem.records)[:_STARTS]:
-            own = problem_at(richer, parameters, wider, problem.records, point, problem.noise)
+        # It may be for want of this stage that a start from rest was contradicted.
+        records = [
+            replace(record, start=ASSUMED_REST)
+            if record.start == "free" and record.run.metadata.starts_from_rest is None
+            else record
+            for record in problem.records
+        ]
+        for point in starting_points(richer, wider, records)[:_STARTS]:
+            own = problem_at(richer, parameters, wider, records, point, problem.noise)
             found = minimise(own, entries_at(own, point), evaluations=_AFRESH, tolerance=_NEAR)
             if best is None or found.evaluation.cost < best.solution.evaluation.cost:
                 best = Extended(dose, own, found)

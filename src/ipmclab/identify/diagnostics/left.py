@@ -114,7 +114,9 @@ class Left:
         """Minus twice the log likelihood of this output under the likeliest noise; of this fit, or of another."""
         problem, here = problem or self.problem, here or self.here
         nothing = np.zeros((0, here.rows.shape[1]))
-        return Evidence(problem, here, self.pieces, nothing).deviance([], self.shapes)[0]
+        # What that fit may move by itself is no constant of its noise.
+        pieces = [piece.among(problem.unknowns) for piece in self.pieces]
+        return Evidence(problem, here, pieces, nothing).deviance([], _drifting(pieces, self.shapes))[0]
 
     @cached_property
     def follows(self) -> bool:

@@ -17,7 +17,7 @@ from ipmclab.model import Actuator
 _CLEAR: Final = 25.0  # of evidence, from which a stage is named
 _SHARE: Final = 0.2  # of the power beyond noise that it has to take away
 _MISFIT: Final = 1.3  # times the noise: what is left is large, and the linear look at a little of a stage no guide
-_ENOUGH: Final = 0.7  # of the power beyond noise: nothing further is tried
+_ENOUGH: Final = 0.7  # of the power beyond noise: what has been tried is not tried afresh
 _AS_WELL: Final = 10.0  # less evidence than the best one has: another stage that would do as well
 _AT_LEAST: Final = 30.0  # doses of a stage of which less than none was asked
 
@@ -68,9 +68,13 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
             found[name] = extended
     tried = _judged(doubted, found)
     large = any(left.squares(problem, left.here) > _MISFIT**2 * left.noise for left in doubted)
-    if large and not any(share > _ENOUGH for one in tried[:1] for share in one.shares.values()):
+    if large:
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
+        # Where one explains most of it, only those that did not go with the fit as it stands.
+        enough = any(share > _ENOUGH for one in tried[:1] for share in one.shares.values())
         for dose in {one.name: one for one in some}.values():
+            if enough and dose.name in found:
+                continue
             extended = afresh(problem, actuator, names, dose)
             known = found.get(dose.name)
             if extended is not None and (known is None or extended.cost < known.cost):
