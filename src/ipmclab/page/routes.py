@@ -69,7 +69,8 @@ def routes(workshop: Workshop) -> APIRouter:
                     await asyncio.to_thread(stream.write, piece)
         except InputError as error:
             return JSONResponse({"message": str(error)}, 413 if error.code == "too-large" else 503)
-        return JSONResponse({"key": path.name, "name": stem})
+        called = name.replace("\\", "/").rpartition("/")[2][:200]  # by its owner
+        return JSONResponse({"key": path.name, "name": called or stem})
 
     @router.get("/runs/file", response_model=None)
     def run_file(run: str) -> Response:

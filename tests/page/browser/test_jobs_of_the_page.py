@@ -97,6 +97,12 @@ def test_a_saved_figure_tells_curves_with_long_names_apart(address: str, open_pa
 def test_a_foreign_record_is_imported_by_saying_what_its_columns_are(address: str, open_page, lab: Path) -> None:
     page = open_page(f"{address}/runs", theme="dark")
     page.get_by_role("button", name="Import a record").click()
+    page.get_by_label("or one of this computer").set_input_files(
+        {"name": "Über mich.csv", "mimeType": "text/csv", "buffer": bytes(100)}
+    )
+    refused = page.get_by_role("alert").filter(has_text="this is no text")
+    refused.wait_for(timeout=LONG)
+    assert refused.inner_text().startswith("Über mich.csv: ")  # not as the server calls it for itself
     page.get_by_label("or one of this computer").set_input_files(lab / "rig.csv")
     page.get_by_label("What column Strom is").wait_for()
     assert page.get_by_label("What column Strom is").input_value() == "current"
