@@ -240,7 +240,8 @@ def test_a_run_is_downloaded_as_it_is_and_in_other_formats(client: Client, works
 
 def test_an_upload_is_bounded(client: Client, workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
     told = client.post("/uploads", params={"name": "../../a b.csv"}, content=b"1;2").json()
-    assert told["name"] == "ab.csv"
+    assert told["name"] == "a b.csv"
+    assert told["key"].endswith("-ab.csv")
     assert (workshop.scratch / told["key"]).read_bytes() == b"1;2"
     monkeypatch.setattr("ipmclab.page.routes.MOST_BYTES", 1000)
     before = list(workshop.scratch.iterdir())
