@@ -40,7 +40,7 @@ def test_the_interval_at_the_peak_holds_the_true_answer() -> None:
     truth = asked(FRIEND).current
     assert truth is not None
     answers, readings = [], []
-    for _ in range(250):
+    for _ in range(80):
         strip = identify(FRIEND, noisy(generator, "step 1 V"), free="electrical").actuator
         run, sure = asked(strip), sure_of(strip)
         assert sure.here is not None
@@ -50,9 +50,9 @@ def test_the_interval_at_the_peak_holds_the_true_answer() -> None:
             answers.append(low[row] <= truth[row] <= high[row])
             low, high = sure.here.interval("current")
             readings.append(low[row] <= truth[row] + NOISE["current"] * generator.standard_normal() <= high[row])
-    # 250 fits know 95 % to 1.4 %, and the two rows of one fit hang together: three standard deviations.
-    assert np.mean(answers) == pytest.approx(0.95, abs=0.041)
-    assert np.mean(readings) == pytest.approx(0.95, abs=0.03)
+    # 80 fits know 95 % to 2.4 %, and the two rows of one fit hang together; benchmarks/answers.py counts a thousand.
+    assert np.mean(answers) == pytest.approx(0.95, abs=0.07)
+    assert np.mean(readings) == pytest.approx(0.95, abs=0.05)
 
 
 def test_mountings_that_differ_have_the_next_one_alone() -> None:
