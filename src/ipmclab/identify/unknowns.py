@@ -94,6 +94,8 @@ class Unknown:
 
 
 _FAR: Final = 100.0  # Nyquist rates
+FARTHEST: Final = 6.0
+"""Standard uncertainties within which a number is sought that is free merely because it is uncertain."""
 
 # Where a linear parameter's value is zero its own size says nothing about what a large change is.
 _LINEAR_SCALES: Final[Mapping[str, float]] = {
@@ -124,9 +126,17 @@ def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
     return Unknown(name, parameter.name, place, log, scale, lower, parameter.upper)
 
 
+def _known(unknown: Unknown, prior: Prior) -> Unknown:
+    found = unknown.known(prior.value, prior.uncertainty)
+    if not prior.merely_uncertain:
+        return found
+    reach = FARTHEST * prior.uncertainty
+    return replace(found, lower=max(unknown.lower, prior.value - reach), upper=min(unknown.upper, prior.value + reach))
+
+
 def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
     """The unknowns, with what is known of them beforehand."""
-    found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
+    found = [u if u.base not in priors else _known(u, priors[u.base]) for u in unknowns]
     deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in found if u.prior is not None}
     return [
         replace(

@@ -15,6 +15,7 @@ from ipmclab.cli.app import run
 from ipmclab.identify.procedure.amounts import Uncertain, exact
 from ipmclab.identify.procedure.coupling import NAMES, as_far_as_seen
 from ipmclab.identify.procedure.follow import TO_DO
+from ipmclab.identify.procedure.joint import _movable
 from ipmclab.identify.procedure.strip import GEOMETRY
 from ipmclab.identify.procedure.template import TEMPLATE
 from ipmclab.identify.valleys import Rival
@@ -253,6 +254,7 @@ def test_the_fit_carries_the_steps_and_every_uncertainty(joint, tmp_path) -> Non
     assert fit.covariance[SHEET][SHEET] == pytest.approx(parameter.standard_error**2)
     assert fit.actuator.standard_uncertainties["geometry.thickness"] == pytest.approx(3e-6, rel=0.02)
     assert fit.actuator.standard_uncertainties["beam.density"] > 0.0
+    assert not set(NAMES) & set(fit.actuator.standard_uncertainties)
     write_fit(fit, tmp_path / "fitted.toml")
     again = read_fit(tmp_path / "fitted.toml")
     assert again.procedure == fit.procedure
@@ -278,3 +280,11 @@ def test_the_verb_and_the_report_show_both_ways(joint, measured, tmp_path, monke
     assert "Step by step" in text
     assert "modulus from a push" in text
     assert "offset of the meter" in text
+
+
+def test_a_strip_that_is_read_at_its_tip_keeps_both_lengths(strip: VirtualStrip) -> None:
+    """Moved under their uncertainties, the strip could become shorter than where it is read."""
+    staged = dict(strip.procedure(np.random.default_rng(SEED)).geometry)
+    assert _movable(staged) == list(staged)
+    staged["geometry.sensing_length"] = staged["geometry.free_length"]
+    assert _movable(staged) == ["geometry.clamped_length", "geometry.width", "geometry.thickness"]

@@ -38,7 +38,12 @@ def as_far_as_seen(fit: Fit) -> Fit:
         for name, one in coupled.items()
         if one.determined
     }
-    return changed(fit, parameters={**fit.parameters, **opened})
+    stated = {name: one for name, one in fit.actuator.standard_uncertainties.items() if name not in opened}
+    return changed(
+        fit,
+        parameters={**fit.parameters, **opened},
+        actuator=replace(fit.actuator, standard_uncertainties=stated),
+    )
 
 
 def coupling(name: str, runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain], branches: int) -> Step:

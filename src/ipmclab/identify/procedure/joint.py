@@ -15,12 +15,14 @@ from ipmclab.identify.procedure.amounts import Uncertain
 from ipmclab.identify.procedure.coupling import NAMES as COUPLING
 from ipmclab.identify.procedure.coupling import STATIC, as_far_as_seen
 from ipmclab.identify.procedure.strip import GEOMETRY, actuator_of, amounts_of_fit, branch_names
+from ipmclab.identify.unknowns import FARTHEST
 from ipmclab.run import Finding, Run
 from ipmclab.sample import Sample
 
 SHEET: Final = "circuit.sheet_resistance"
 CONTACT: Final = "circuit.contact_resistance"
 
+_LENGTHS: Final = ("geometry.free_length", "geometry.sensing_length")
 _APART: Final = 3.0
 _LEAST: Final = 1e-4  # of a value: what follows exactly from the dimensions is given this much room
 
@@ -71,7 +73,7 @@ def joint(
     sample : Sample, optional
     """
     seen = {channel for _, run in runs for channel in run.channels}
-    dimensions = [f"geometry.{one}" for one in GEOMETRY]
+    dimensions = _movable(staged)
     # Without the displacement nothing shows the density.
     merely = [*dimensions, *([density.NAME] if "displacement" in seen else []), CONTACT]
     priors = {
@@ -82,17 +84,26 @@ def joint(
     priors = {key: replace(one, merely_uncertain=key in merely) for key, one in priors.items()}
     found_by_runs = [SHEET, dc.NAME, *branch_names(branches), *COUPLING, push.NAME]
     free = {*priors, *(key for key in found_by_runs if key not in by_hand)}
-    other = {key: one.uncertainty for key, one in staged.items() if key not in free and math.isfinite(one.uncertainty)}
-    actuator = actuator_of(name, staged, branches, sample=sample, uncertain=other)
+    held = {key: one for key, one in staged.items() if key not in free and one.parts}
+    actuator = actuator_of(
+        name, staged, branches, sample=sample, uncertain={key: one.uncertainty for key, one in held.items()}
+    )
     fit = identify_freed(
         actuator,
         [run for _, run in runs],
         FreeParameters(tuple(key for key in actuator.parameter_values if key in free), priors=priors),
         [label for label, _ in runs],
     )
-    found = amounts_of_fit(as_far_as_seen(fit), {}, "all at once")
+    found = amounts_of_fit(as_far_as_seen(fit), held, "all at once")
     amounts = {key: one for key, one in found.determined.items() if key not in merely}
     return Joint(found.fit, amounts, found.product(STATIC), _compared(staged, amounts))
+
+
+def _movable(staged: Mapping[str, Uncertain]) -> list[str]:
+    """The dimensions that a fit may move: not the two lengths where the strip could seem shorter than it is read at."""
+    free, sensing = (staged[name] for name in _LENGTHS)
+    apart = free.value - sensing.value > FARTHEST * (free.uncertainty + sensing.uncertainty)
+    return [name for one in GEOMETRY if (name := f"geometry.{one}") not in _LENGTHS or apart]
 
 
 def _prior(amount: Uncertain, dimensions: Mapping[str, Uncertain]) -> Prior:
