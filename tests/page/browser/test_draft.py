@@ -62,6 +62,7 @@ def test_what_was_half_written_is_there_again(tmp_path: Path, open_page) -> None
         window.close()
         page.get_by_role("button", name="Save", exact=True).click()
         page.get_by_text("As you left it, not saved yet").wait_for(state="hidden")
+        page.wait_for_function("document.querySelector('[aria-label=\"Experiment\"]').value === 'other'")
         assert (tmp_path / "mine.toml").read_text("utf-8") == FILE  # it was begun from this one
         saved = parse_table((tmp_path / "other.toml").read_text("utf-8"), where="other")
         assert saved["steps"] == ["clamp", "apply"]  # what the form does not show

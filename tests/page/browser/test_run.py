@@ -114,16 +114,21 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
     assert operator.evaluate(shown) == '"last known: "'
     before = time.monotonic()
     wait_until(lambda: time.monotonic() - before > 1.0 and level(levels)[0] != 0.0, "a voltage without a server")
+    for page in (operator, watcher):
+        page.evaluate("window.isOld = true")
     with served(lab, "--port", port):
-        operator.wait_for_selector("#lab-lost", state="hidden")  # nobody reloads it
+        for page in (operator, watcher):
+            page.wait_for_function("!window.isOld && window.lab?.state")  # by itself: nobody reloads it
+        operator.wait_for_selector("#lab-lost", state="hidden")
         operator.wait_for_selector(".lab-live[data-drawn]")
         operator.get_by_text("You hold the bench").wait_for()  # again, by itself
         watcher.get_by_text("Somebody else holds the bench").wait_for()
         assert operator.evaluate(shown) == "none"
         operator.get_by_role("button", name="Release").click()
         watcher.get_by_text("Nobody holds the bench").wait_for()
-        operator.wait_for_timeout(600)  # some pulses: it is not taken back
-        assert operator.get_by_text("Nobody holds the bench").is_visible()
+        operator.get_by_text("Nobody holds the bench").wait_for()
+        watcher.wait_for_timeout(600)  # some pulses: it is not taken back
+        assert watcher.evaluate("lab.state.held") is False
         watcher.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'recording'")
         asked = time.time()
         watcher.get_by_role("button", name="ZERO").click()

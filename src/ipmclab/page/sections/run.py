@@ -300,6 +300,9 @@ class _Form:
         self._name.error = None
         if path.stem not in self._choice.options:
             self._choice.set_options({_NEW: "a new one", **{name: name for name in experiments(self._lab)}})
+        self._filling = True
+        self._choice.value = path.stem  # the form shows this one from now on
+        self._filling = False
         self._begun(path.stem)
         return True
 

@@ -88,6 +88,10 @@ const lab = (window.lab = {
   // Ask the bench for something: {ok, message}.
   async post(what, values = {}) {
     let answer;
+    if (what === "release") {
+      keepSeat.isGiven = true; // at once: the page may be loaded anew before the answer comes
+      sessionStorage.removeItem("lab-held");
+    }
     try {
       answer = await fetch(`/bench/${what}`, {
         method: "POST",
@@ -183,7 +187,8 @@ function hush(state) {
 function keepSeat(state) {
   const held = sessionStorage.getItem("lab-held");
   const experiment = String(state.experiment);
-  if (state.mine && isBusy(state)) {
+  if (!state.mine) keepSeat.isGiven = false;
+  if (state.mine && isBusy(state) && !keepSeat.isGiven) {
     keepSeat.link = lab.socket;
     if (held !== experiment) sessionStorage.setItem("lab-held", experiment);
   } else if (held !== null && (keepSeat.link === lab.socket || (state.held && !state.mine)))
