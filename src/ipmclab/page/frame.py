@@ -19,8 +19,15 @@ SECTIONS: Final = {
 
 HEAD: Final = """
 <script>
+// What a browser keeps may be full, or not allowed: everything else works without.
+function recall(store, name) {
+  try { return window[store].getItem(name); } catch { return null; }
+}
+function remember(store, name, value) {
+  try { value === null ? window[store].removeItem(name) : window[store].setItem(name, value); } catch {}
+}
 document.documentElement.lang = "en";
-document.documentElement.dataset.theme = localStorage.getItem("lab-theme")
+document.documentElement.dataset.theme = recall("localStorage", "lab-theme")
   ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 </script>
 <link rel="stylesheet" href="/vendor/uPlot.min.css">

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.page.browser.conftest import serious, served
+from tests.page.browser.conftest import serious, served, wait_until
+from tests.page.test_live import RUN, Recorder
 
 pytest.importorskip("playwright")
 
@@ -64,6 +65,35 @@ def test_who_comes_by_a_foreign_link_keeps_the_bench(tmp_path: Path, open_page) 
         other.get_by_role("link").click()
         other.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
         assert seats() == first
+
+
+FULL = "Storage.prototype.setItem = () => { throw new DOMException('full', 'QuotaExceededError'); }"
+BLOCKED = """for (const name of ['localStorage', 'sessionStorage'])
+  Object.defineProperty(window, name, { get() { throw new DOMException('denied', 'SecurityError'); } })"""
+
+
+@pytest.mark.parametrize("storage", [FULL, BLOCKED], ids=["full", "blocked"])
+def test_stop_works_where_a_browser_can_keep_nothing(tmp_path: Path, open_page, storage: str) -> None:
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/nowhere").context.new_page()
+        faults: list[str] = []
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.add_init_script(storage)
+        page.goto(f"{address}/run")
+        if storage == FULL:  # NiceGUI, which draws the form, needs a store that can be read
+            page.wait_for_selector(".lab-stack:not(.lab-live) canvas")
+        recorder = Recorder(tmp_path)
+        recorder.tell("run", **RUN)
+        page.get_by_role("button", name="STOP", exact=True).click()
+        wait_until(lambda: [one.kind for one in recorder.asked] == ["stop"], "the recorder is asked")
+        page.wait_for_function("lab.state.mine")
+        page.get_by_role("button", name="Dark colours").click()
+        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+        assert faults == ([] if storage == FULL else ["denied"])  # NiceGUI's own
+        page.route_web_socket("**/live", lambda _: None)  # open, and never anything to hear
+        page.reload()
+        page.get_by_role("alert").filter(has_text="Connection lost").wait_for()
+        recorder.hub.close()
 
 
 def test_zero_stays_in_its_corner_and_above_a_dialog(tmp_path: Path, open_page) -> None:

@@ -5,22 +5,19 @@
 window.LabDraft = (() => {
   const key = `lab-draft-${document.currentScript.dataset.lab}`; // of this folder: another may be served here next
   // This window's own first; a new window goes on with what was written last.
-  const stores = [sessionStorage, localStorage];
+  const stores = ["sessionStorage", "localStorage"];
 
   function kept() {
     for (const store of stores)
       try {
-        const found = JSON.parse(store.getItem(key));
+        const found = JSON.parse(recall(store, key));
         if (typeof found?.from === "string" && found.values) return found;
       } catch {} // somebody else's text
     return { from: "", values: {} };
   }
 
   function write(draft) {
-    for (const store of stores)
-      try {
-        store.setItem(key, JSON.stringify(draft));
-      } catch {} // it is full, or not allowed: the form works without
+    for (const store of stores) remember(store, key, JSON.stringify(draft));
   }
 
   return {

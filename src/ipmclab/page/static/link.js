@@ -90,7 +90,7 @@ const lab = (window.lab = {
     let answer;
     if (what === "release") {
       keepSeat.isGiven = true; // at once: the page may be loaded anew before the answer comes
-      sessionStorage.removeItem("lab-held");
+      remember("sessionStorage", "lab-held", null);
     }
     try {
       answer = await fetch(`/bench/${what}`, {
@@ -185,23 +185,23 @@ function hush(state) {
 
 // The server keeps in memory who holds the bench: after it was begun anew in mid-run, whoever held this run holds it again.
 function keepSeat(state) {
-  const held = sessionStorage.getItem("lab-held");
+  const held = recall("sessionStorage", "lab-held");
   const experiment = String(state.experiment);
   if (!state.mine) keepSeat.isGiven = false;
   if (state.mine && isBusy(state) && !keepSeat.isGiven) {
     keepSeat.link = lab.socket;
-    if (held !== experiment) sessionStorage.setItem("lab-held", experiment);
+    if (held !== experiment) remember("sessionStorage", "lab-held", experiment);
   } else if (held !== null && (keepSeat.link === lab.socket || (state.held && !state.mine)))
-    sessionStorage.removeItem("lab-held"); // it ended, was released, or is somebody else's now
+    remember("sessionStorage", "lab-held", null); // it ended, was released, or is somebody else's now
   else if (held === experiment && isBusy(state)) {
-    sessionStorage.removeItem("lab-held"); // asked once; it is remembered again when it is ours
+    remember("sessionStorage", "lab-held", null); // asked once; it is remembered again when it is ours
     lab.post("hold", { again: true });
   }
 }
 
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
-  localStorage.setItem("lab-theme", theme);
+  remember("localStorage", "lab-theme", theme);
   window.Quasar?.Dark.set(theme === "dark");
   document.getElementById("lab-theme")?.setAttribute("aria-pressed", String(theme === "dark"));
 }
@@ -217,6 +217,14 @@ const lists = new MutationObserver(() =>
 for (const type of ["click", "keydown"]) document.addEventListener(type, holdBack, true);
 
 document.addEventListener("DOMContentLoaded", () => {
+  lab.heard = performance.now(); // from now on there is something to hear
+  lab.connect(); // before all that could fail
+  setInterval(() => {
+    if (performance.now() - lab.heard > 3500) {
+      lab.lose();
+      if (lab.socket.readyState === WebSocket.OPEN) lab.socket.close();
+    }
+  }, 500);
   document.getElementById("lab-stop").addEventListener("click", (event) => press("stop", event.currentTarget));
   document.getElementById("lab-zero").addEventListener("click", (event) => press("zero", event.currentTarget));
   document.getElementById("lab-theme").addEventListener("click", () =>
@@ -227,11 +235,4 @@ document.addEventListener("DOMContentLoaded", () => {
   lab.listen(tellHeader);
   lab.listen(hush);
   lab.listen(keepSeat);
-  lab.connect();
-  setInterval(() => {
-    if (lab.heard && performance.now() - lab.heard > 3500) {
-      lab.lose();
-      if (lab.socket.readyState === WebSocket.OPEN) lab.socket.close();
-    }
-  }, 500);
 });
