@@ -89,9 +89,20 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     made = Bench(Lab.open(tmp_path), "no.such.program", right=0.0)
-    made.follower.start()
+    made.start()
     yield made
     made.follower.close()
+
+
+@contextlib.contextmanager
+def begun(folder: Path, right: float = 60.0) -> Iterator[Bench]:
+    """The bench of a page that was begun anew."""
+    made = Bench(Lab.open(folder), "no.such.program", right=right)
+    made.start()
+    try:
+        yield made
+    finally:
+        made.follower.close()
 
 
 @given(
@@ -228,24 +239,43 @@ def test_one_holds_the_bench_until_it_is_released_or_gone_for_long() -> None:
 
 
 def test_a_run_that_goes_on_is_kept_for_who_held_it_when_the_page_is_begun_anew(recorder: Recorder) -> None:
-    lab = Lab.open(recorder.folder)
-    bench = Bench(lab, "no.such.program", right=60.0)
-    for what in ("stop", "start", "mark"):
-        with pytest.raises(IpmclabError, match="who held the bench may take it again first") as refused:
-            bench.ask("watcher", what)
-        assert refused.value.code == "bench-kept"
-    with pytest.raises(IpmclabError, match="begun anew"):
-        bench.take("watcher")
-    bench.take("operator", again=True)
-    assert bench.seats.holds("operator")
-    bench.seats.release("operator")
-    bench.take("watcher")  # given up: it is anybody's
-    later = Bench(lab, "no.such.program", right=0.0)
-    later.take("watcher")
+    with begun(recorder.folder) as bench:
+        wait_until(lambda: bench.follower.is_joined)
+        for what in ("start", "mark"):
+            with pytest.raises(IpmclabError, match="who held the bench may take it again first") as refused:
+                bench.ask("watcher", what)
+            assert refused.value.code == "bench-kept"
+        with pytest.raises(IpmclabError, match="begun anew"):
+            bench.take("watcher")
+        bench.take("operator", again=True)
+        assert bench.seats.holds("operator")
+        bench.seats.release("operator")
+        bench.take("watcher")  # given up: it is anybody's
+    with begun(recorder.folder, right=0.0) as later:
+        wait_until(lambda: later.follower.is_joined)
+        later.take("watcher")
     recorder.hub.close()
     for file in (recorder.folder / "runs" / "recording").glob(f"*{SUFFIX}"):
         file.unlink(missing_ok=True)
-    Bench(lab, "no.such.program", right=60.0).take("watcher")  # nothing runs: nobody waits
+    with begun(recorder.folder) as idle:
+        idle.take("watcher")  # nothing runs: nobody waits
+
+
+@pytest.mark.parametrize("what", ["stop", "abort"])
+def test_who_ends_a_run_does_not_wait_for_who_held_the_bench(recorder: Recorder, what: str) -> None:
+    with begun(recorder.folder) as bench:
+        wait_until(lambda: bench.follower.is_joined)
+        bench.ask("watcher", what)
+        wait_until(lambda: [one.kind for one in recorder.asked] == [what])
+
+
+def test_the_time_to_come_back_counts_from_when_the_page_listens(recorder: Recorder) -> None:
+    bench = Bench(Lab.open(recorder.folder), "no.such.program", right=0.5)
+    time.sleep(0.6)  # it takes long to begin
+    bench.start()
+    with pytest.raises(IpmclabError, match="begun anew"):
+        bench.take("watcher")
+    bench.follower.close()
 
 
 def test_steps_are_ticked_in_their_order_and_what_comes_again_is_noted() -> None:
@@ -574,7 +604,7 @@ def test_a_recorder_that_is_started_here_is_followed_once(tmp_path: Path, monkey
 
     monkeypatch.setattr(module, "launch", launch)
     bench = Bench(Lab.open(tmp_path), "a.program")
-    bench.follower.start()
+    bench.start()
     bench.seats.come("anna")
     bench.prepare("anna", {"experiment": "x.toml"})
     with pytest.raises(IpmclabError, match="at the bench already"):

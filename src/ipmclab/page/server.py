@@ -171,7 +171,7 @@ def application(lab: Lab, settings: Settings) -> FastAPI:
     add_sections(Context(workshop, bench))
     add_faults(app)
     ui.run_with(app, title="ipmclab", tailwind=False, show_welcome_message=False, dark=None, reconnect_timeout=10.0)
-    app.router.on_startup.append(bench.follower.start)
+    app.router.on_startup.append(bench.start)
     app.router.on_shutdown.append(bench.follower.close)
     app.router.on_shutdown.append(workshop.close)
     return app

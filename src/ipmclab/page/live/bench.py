@@ -33,7 +33,13 @@ class Bench:
         self.follower = Follower(lambda: lab.laboratory_folder)
         self.seats = Seats()
         self._recorder = recorder
-        self._until = time.monotonic() + right
+        self._right = right
+        self._until = 0.0
+
+    def start(self) -> None:
+        """The page listens from now on: look for recorders, and let who held the bench come back."""
+        self._until = time.monotonic() + self._right
+        self.follower.start()
 
     def take(self, seat: str, *, again: bool = False) -> None:
         """Let a browser hold the bench; ``again`` where it did before the page was begun anew.
@@ -43,12 +49,14 @@ class Bench:
         IpmclabError
             Another one does, or may.
         """
-        if not again and self.seats.is_new and time.monotonic() < self._until and self.follower.may_run:
+        follower = self.follower
+        runs = follower.is_joined or follower.may_run
+        if not again and self.seats.is_new and time.monotonic() < self._until and runs:
             raise IpmclabError(
                 "the page was begun anew: who held the bench may take it again first",
                 code="bench-kept",
                 where="bench",
-                repair=f"try again in {RIGHT:g} s; ZERO is everybody's",
+                repair=f"try again in {RIGHT:g} s; STOP and ZERO work for everybody",
             )
         self.seats.take(seat)
 
@@ -73,7 +81,8 @@ class Bench:
         """
         taken = what in OPERATOR_ONLY and not self.seats.holds(seat)
         if taken:
-            self.take(seat)  # it is free, or this says whose it is
+            # It is free, or this says whose it is. Who ends a run does not wait for who held the bench.
+            self.take(seat, again=what in ("stop", "abort"))
         if not self._reached(what, **values):
             if taken:
                 self.seats.release(seat)

@@ -179,9 +179,9 @@ class Follower:
             recorder = recorder or self._searched()
             if recorder is None:
                 return None
-            self._not_before[recorder.file] = _NEVER
             with self._sending:
                 self._recorder = recorder
+                self._not_before[recorder.file] = _NEVER
                 self._subscribe(recorder)
             return recorder
 
