@@ -38,17 +38,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("actuator", "run", "label"),
+    ("actuator", "run", "label", "held"),
     [
-        ("one", "seen", "95 % of the answer"),
-        ("one", "new", "95 % of the answer"),
-        ("three", "seen", "95 % of the answer"),
-        ("three", "new", "95 % at the next mounting"),
+        ("one", "seen", "95 % of the answer", "mounting a"),
+        ("one", "new", "95 % of the answer of mounting a", "mounting a"),
+        ("three", "seen", "95 % of the answer", "the mountings of the fit, a, b and c"),
+        ("three", "new", "95 % at the next mounting", "the next mounting alone: this run is of mounting d"),
     ],
 )
-def test_over_a_run_the_area_is_that_of_its_mounting(folder: Path, actuator: str, run: str, label: str) -> None:
+def test_over_a_run_the_area_is_that_of_its_mounting(
+    folder: Path, actuator: str, run: str, label: str, held: str
+) -> None:
     area, curve = told(actuator=str(folder / f"{actuator}.toml"), run=str(folder / f"{run}.nc"))
     assert area.document["label"] == label
+    assert area.document["sentences"][0] == f"The 95 % intervals hold for {held}."
     low, high = area.arrays["current.low"], area.arrays["current.high"]
     # Behind the shunt too, and changes of sliders do not move it.
     np.testing.assert_allclose(0.5 * (low + high), curve.arrays["current"], rtol=1e-9, atol=1e-12)

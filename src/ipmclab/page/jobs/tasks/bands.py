@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from ipmclab.page.jobs.frames import Frame
@@ -25,9 +26,13 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     mounting = measured.metadata.mounting_id if measured is not None else None
     of_next = sure.here is None or (mounting is not None and mounting not in sure.mountings)
     bands = sure.following if of_next and sure.following is not None else sure.here
+    if bands is not sure.here and sure.here is not None:  # so that what is said is said of the band that is drawn
+        sure = replace(sure, here=None, why_none=f"this run is of mounting {mounting}")
     arrays: dict[str, FloatArray] = {"time": answer.time}
     for name in bands.predicted if bands is not None else ():
         reach = bands.reach(name, of_readings=False) if bands is not None else 0.0
         arrays |= {f"{name}.low": answer.channels[name] - reach, f"{name}.high": answer.channels[name] + reach}
     label = "" if bands is None else "95 % at the next mounting" if bands is sure.following else "95 % of the answer"
+    if bands is not None and bands is sure.here and of_next and len(sure.mountings) == 1:
+        label += f" of mounting {sure.mountings[0]}"
     return Frame({"label": label, "sentences": sure.sentences()}, thinned_where_long(arrays))
