@@ -238,6 +238,11 @@ def test_what_a_browser_kept_stands_upon_the_file_as_it_is_now(lab: Lab) -> None
     assert (table["sample"], table["pair"], table["steps"], table["rate"]) == ("strip-1", True, ["clamp"], "50 Hz")
     assert "folder" not in table
     assert (found.origin, found.base.name, found.draft.name) == ("t", "t", "new")
+    assert not found.problem
+    same = {"from": "t", "digest": found.base.digest, "values": values}
+    assert not Unsaved.of(lab, same).problem
+    (lab.root / "t.toml").write_text('signal = "step 1 V"\nrate = "50 Hz"\nsteps = ["apply"]\n', encoding="utf-8")
+    assert Unsaved.of(lab, same).problem == "t.toml was changed since"  # in what the form does not show
     gone = Unsaved.of(lab, {"from": "../t", "values": {"sample": "strip-1"}})
     assert (gone.origin, gone.draft.values["sample"]) == ("", "strip-1")
     assert "cannot be read" in gone.problem
@@ -245,7 +250,7 @@ def test_what_a_browser_kept_stands_upon_the_file_as_it_is_now(lab: Lab) -> None
 
 _JSON = st.recursive(
     st.none() | st.booleans() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["from", "values", "sample", "name"]), inner),
+    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["from", "digest", "values", "sample", "name"]), inner),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shutil
@@ -147,6 +148,12 @@ class Draft:
     values: Values
     rest: Mapping[str, Any]
 
+    @property
+    def digest(self) -> str:
+        """Tells what a file says from what it said before."""
+        said = repr((self.values, self.rest)).encode(errors="surrogatepass")
+        return hashlib.sha256(said).hexdigest()[:16]
+
     @classmethod
     def new(cls) -> Draft:
         """What a new experiment starts from, on the virtual bench."""
@@ -213,7 +220,7 @@ class Unsaved:
     base, draft : Draft
         What it was begun from as it is now, and what was made of it.
     problem : str
-        Why the file cannot be gone on from.
+        Why the file cannot be gone on from, or that it says something else by now.
     """
 
     origin: str
@@ -223,7 +230,7 @@ class Unsaved:
 
     @classmethod
     def of(cls, lab: Lab, kept: object) -> Unsaved:
-        """What a browser says that it has kept: ``{"from": file, "values": {field: value}}``; else, nothing is."""
+        """What a browser says that it has kept: ``{"from": file, "digest": of it, "values": {field: value}}``."""
         given = kept if isinstance(kept, dict) else {}
         origin, told, problem = given.get("from"), given.get("values"), ""
         origin = origin if isinstance(origin, str) else ""
@@ -232,6 +239,8 @@ class Unsaved:
             base = Draft.read(lab, origin) if origin else Draft.new()
         except InputError as error:
             origin, base, problem = "", Draft.new(), f"what it was begun from cannot be read: {error}"
+        if origin and given.get("digest", base.digest) != base.digest:
+            problem = f"{origin}.toml was changed since"
         changed = {one.key: values[one.key] for one in FIELDS if _may_be(one, values.get(one.key))}
         name = values.get("name")
         draft = replace(base, values={**base.values, **changed}, name=name if isinstance(name, str) else base.name)

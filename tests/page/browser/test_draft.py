@@ -89,6 +89,59 @@ def test_what_was_half_written_is_there_again(tmp_path: Path, open_page) -> None
         page.get_by_role("alert").filter(has_text="lost as you pressed that: it may not have been done").wait_for()
 
 
+def test_each_window_goes_on_with_the_file_that_it_shows(tmp_path: Path, open_page) -> None:
+    (tmp_path / "mine.toml").write_text(FILE, encoding="utf-8")
+    with served(tmp_path) as address:
+        first = open_page(f"{address}/run")
+        first.wait_for_selector(".lab-stack:not(.lab-live) canvas")
+        second = first.context.new_page()
+        second.goto(f"{address}/run")
+        second.wait_for_selector(".lab-stack:not(.lab-live) canvas")
+        choose(second, "mine")
+        has(second, "Duration of each", "40 s")
+        second.wait_for_function("LabDraft.kept().from === 'mine'")
+        first.get_by_label("Sample", exact=True).fill("strip-9")
+        kept(first, "sample", "strip-9")
+        first.get_by_label("Notes", exact=True).evaluate("() => LabDraft.keep('notes', 'half \\ud83d')")
+        first.reload()
+        first.get_by_text("As you left it, not saved yet.").wait_for()  # half a letter does not keep it
+        has(first, "Sample", "strip-9")
+        has(first, "Experiment", "a new one")
+        has(first, "Notes", "half \ufffd")
+
+        (tmp_path / "mine.toml").write_text(FILE.replace("step 1 V", "step 3 V"), encoding="utf-8")
+        second.get_by_label("Operator", exact=True).fill("me")
+        kept(second, "operator", "me")
+        second.reload()
+        second.get_by_text("As you left it, not saved yet; mine.toml was changed since").wait_for()
+        has(second, "Signals, one a line", "step 3 V")
+
+        # What is typed before a slow browser has said what it kept stays.
+        second.add_init_script("""let draft;
+        Object.defineProperty(window, "LabDraft", { get: () => draft, set(made) {
+          const { kept } = made;
+          made.kept = () => new Promise((resolve) => (window.say = () => resolve(kept())));
+          draft = made;
+        } })""")
+        second.reload()
+        second.wait_for_function("Boolean(window.say)")
+        second.get_by_label("Sample", exact=True).fill("typed at once")
+        second.get_by_text("1 run, at least").wait_for()  # the server has seen it
+        second.evaluate("say()")
+        second.get_by_label("File name").fill("x")  # answered after what was kept was taken in
+        second.get_by_role("button", name="Save", exact=True).click()
+        second.wait_for_function("document.querySelector('[aria-label=\"Experiment\"]').value === 'x'")
+        has(second, "Sample", "typed at once")
+
+
+def has(page, label: str, value: str) -> None:
+    """Wait until a field shows something."""
+    page.wait_for_function(
+        "([label, value]) => document.querySelector(`:is(input, textarea)[aria-label='${label}']`).value === value",
+        arg=[label, value],
+    )
+
+
 def shown(page) -> None:
     values = {
         "Sample": "strip-7",

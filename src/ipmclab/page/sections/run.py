@@ -169,12 +169,16 @@ class _Form:
         self._inputs[one.key] = made
 
     async def _begin(self) -> None:
-        """Go on with what this browser has kept, if anything."""
+        """Go on with what this browser has kept, if anything, and if nothing was chosen or typed meanwhile."""
+        blank = self._draft
         try:
             kept = await ui.run_javascript("LabDraft.kept()", timeout=_ANSWER)
         except TimeoutError:  # it stays kept: reloaded, the page asks again
             kept = None
         unsaved = await asyncio.to_thread(Unsaved.of, self._lab, kept)
+        self._take()
+        if self._draft != blank:
+            return
         if unsaved.draft != unsaved.base or unsaved.origin:
             self._unsaved = unsaved
             self._fill(unsaved.draft, unsaved.origin)
@@ -187,13 +191,13 @@ class _Form:
         """What was not saved is wanted no more."""
         if self._unsaved is not None:
             self._fill(self._unsaved.base, self._unsaved.origin)
-            self._begun(self._unsaved.origin)
+            self._begun(self._unsaved.base)
         await self._look()
 
-    def _begun(self, origin: str) -> None:
+    def _begun(self, base: Draft) -> None:
         """Nothing is unsaved: the form shows a file, or a new experiment."""
         self._back.set_visibility(False)
-        ui.run_javascript(f"LabDraft.begin({json.dumps(origin)})")
+        ui.run_javascript(f"LabDraft.begin({json.dumps(base.name)}, {json.dumps(base.digest)})")
 
     def _fill(self, draft: Draft, origin: str) -> None:
         self._draft = draft
@@ -217,7 +221,7 @@ class _Form:
             self._message.text = str(error)
             return
         self._fill(draft, name)
-        self._begun(name)
+        self._begun(draft)
         await self._look()
 
     async def _picked(self, key: str) -> None:
@@ -303,7 +307,7 @@ class _Form:
         self._filling = True
         self._choice.value = path.stem  # the form shows this one from now on
         self._filling = False
-        self._begun(path.stem)
+        self._begun(Draft.read(self._lab, path.stem))
         return True
 
     def _look_at_name(self) -> bool:

@@ -4,13 +4,16 @@
 
 window.LabDraft = (() => {
   const key = `lab-draft-${document.currentScript.dataset.lab}`; // of this folder: another may be served here next
-  // This window's own first; a new window goes on with what was written last.
+  // This window's own first; a new window goes on with what was written last, and from then on with that alone.
   const stores = ["sessionStorage", "localStorage"];
+
+  // Half a letter (a lone surrogate) cannot be sent: the server would wait for it.
+  const whole = (_, value) => (typeof value === "string" ? value.replace(/\p{Surrogate}/gu, "\ufffd") : value);
 
   function kept() {
     for (const store of stores)
       try {
-        const found = JSON.parse(recall(store, key));
+        const found = JSON.parse(recall(store, key), whole);
         if (typeof found?.from === "string" && found.values) return found;
       } catch {} // somebody else's text
     return { from: "", values: {} };
@@ -20,6 +23,8 @@ window.LabDraft = (() => {
     for (const store of stores) remember(store, key, JSON.stringify(draft));
   }
 
+  if (recall("sessionStorage", key) === null) remember("sessionStorage", key, JSON.stringify(kept()));
+
   return {
     kept,
     keep(name, value) {
@@ -27,7 +32,7 @@ window.LabDraft = (() => {
       draft.values[name] = value ?? "";
       write(draft);
     },
-    // Nothing is changed yet of this file; of a new experiment where it is empty.
-    begin: (from) => write({ from, values: {} }),
+    // Nothing is changed yet of this file, or of a new experiment where it is empty; the digest tells what it says.
+    begin: (from, digest) => write({ from, digest, values: {} }),
   };
 })();
