@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +69,22 @@ def test_a_long_area_is_thinned_as_its_curve_is(folder: Path) -> None:
     assert area.arrays["current.high"].max() >= curve.arrays["current"].max()
 
 
+def test_both_answers_say_what_the_files_were(folder: Path, tmp_path: Path) -> None:
+    fitted = tmp_path / "fitted.toml"
+    fitted.write_bytes((folder / "one.toml").read_bytes())
+    (tmp_path / "wave.csv").write_text("0,1\n1,0\n", encoding="utf-8")
+    asked = {"signal": "file wave.csv", "folder": str(tmp_path), "duration": 1.0, "rate": 10.0}
+    seen = []
+    for file in (fitted, tmp_path / "wave.csv", fitted):
+        area, curve = told(actuator=f"{fitted}+leak.cubic", **asked)
+        assert area.document["stamps"] == curve.document["stamps"]
+        seen.append(curve.document["stamps"])
+        os.utime(file, ns=(0, 10**18 + len(seen)))
+    assert [one[0] == other[0] for one, other in pairwise(seen)] == [False, True]
+    assert [one[1] == other[1] for one, other in pairwise(seen)] == [True, False]
+
+
 def test_nothing_is_said_of_an_actuator_without_a_fit() -> None:
     area, _ = told(actuator="friend-2", signal="step 1 V")
-    assert area.document == {"label": "", "sentences": []}
+    assert area.document == {"label": "", "sentences": [], "stamps": ["0", ""]}
     assert not area.arrays

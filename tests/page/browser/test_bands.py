@@ -101,6 +101,27 @@ def test_the_band_is_drawn_around_what_was_loaded(address: str, open_page, lab: 
     np.testing.assert_allclose(twice["current 95 % of the answer, high [mA]"], 2.0 * high, rtol=1e-6)
 
 
+def test_a_band_is_of_the_file_that_is_answered_by(address: str, open_page, lab: Path) -> None:
+    (lab / "mine.toml").write_bytes((lab / "fitted.toml").read_bytes())
+    page = open_page(f"{address}/simulate?actuator=mine.toml")
+    legend = page.get_by_role("list", name="Curves").first
+    legend.get_by_text("95 % of the answer").wait_for(timeout=LONG)
+    assert page.get_by_text("Load it again").count() == 0
+    (lab / "mine.toml").write_bytes((lab / "edited.toml").read_bytes())
+    page.locator("[data-parameter='circuit.dc_resistivity']").evaluate(
+        "e => { e.value = Number(e.value) + 100; e.dispatchEvent(new Event('input')); }"
+    )
+    page.get_by_text("The file of the actuator was changed: Load it again").wait_for()
+    assert legend.get_by_text("95 %").count() == 0
+    page.get_by_role("button", name="Reset all").click()
+    page.get_by_text("No interval: geometry.width is no longer what it was when its fit was made.").wait_for()
+    assert legend.get_by_text("95 %").count() == 0
+    page.route("**/simulate", lambda route: route.fulfill(status=422, json={"message": "the worker is ill"})
+        if '"bands":true' in route.request.post_data else route.continue_())  # fmt: skip
+    page.get_by_label("Amplitude").fill("2")
+    page.get_by_text("No band: the worker is ill.").wait_for()
+
+
 def test_no_band_of_an_edited_file(address: str, open_page) -> None:
     page = open_page(f"{address}/simulate?actuator=edited.toml")
     page.locator("[data-answers]").wait_for(timeout=LONG)

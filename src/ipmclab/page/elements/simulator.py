@@ -33,6 +33,8 @@ class Simulator(Element, component="simulator.js"):
         Runs that can be laid over.
     run : str, optional
         The one that is.
+    stamp : str
+        What changes when the actuator's file does, as it was before that was loaded.
     on_asked : callable, optional
         Called with what was asked: changes and signal.
     """
@@ -44,6 +46,7 @@ class Simulator(Element, component="simulator.js"):
         *,
         runs: Sequence[tuple[str, str]] = (),
         run: str | None = None,
+        stamp: str = "0",
         on_asked: Callable[[dict[str, Any]], None] | None = None,
     ) -> None:
         super().__init__()
@@ -54,6 +57,7 @@ class Simulator(Element, component="simulator.js"):
             "fitted": actuator.fit_table is not None or "+" in key,
             "runs": list(runs),
             "run": run,
+            "stamp": stamp,
         }
         if on_asked is not None:
 

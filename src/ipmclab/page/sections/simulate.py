@@ -12,6 +12,7 @@ from ipmclab.model import Actuator, load_actuator, write_actuator
 from ipmclab.page.commands import simulate_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
+from ipmclab.page.jobs.tasks.simulate import stamp
 from ipmclab.page.run_table import told_runs
 from ipmclab.page.sections.parts import card, fail_at, step_view
 
@@ -38,7 +39,7 @@ class _View:
                 value=asked.get("actuator", "friend-2"),
                 autocomplete=list(self._workshop.actuators()),
             )
-            self._actuator.props("dense").classes("lab-wide").on("keydown.enter", self._load)
+            self._actuator.props("dense").classes("lab-wide lab-enters").on("keydown.enter", self._load)
             ui.button("Load", on_click=self._load).props("unelevated no-caps")
             self._name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
             ui.button("Save", on_click=self._save).props("outline no-caps")
@@ -51,14 +52,16 @@ class _View:
         fail_at(self._actuator, None)
         name = (self._actuator.value or "").strip()
         try:
-            loaded = await asyncio.to_thread(load_actuator, self._workshop.actuator_path(name))
+            path = self._workshop.actuator_path(name)
+            stamped = stamp(path)
+            loaded = await asyncio.to_thread(load_actuator, path)
         except IpmclabError as error:
             fail_at(self._actuator, error)
             return
         runs = await self._runs()
         self._host.clear()
         with self._host:
-            view = Simulator(name, loaded, runs=runs, run=self._run, on_asked=self._tell)
+            view = Simulator(name, loaded, runs=runs, run=self._run, stamp=stamped, on_asked=self._tell)
         self._loaded = (name, loaded, view)
         await self._workshop.looked()
         if (now := await self._runs()) != runs:

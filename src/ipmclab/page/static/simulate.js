@@ -32,7 +32,8 @@ const LabSimulate = (() => {
     return made;
   };
 
-  const voltageOf = ({ run, signal, duration, rate }) => [run, ...(run ? [] : [signal, duration, rate])].join("|");
+  // What the values as loaded answer: the voltage, and the files as they were.
+  const keyOf = ({ run, signal, duration, rate }, { stamps }) => [...stamps, run, ...(run ? [] : [signal, duration, rate])].join("|");
   const digits = (value) => String(Number(Number(value).toPrecision(5)));
   let counter = 0;
 
@@ -451,10 +452,14 @@ const LabSimulate = (() => {
     take(head, arrays, question) {
       this.shown = arrays;
       const moved = Object.keys(question.changes).length > 0;
-      if (!this.same(question) || !moved) this.loaded = moved ? null : arrays;
+      const key = keyOf(question, head);
+      if (this.key !== key || !moved) this.loaded = moved ? null : arrays;
       this.notes.replaceChildren(...head.findings.map((text) => make("li", {}, text)));
       if (head.assumed_hold)
         this.notes.append(make("li", {}, "The run does not say when its output changed: each row is taken as read just before it."));
+      if (head.stamps[0] !== this.options.stamp)
+        this.notes.append(make("li", {}, "The file of the actuator was changed: Load it again, for the sliders are of what it said before."));
+      this.key = key;
       this.asked = question;
       this.drawResponse();
       this.drawFrequency();
@@ -469,7 +474,7 @@ const LabSimulate = (() => {
       const series = [{ key: "now", label: "now", colour: 0 }];
       const before = this.loaded && this.loaded !== arrays && !over;
       if (before) series.push({ key: "loaded", label: "as loaded", colour: 7, style: "dashed" });
-      const sure = this.sure?.voltage === voltageOf(question) && (before || this.loaded === arrays) ? this.sure : null;
+      const sure = this.sure?.key === this.key && (before || this.loaded === arrays) ? this.sure : null;
       this.tellSureness(sure, Object.keys(question.changes).length > 0);
       const band = (name) => (sure?.arrays.has(`${name}.low`) ? ["low", "high"] : []).map((style) => (
         { key: style, style, label: `${sure.head.label}${before ? ", as loaded" : ""}`, colour: before ? 7 : 0 }));
@@ -495,37 +500,35 @@ const LabSimulate = (() => {
       this.stack.draw(...(this.stack.zoom ?? this.stack.extent()));
     }
 
-    // Whether the voltage is still that which the values as loaded answered.
-    same(question) {
-      const voltage = voltageOf(question);
-      const still = this.loadedFor === voltage;
-      this.loadedFor = voltage;
-      return still;
-    }
-
     // How sure the fit is of the values as loaded: asked after they are drawn, and answered beside the sliders.
     async askBands(question) {
-      const voltage = voltageOf(question);
-      if (!this.options.fitted || this.sure?.voltage === voltage || this.sureAsked === voltage) return;
-      this.sureAsked = voltage;
+      const { key } = this;
+      if (!this.options.fitted || this.sure?.key === key || this.sureAsked === key) return;
+      this.sureAsked = key;
       try {
         const body = JSON.stringify({ ...question, bands: true });
         const answer = await fetch("/simulate", { method: "POST", headers: { "content-type": "application/json" }, body });
-        if (!answer.ok || answer.status === 204 || this.gone || this.sureAsked !== voltage) return;
-        const { head, arrays } = LabPlot.unpack(await answer.arrayBuffer());
-        this.sure = { voltage, head, arrays };
+        if (answer.status === 204 || this.gone || this.sureAsked !== key) return;
+        if (answer.ok) {
+          const { head, arrays } = LabPlot.unpack(await answer.arrayBuffer());
+          if (keyOf(question, head) !== key) return void this.ask(); // a file was changed between the two
+          this.sure = { key, head, arrays };
+        } else {
+          const { message = `the server answered ${answer.status}` } = await answer.json().catch(() => ({}));
+          this.sure = { key, head: { label: "", sentences: [`No band: ${message}.`] }, arrays: new Map() };
+        }
         this.drawResponse();
       } catch {
         return; // the curve itself says that the link is lost
       } finally {
-        if (this.sureAsked === voltage) this.sureAsked = null;
+        if (this.sureAsked === key) this.sureAsked = null;
       }
     }
 
     // What the band holds for, and that it does not hold for a slider that was moved.
     tellSureness(sure, moved) {
       const isDrawn = Boolean(sure?.head.label);
-      const known = this.sure && this.sure.voltage === voltageOf(this.asked);
+      const known = this.sure?.key === this.key;
       const told = known ? [...this.sure.head.sentences] : [];
       if (moved && isDrawn) told.unshift("The band lies around the values as loaded: it does not hold for the sliders.");
       else if (moved && this.sure?.head.label) told.splice(0, told.length, "No band: it holds for the values as loaded alone.");

@@ -17,12 +17,13 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     ``label`` is empty where there is no band; ``sentences`` say why, and what a band holds for.
     """
     from ipmclab.identify.many_runs.answer import sure_answer
-    from ipmclab.page.jobs.tasks.simulate import answered, thinned_where_long
+    from ipmclab.page.jobs.tasks.simulate import answered, stamps, thinned_where_long
 
+    of = {"stamps": stamps(arguments)}
     answer, measured, actuator, _ = answered({**arguments, "changes": {}})
     sure = sure_answer(actuator, answer, named=arguments["actuator"])
     if sure is None:
-        return Frame({"label": "", "sentences": []}, {})
+        return Frame({"label": "", "sentences": [], **of}, {})
     mounting = measured.metadata.mounting_id if measured is not None else None
     of_next = sure.here is None or (mounting is not None and mounting not in sure.mountings)
     bands = sure.following if of_next and sure.following is not None else sure.here
@@ -35,4 +36,4 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     label = "" if bands is None else "95 % at the next mounting" if bands is sure.following else "95 % of the answer"
     if bands is not None and bands is sure.here and of_next and len(sure.mountings) == 1:
         label += f" of mounting {sure.mountings[0]}"
-    return Frame({"label": label, "sentences": sure.sentences()}, thinned_where_long(arrays))
+    return Frame({"label": label, "sentences": sure.sentences(), **of}, thinned_where_long(arrays))

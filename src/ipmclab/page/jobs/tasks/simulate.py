@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ipmclab.page.jobs.frames import Frame
+from ipmclab.page.lab import files_of
 from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
@@ -45,6 +47,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
         "rows": len(run_),
         "findings": [one.message for one in run_.metadata.findings],
         "values": changed.parameter_values,
+        "stamps": stamps(arguments),
     }
     arrays = {"time": run_.time, "voltage": run_.voltage}
     arrays |= {name: run_.channels[name] for name in _OUTPUTS if name in run_.channels}
@@ -71,11 +74,11 @@ def answered(arguments: dict[str, Any]) -> tuple[Run, Run | None, Actuator, str 
     from ipmclab.model.simulate import simulate
     from ipmclab.signals.text import parse
 
-    actuator = _actuator(arguments["actuator"], _stamp(arguments["actuator"]))
+    actuator = _actuator(arguments["actuator"], stamp(arguments["actuator"]))
     changes = arguments.get("changes") or {}
     changed = actuator.replace(**changes) if changes else actuator
     if arguments.get("run"):
-        measured, assumed_hold = _measured(arguments["run"], _stamp(arguments["run"])), None
+        measured, assumed_hold = _measured(arguments["run"], stamp(arguments["run"])), None
         if measured.hold == "unknown":
             from dataclasses import replace
 
@@ -143,23 +146,30 @@ def _shape_arrays(actuator: Actuator, run_: Run) -> tuple[dict[str, FloatArray],
     }, about
 
 
-def _stamp(path: str) -> int:
-    """What changes when a file does; 0 for a name of the library."""
-    try:
-        return Path(path).stat().st_mtime_ns
-    except (OSError, ValueError):
-        return 0
+def stamps(arguments: dict[str, Any]) -> list[str]:
+    """What changes when the file of the actuator does, and when those of the voltage do: their answers are others."""
+    folder = Path(arguments.get("folder", ""))
+    files = [arguments["run"]] if arguments.get("run") else [folder / one for one in files_of(arguments["signal"])]
+    return [stamp(arguments["actuator"]), " ".join(map(stamp, files))]
+
+
+def stamp(path: str | Path) -> str:
+    """What changes when a file does, also with stages behind a plus; 0 for a name of the library."""
+    for name in (str(path), str(path).partition("+")[0]):
+        with contextlib.suppress(OSError, ValueError):
+            return str(Path(name).stat().st_mtime_ns)
+    return "0"
 
 
 @lru_cache(maxsize=16)
-def _actuator(name: str, stamp: int) -> Actuator:  # noqa: ARG001
+def _actuator(name: str, stamp: str) -> Actuator:  # noqa: ARG001
     from ipmclab import load_actuator
 
     return load_actuator(name)
 
 
 @lru_cache(maxsize=4)
-def _measured(path: str, stamp: int) -> Run:  # noqa: ARG001
+def _measured(path: str, stamp: str) -> Run:  # noqa: ARG001
     from ipmclab.page.jobs.tasks.given import read_runs
 
     return read_runs([path])[0]
