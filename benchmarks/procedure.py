@@ -173,8 +173,9 @@ def trials(strip: VirtualStrip, count: int, part: Part) -> Iterator[tuple[dict[s
                     tally = together.setdefault(name, Tally())
                     tally.add(one.value, one.standard_error, one.interval, strip.truth[name])
             known = found.joint.static
-            tally = together.setdefault("d(0)", Tally())
-            tally.add(known.value, known.uncertainty, known.interval, static(strip.truth))
+            if math.isfinite(known.uncertainty):
+                tally = together.setdefault("d(0)", Tally())
+                tally.add(known.value, known.uncertainty, known.interval, static(strip.truth))
         yield staged, together
 
 

@@ -12,7 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ipmclab import Run, identify, prediction_bands, read_fit, simulate, write_fit
-from ipmclab.identify.many_runs.common_error import parted
+from ipmclab.identify.free import FreeParameters, Prior
+from ipmclab.identify.identify import identify_freed
+from ipmclab.identify.many_runs.common_error import loadings_of, parted
 from ipmclab.identify.many_runs.random_effect import random_effect
 from ipmclab.model import Actuator
 from tests.identify import many
@@ -178,3 +180,29 @@ def test_the_band_of_the_next_mounting_has_a_contact_of_its_own() -> None:
     each = [simulate(FRIEND.replace(**{CONTACT: c}), new).channels["current"][5] for c in contacts.values()]
     reach = 4.303 * np.std(each, ddof=1) * np.sqrt(4.0 / 3.0)
     assert bands.reach("current", of_readings=False)[5] == pytest.approx(reach, rel=0.1)
+
+
+def test_a_prior_that_follows_a_dimension_is_wrong_by_itself_only_in_what_it_says_beside_it() -> None:
+    """Sheet resistance and dc resistivity were computed with one width: it moves all, and moves them once."""
+    width, sheet = "geometry.width", "circuit.sheet_resistance"
+    slope = FRIEND[sheet] / FRIEND[width]
+    priors = {
+        width: Prior(FRIEND[width], 0.02 * FRIEND[width], merely_uncertain=True),
+        sheet: Prior(FRIEND[sheet], 0.01 * FRIEND[sheet], {width: slope}),
+    }
+    electrical = [name for name in FRIEND.parameter_values if name.startswith(("circuit.dc", "circuit.branches"))]
+    free = FreeParameters((width, sheet, *electrical), priors=priors)
+    generator = np.random.default_rng(SEED)
+    fit = identify_freed(FRIEND, [noisy(generator, "step 1 V", mounting="a")], free, None)
+    for name, moved in loadings_of(fit).items():
+        together = sum(one**2 for one in moved.values())
+        assert together <= 1.001 * fit.covariance[name][name]
+    assert fit.covariance[sheet][width] == pytest.approx(slope * fit.covariance[width][width], rel=0.05)
+
+
+def test_mountings_none_of_which_determines_a_parameter_are_compared_in_the_others() -> None:
+    generator = np.random.default_rng(SEED)
+    runs = [noisy(generator, "step 1 V", mounting=name) for name in "ab"]
+    fit = identify(FRIEND, runs, free=["electrical", "geometry.width"])
+    assert not fit.parameters["geometry.width"].determined
+    assert "mountings-differ" not in {finding.code for finding in fit.findings}

@@ -152,6 +152,11 @@ def test_what_follows_a_dimension_moves_with_it() -> None:
     covariance = np.linalg.inv(rows.T @ rows)
     np.testing.assert_allclose(covariance, [[1e-4, 1e-4], [1e-4, 1.25e-4]], rtol=1e-9)
     assert names.without_priors == FreeParameters((SERIES,))
+    # Sought as far as what it follows may be wrong too.
+    merely = {**names.priors, SERIES: replace(names.priors[SERIES], merely_uncertain=True)}
+    for unknown in with_known([actuator_unknown(FRIEND.parameters()[name], None) for name in fitted], merely):
+        middle, uncertainty = unknown.beforehand or (0.0, 0.0)
+        assert (unknown.lower, unknown.upper) == pytest.approx((middle - 6 * uncertainty, middle + 6 * uncertainty))
 
 
 def test_a_dimension_that_the_readings_contradict_is_told() -> None:
@@ -163,3 +168,16 @@ def test_a_dimension_that_the_readings_contradict_is_told() -> None:
     (said,) = [finding for finding in fit.findings if finding.code == "prior-contradicted"]
     assert said.message.startswith("geometry.width was 5 mm within 1 % beforehand (one standard deviation), but the")
     assert said.values["deviations"] > 5.0
+
+
+def test_what_is_held_with_an_uncertainty_may_make_a_prior_worse_and_the_fit_says_so() -> None:
+    strip = known(geometry__width=0.05e-3, circuit__dc_resistivity=2.0)
+    clean = simulate(FRIEND, "step 1 V delay=5 s", duration=30.0, rate=20.0)
+    assert clean.current is not None
+    noise = 3e-5 * np.random.default_rng(20261121).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero")
+    fit = identify(strip, [run], free=["geometry.width", SERIES], prior="geometry.width")
+    assert fit.parameters["geometry.width"].standard_error > 1.5 * 0.05e-3
+    (said,) = [finding for finding in fit.findings if finding.code == "prior"]
+    assert "what is held with an uncertainty of its own makes it worse" in said.message
+    assert said.repair.endswith("under its own prior")

@@ -87,7 +87,8 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     the readings contradict it.
     """
     found = _estimate(actuator, names, records)
-    if "current" not in found.correlated.contradicted or not any(record.zero_is_open for record in records):
+    doubted = "current" in found.correlated.contradicted and "observation.offset.current" not in names.observation
+    if not (doubted and any(record.zero_is_open for record in records)):
         return found
     # A zero of the current that is not at zero can lead the first fit so far away that what it leaves is no noise.
     opened = [

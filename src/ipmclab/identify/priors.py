@@ -17,6 +17,7 @@ from ipmclab.run import Finding
 
 _95: Final = 1.959964
 _NOTHING_NEW: Final = 0.9  # of the error beforehand: an error above that is the prior again
+_WORSE: Final = 1.1  # of the error beforehand
 _SURPRISING: Final = 3.0  # standard deviations
 _LEAST_MOVED: Final = 0.1  # of the deviation beforehand: where the readings add next to nothing, nothing is surprising
 
@@ -135,8 +136,8 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
             sigmas = _apart(one.prior, (free.value, free.standard_error), log=log) if own else 0.0
         left = one.standard_error / one.prior[1] * (one.prior[0] / one.value if log else 1.0)
         values = {"deviations": sigmas, "error_left": left}
+        after = shown(one.value, one.standard_error)
         if sigmas > _SURPRISING:
-            after = shown(one.value, one.standard_error)
             asked = f"the readings alone say {own}" if own else f"the readings ask for {after}"
             found.append(
                 Finding(
@@ -153,7 +154,11 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
             continue
         added = f"the readings alone say {own}, " if own else "the readings alone leave it open, "
         added += "and add nothing" if left > _NOTHING_NEW else f"both leave {100.0 * left:.2g} % of that error"
-        found.append(Finding("prior", "info", f"{name} was {before} beforehand; {added}", "", values=values))
+        repair = ""
+        if left > _WORSE:
+            added += f", and what is held with an uncertainty of its own makes it worse, {after}"
+            repair = "free what `fixed-uncertainty` names, under its own prior"
+        found.append(Finding("prior", "info", f"{name} was {before} beforehand; {added}", repair, values=values))
     return (*found, *_seen_before(actuator, fit))
 
 

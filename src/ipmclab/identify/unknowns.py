@@ -126,19 +126,11 @@ def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
     return Unknown(name, parameter.name, place, log, scale, lower, parameter.upper)
 
 
-def _known(unknown: Unknown, prior: Prior) -> Unknown:
-    found = unknown.known(prior.value, prior.uncertainty)
-    if not prior.merely_uncertain:
-        return found
-    reach = FARTHEST * prior.uncertainty
-    return replace(found, lower=max(unknown.lower, prior.value - reach), upper=min(unknown.upper, prior.value + reach))
-
-
 def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
     """The unknowns, with what is known of them beforehand."""
-    found = [u if u.base not in priors else _known(u, priors[u.base]) for u in unknowns]
+    found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
     deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in found if u.prior is not None}
-    return [
+    tied = [
         replace(
             u,
             follows={
@@ -150,6 +142,15 @@ def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list
         else u
         for u in found
     ]
+    return [_within(u) if u.base in priors and priors[u.base].merely_uncertain else u for u in tied]
+
+
+def _within(unknown: Unknown) -> Unknown:
+    """The unknown, not to be sought farther from what is known than any honest measurement lies."""
+    assert unknown.beforehand is not None
+    value, uncertainty = unknown.beforehand
+    reach = FARTHEST * uncertainty
+    return replace(unknown, lower=max(unknown.lower, value - reach), upper=min(unknown.upper, value + reach))
 
 
 def unknowns_of(

@@ -96,7 +96,7 @@ def stages_after(name: str) -> tuple[str, list[str]]:
 
     Examples
     --------
-    >>> stages_after("friend-2+leak.cubic+clamp")
+    >>> stages_after("friend-2 + leak.cubic+clamp")
     ('friend-2', ['leak.cubic', 'clamp'])
     """
     if Path(name).is_file():
@@ -105,8 +105,8 @@ def stages_after(name: str) -> tuple[str, list[str]]:
     for count in range(1, len(parts)):
         base = "+".join(parts[:count]).strip()
         if base in library_names() or Path(base).is_file():
-            return base, parts[count:]
-    return parts[0].strip(), parts[1:]
+            return base, [stage.strip() for stage in parts[count:]]
+    return parts[0].strip(), [stage.strip() for stage in parts[1:]]
 
 
 def _refuse_a_run(path: Path) -> None:

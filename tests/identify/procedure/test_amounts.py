@@ -10,6 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.identify.procedure.amounts import Uncertain, derived, exact, mean_of, weighted_mean
+from ipmclab.identify.procedure.hand import read_hand
+from ipmclab.identify.procedure.joint import _prior
+from ipmclab.units import LENGTH
 
 SEED = 20261121
 
@@ -68,3 +71,19 @@ def test_as_people_read_it() -> None:
         "a": pytest.approx(0.5),
         "b": pytest.approx(0.5),
     }
+
+
+def test_readings_that_are_all_alike_have_no_scatter() -> None:
+    assert mean_of([5e-3] * 3, "readings") == exact(5e-3)
+    width = read_hand(
+        {"readings": ["5 mm", "5 mm", "5 mm"], "standard_uncertainty": "0.05 mm"},
+        LENGTH,
+        name="geometry.width",
+        source="width",
+        where="geometry.width",
+    )
+    assert width.parts == {"width": 0.05e-3}
+    sheet = derived(lambda w: w / 3e-3, width)
+    prior = _prior(sheet, {"geometry.width": width})
+    assert (prior.value, prior.uncertainty) == pytest.approx((5 / 3, 1e-4 * 5 / 3))
+    assert prior.follows == {"geometry.width": pytest.approx(1 / 3e-3)}

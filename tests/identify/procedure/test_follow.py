@@ -13,10 +13,10 @@ from benchmarks.procedure import SEED, VirtualStrip, static, trials
 from ipmclab import InputError, follow_procedure, load_actuator, read_fit, write_fit
 from ipmclab.cli.app import run
 from ipmclab.identify.procedure.amounts import Uncertain, exact
-from ipmclab.identify.procedure.coupling import NAMES, as_far_as_seen
+from ipmclab.identify.procedure.coupling import NAMES, STATIC, as_far_as_seen
 from ipmclab.identify.procedure.follow import TO_DO
 from ipmclab.identify.procedure.joint import _movable
-from ipmclab.identify.procedure.strip import GEOMETRY
+from ipmclab.identify.procedure.strip import GEOMETRY, OTHER_FITS, amounts_of_fit
 from ipmclab.identify.procedure.template import TEMPLATE
 from ipmclab.identify.valleys import Rival
 from ipmclab.model import Actuator
@@ -226,6 +226,22 @@ def test_a_coupling_of_which_all_is_seen_is_given_unless_other_fits_are_as_good(
     rival = replace(alone, rivals=(Rival.of(alone.problem, alone.solution.theta),))
     seen = as_far_as_seen(replace(whole, estimate=rival))
     assert not any(seen.parameters[name].determined for name in NAMES)
+
+
+def test_a_product_is_as_uncertain_as_other_fits_that_are_as_good_are_apart(joint) -> None:
+    """A zero and a pole too slow for the runs: what they call d(0) is none that anybody saw."""
+    fit = joint.joint.fit
+    estimate = fit.estimate
+    theta = estimate.solution.theta.copy()
+    names = [unknown.name for unknown in estimate.problem.unknowns]
+    theta[names.index("coupling.zero")] -= 5.0
+    elsewhere = replace(fit, estimate=replace(estimate, rivals=(Rival.of(estimate.problem, theta),)))
+    alone = replace(fit, estimate=replace(estimate, rivals=()))
+    one, other = (amounts_of_fit(each, {}, "noise").product(STATIC) for each in (alone, elsewhere))
+    assert one.uncertainty < 0.1 * one.value
+    assert OTHER_FITS not in one.parts
+    assert other.parts[OTHER_FITS] == pytest.approx(5.0 / 1.96 * other.value)
+    assert amounts_of_fit(elsewhere, {}, "noise").product({SHEET: 1.0}).parts.keys() == set(one.parts)
 
 
 def test_nothing_is_known_worse_all_at_once_than_beforehand(joint) -> None:

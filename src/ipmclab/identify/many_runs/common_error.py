@@ -61,6 +61,8 @@ def parted(errors: npt.ArrayLike, loadings: npt.ArrayLike) -> Parted:
     ([0.3, 0.3], 0.4)
     """
     total = np.square(np.asarray(errors, dtype=np.float64))
+    if not len(total):
+        return Parted(total, 0.0)
     moved = np.asarray(loadings, dtype=np.float64).reshape(len(total), -1)
     middle = moved.mean(axis=0)
     own = np.maximum(total - (moved**2).sum(axis=1), 0.0) + ((moved - middle) ** 2).sum(axis=1)
@@ -71,7 +73,8 @@ def loadings_of(fit: Fit) -> dict[str, dict[str, float]]:
     """By how much each parameter of a fit moves [SI] as what it took from elsewhere moves by its standard uncertainty.
 
     Elsewhere is a fixed parameter with a stated uncertainty, and what was known beforehand of a free one. A prior of
-    standard deviation s about c moves an estimate by covariance/s^2 for each unit of c.
+    standard deviation s about c moves an estimate by covariance/s^2 for each unit of c; one that follows others is
+    wrong by itself in what it says beside them.
     """
     table, fitted = fit.covariance, fit.parameters
     # Stated uncertainties are independent, and their covariance with what was fitted is its leverage.
@@ -85,10 +88,14 @@ def loadings_of(fit: Fit) -> dict[str, dict[str, float]]:
     for cause, one in fitted.items():
         if one.prior is None or cause not in found:
             continue
-        deviation = _prior_deviation(fit, one)
+        deviation, slopes = _prior_of(fit, one)
         for name, moved in found.items():
-            from_readings = table[name][cause] - sum(moved[other] * found[cause][other] for other in stated)
-            pulls[name][f"prior {cause}"] = from_readings / deviation
+            from_readings = {
+                other: table[name][other] - sum(moved[known] * found[other][known] for known in stated)
+                for other in (cause, *slopes)
+            }
+            beside = sum(slope * from_readings[other] for other, slope in slopes.items())
+            pulls[name][f"prior {cause}"] = (from_readings[cause] - beside) / deviation
     return {name: moved | pulls[name] for name, moved in found.items()}
 
 
@@ -148,6 +155,20 @@ def common_covariance(
             elif name == cause:
                 columns[row, column] = known[name].standard_uncertainty
     return names, columns @ columns.T
+
+
+def _prior_of(fit: Fit, one: FittedParameter) -> tuple[float, dict[str, float]]:
+    """Standard deviation of a prior by itself [SI], and by how much its centre moves with other parameters [SI]."""
+    unknowns = {} if fit.estimate is None else {u.name: u for u in fit.estimate.problem.unknowns}
+    told = unknowns.get(one.name)
+    if told is None or told.prior is None or not told.follows:
+        return _prior_deviation(fit, one), {}
+    chain = told.chain(one.value)
+    slopes = {
+        other: slope * chain / unknowns[other].chain(fit.parameters[other].value)
+        for other, (slope, _) in told.follows.items()
+    }
+    return told.prior[1] * chain, slopes
 
 
 def _prior_deviation(fit: Fit, one: FittedParameter) -> float:

@@ -132,7 +132,8 @@ def mean_of(values: Sequence[float], source: str) -> Uncertain:
     if count < 2:
         return Uncertain(mean)
     wider = float(stdtrit(count - 1, 0.975)) / NORMAL_95
-    return Uncertain(mean, {source: wider * float(np.std(values, ddof=1)) / math.sqrt(count)})
+    scatter = wider * float(np.std(values, ddof=1)) / math.sqrt(count)
+    return Uncertain(mean, {source: scatter} if scatter else {})
 
 
 def weighted_mean(several: Sequence[Uncertain]) -> Uncertain:

@@ -135,8 +135,11 @@ class Compared:
             "unit": self.quantity.unit,
             "symbol": self.symbol,
             **({"staged": alone.value, "staged_uncertainty": alone.uncertainty} if known and alone else {}),
-            "joint": self.joint.value,
-            "joint_uncertainty": self.joint.uncertainty,
+            **(
+                {"joint": self.joint.value, "joint_uncertainty": self.joint.uncertainty}
+                if math.isfinite(self.joint.uncertainty)
+                else {}
+            ),
             "said": list(self.said),
         }
 

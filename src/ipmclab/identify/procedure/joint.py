@@ -14,7 +14,8 @@ from ipmclab.identify.procedure import dc, density, push
 from ipmclab.identify.procedure.amounts import Uncertain
 from ipmclab.identify.procedure.coupling import NAMES as COUPLING
 from ipmclab.identify.procedure.coupling import STATIC, as_far_as_seen
-from ipmclab.identify.procedure.strip import GEOMETRY, actuator_of, amounts_of_fit, branch_names
+from ipmclab.identify.procedure.strip import GEOMETRY, OTHER_FITS, actuator_of, amounts_of_fit, branch_names
+from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.identify.unknowns import FARTHEST
 from ipmclab.run import Finding, Run
 from ipmclab.sample import Sample
@@ -38,7 +39,7 @@ class Joint:
     amounts : mapping of dotted name to Uncertain
         Of the parameters that it determined.
     static : Uncertain [m/V]
-        d(0), which is known also where the zero of the coupling is not.
+        d(0), which is known also where the zero of the coupling is not; its uncertainty is infinite where it is not.
     findings : tuple of Finding
     """
 
@@ -96,7 +97,10 @@ def joint(
     )
     found = amounts_of_fit(as_far_as_seen(fit), held, "all at once")
     amounts = {key: one for key, one in found.determined.items() if key not in merely}
-    return Joint(found.fit, amounts, found.product(STATIC), _compared(staged, amounts))
+    static = found.product(STATIC)
+    if static.uncertainty > DETERMINED * static.value:
+        static = Uncertain(static.value, {OTHER_FITS: math.inf})
+    return Joint(found.fit, amounts, static, _compared(staged, amounts))
 
 
 def _movable(staged: Mapping[str, Uncertain]) -> list[str]:

@@ -20,6 +20,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _NO_LEVERAGE: Final = 1e-9  # change of a logarithm for 1 % of what does not matter
 
+OTHER_FITS: Final = "other fits that are as good"
+
 GEOMETRY: Final = ("free_length", "clamped_length", "width", "thickness", "sensing_length")
 
 _STANDS_IN: Final = "friend-2"
@@ -71,11 +73,14 @@ class FittedAmounts:
         Relative contributions to each free parameter, also to those that the fit did not determine.
     assumed : frozenset of str
         Sources of which nobody stated the uncertainty.
+    elsewhere : tuple of mapping of dotted name to float [SI]
+        The parameters of other fits that the readings do not tell from this one.
     """
 
     fit: Fit
     relative: Mapping[str, Mapping[str, float]]
     assumed: frozenset[str]
+    elsewhere: tuple[Mapping[str, float], ...] = ()
 
     @property
     def determined(self) -> dict[str, Uncertain]:
@@ -89,12 +94,19 @@ class FittedAmounts:
 
     def product(self, powers: Mapping[str, float]) -> Uncertain:
         """A product of powers of parameters, which may be known where the parameters are not."""
-        value, parts = 1.0, dict[str, float]()
+        parts = dict[str, float]()
         for name, power in powers.items():
-            value *= self.fit.parameters[name].value ** power
             for source, part in self.relative[name].items():
                 parts[source] = parts.get(source, 0.0) + power * part
+        value = _product({name: one.value for name, one in self.fit.parameters.items()}, powers)
+        apart = max((abs(np.log(_product(other, powers) / value)) for other in self.elsewhere), default=0.0)
+        if apart > NORMAL_95 * np.linalg.norm(list(parts.values())):
+            parts[OTHER_FITS] = float(apart) / NORMAL_95
         return Uncertain(value, {source: value * part for source, part in parts.items()}, self.assumed)
+
+
+def _product(values: Mapping[str, float], powers: Mapping[str, float]) -> float:
+    return float(np.prod([values[name] ** power for name, power in powers.items()]))
 
 
 def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> FittedAmounts:
@@ -131,7 +143,12 @@ def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> Fitt
         relative[name] = parts
     used = [held[name] for name in names if np.any(np.abs(found.leverage[name]) > _NO_LEVERAGE)]
     assumed = frozenset().union(*(one.assumed for one in used))
-    return FittedAmounts(fit, relative, assumed)
+    elsewhere = tuple(
+        {order(u.name): u.value(rival.entries[u.name]) for u in asked if u.name in rival.entries}
+        for rival in estimate.rivals
+    )
+    whole = tuple(one for one in elsewhere if relative.keys() <= one.keys())
+    return FittedAmounts(fit, relative, assumed, whole)
 
 
 def _wider(parameter: FittedParameter, own: float) -> float:
