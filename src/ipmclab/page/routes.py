@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _PATIENCE: Final = 120.0
 """How long [s] a download may be prepared."""
 
+_ENDS: Final = "the server of the page is being ended"
+
 _EXPORTS: Final = {"csv": "text/csv", "xlsx": "application/vnd.ms-excel", "mat": "application/octet-stream"}
 _FIGURES: Final = {"svg": "image/svg+xml", "png": "image/png", "pdf": "application/pdf"}
 
@@ -48,6 +50,8 @@ def routes(workshop: Workshop) -> APIRouter:
             return JSONResponse(error.as_dict(), 400 if error.code == BAD_REQUEST else 422)
         except JobCancelled:
             return Response(status_code=204)  # a newer position of the slider took its place
+        except asyncio.CancelledError:
+            return JSONResponse({"message": _ENDS, "where": "", "repair": ""}, 503)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
             return JSONResponse({"message": "this is no question of the page", "where": "", "repair": "reload it"}, 400)
         return Response(pack(frame.document, frame.arrays), media_type=MEDIA)
@@ -156,6 +160,8 @@ async def _made(
         await asyncio.wait_for(asyncio.wrap_future(job.future), _PATIENCE)
     except IpmclabError as error:
         raise HTTPException(404 if error.code == "no-such-file" else 422, str(error)) from error
+    except (asyncio.CancelledError, JobCancelled) as error:
+        raise HTTPException(503, _ENDS) from error
     except TimeoutError as error:
         workshop.jobs.cancel(job)
         raise HTTPException(503, "the workers are busy: try again when the fit is done") from error
