@@ -248,9 +248,10 @@ def test_what_a_browser_kept_stands_upon_the_file_as_it_is_now(lab: Lab) -> None
     assert "cannot be read" in gone.problem
 
 
+_KEYS = st.sampled_from(["from", "digest", "values", "sample", "name"])
 _JSON = st.recursive(
     st.none() | st.booleans() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["from", "digest", "values", "sample", "name"]), inner),
+    lambda inner: st.lists(inner) | st.dictionaries(_KEYS, inner),
 )
 
 

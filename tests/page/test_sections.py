@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import shlex
 from collections.abc import Iterator
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -84,7 +86,7 @@ def test_the_table_filters_by_what_is_known_of_a_run() -> None:
         row(id=1, path="runs/a.nc", sample="strip-1", channels=" voltage current ", finding_codes=" clipped spike "),
         row(id=2, path="runs/b.nc", sample="strip-2", channels=" voltage force ", finding_codes=" fingerprint "),
         row(id=3, path="runs/c.nc", sample="strip-2", channels=" voltage force ", finding_codes=None, state="aborted"),
-        row(id=4, path="runs/d.nc", problem="it is damaged", finding_codes=None),
+        row(id=4, path="runs/d.nc", mounting="m7", problem="it is damaged", finding_codes=None),
     ]
 
     def found(**wanted: str) -> list[int]:
@@ -97,6 +99,7 @@ def test_the_table_filters_by_what_is_known_of_a_run() -> None:
     assert found(finding="any") == [1]
     assert found(finding="spike") == [1]
     assert found(state="aborted") == [3]
+    assert found(text="m7") == [4]
     assert found(text="nothing has this") == []
     shown = {one["id"]: one for one in table_rows(rows, RunFilter())[0]}
     assert shown[1]["findings"] == "clipped, spike"
@@ -266,6 +269,26 @@ def test_a_report_is_shown_without_anything_that_runs(client: Client, workshop: 
 )
 def test_a_question_that_is_none_is_refused(client: Client, body: bytes) -> None:
     assert client.post("/simulate", content=body).status_code in (400, 422)
+
+
+def test_who_still_waits_when_the_server_ends_is_told(workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
+    never = SimpleNamespace(future=Future())
+    monkeypatch.setattr(workshop.jobs, "submit", lambda *_, **__: never)
+    app = FastAPI()
+    app.include_router(routes(workshop))
+    question = {"actuator": "friend-2", "changes": {}, "signal": "step 1 V", "duration": 1, "rate": 10}
+
+    async def ended() -> list[int]:
+        transport = httpx.ASGITransport(app=app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+            asked = [client.post("/simulate", json=question), client.get("/runs/export?run=runs/step.nc")]
+            waiting = [asyncio.create_task(one) for one in asked]
+            await asyncio.sleep(0.3)
+            for one in waiting:
+                one.cancel()
+            return [(await one).status_code for one in waiting]
+
+    assert asyncio.run(ended()) == [503, 503]
 
 
 def test_what_a_column_is_said_to_be_becomes_a_map() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,8 @@ from ipmclab.cli.options import Json
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record import RECORDER
 from ipmclab.errors import InputError
+
+_ELSEWHERE = "port {} of this folder is taken, perhaps by another page of it, so this one is at another"
 
 
 def page(
@@ -65,7 +68,9 @@ def page(
     )
     lab = Lab.open(folder)
 
-    def tell(address: str) -> None:
+    def tell(address: str, is_elsewhere: bool) -> None:
+        if is_elsewhere:
+            print(_ELSEWHERE.format(lab.port), file=sys.stderr)
         if as_json:
             print_json({"address": address, "folder": str(lab.root)})
         else:

@@ -19,8 +19,11 @@ _SAFE: Final = "It touches no recording, and STOP and ZERO work."
 
 
 def fault(error: Exception) -> str:
-    """What is said of a fault of the page, and what is safe to do."""
-    what = str(error) if isinstance(error, IpmclabError) else f"{type(error).__name__}: {error}"
+    """What is said of a fault of the page, and what is safe to do.
+
+    The text of an error that is none of ours may hold paths of the server: it stands at the terminal alone.
+    """
+    what = str(error) if isinstance(error, IpmclabError) else type(error).__name__
     return f"This went wrong: {what}. {_SAFE} Reload the page; {_REPORT}."
 
 

@@ -31,7 +31,7 @@ _PING: Final = 20.0
 """How often [s] a WebSocket is asked whether its browser is still there, and how long it may take to answer."""
 
 
-def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None:
+def serve(lab: Lab, settings: Settings, on_ready: Callable[[str, bool], None]) -> None:
     """Serve the page until it is told to end.
 
     Parameters
@@ -39,7 +39,7 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None
     lab : Lab
     settings : Settings
     on_ready : callable
-        Called with the address once it answers.
+        Called once it answers, with the address and whether the folder's own port was wanted and is taken.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def serve(lab: Lab, settings: Settings, on_ready: Callable[[str], None]) -> None
         while not server.started and not serving.done():
             await asyncio.sleep(0.02)
         if server.started:
-            on_ready(address)
+            on_ready(address, settings.port == 0 and port != lab.port)
         await serving
 
     asyncio.run(run())

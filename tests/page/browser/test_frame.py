@@ -96,6 +96,21 @@ def test_stop_works_where_a_browser_can_keep_nothing(tmp_path: Path, open_page, 
         recorder.hub.close()
 
 
+def test_what_could_not_be_asked_is_not_taken_for_done(tmp_path: Path, open_page) -> None:
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/simulate")
+        page.locator("[data-answers]").wait_for()
+        for answer in (lambda route: route.fulfill(status=503, json={}), lambda route: route.abort()):
+            page.route("**/bench/release", answer)
+            assert page.evaluate("lab.post('release').then(({ ok }) => [ok, keepSeat.isGiven])") == [False, False]
+    page.wait_for_selector("#lab-lost:not([hidden])")
+    field = page.get_by_role("combobox", name="Actuator, also").or_(page.get_by_label("Actuator, also")).first
+    field.fill("friend 3")  # a space is typed
+    assert page.evaluate("document.getElementById('lab-said').textContent") == ""
+    field.press("Enter")
+    page.get_by_role("alert").filter(has_text="Not done: the connection is lost").wait_for()
+
+
 def test_zero_stays_in_its_corner_and_above_a_dialog(tmp_path: Path, open_page) -> None:
     (tmp_path / "t.toml").write_text('signal = "step 1 V"\nrate = "50 Hz"\n', encoding="utf-8")
     seen = """() => {

@@ -135,6 +135,7 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     assert not page.get_by_role("button", name="Copy").count()
     page.goto(f"{address}/identify")
     page.get_by_label("Fit: runs/step.nc").wait_for()
+    page.get_by_role("columnheader", name="Mounting").wait_for()
     page.get_by_role("button", name="Identify").click()
     page.get_by_text("Choose a run to identify from").wait_for()
     for name in ("step", "sine"):

@@ -44,7 +44,7 @@ class _View:
                 "Runs to identify from, and runs to predict",
                 {"fit": "Fit", "held": "Predict"},
                 self._chose,
-                columns=("file", "recorded", "sample", "signal", "measured", "duration", "findings"),
+                columns=("file", "recorded", "sample", "mounting", "signal", "measured", "duration", "findings"),
             )
             self._count = text("").classes("lab-quiet").props("role=status")
         with ui.element("div").classes("lab-columns"):

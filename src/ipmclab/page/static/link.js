@@ -99,8 +99,10 @@ const lab = (window.lab = {
         body: JSON.stringify(values),
       });
     } catch {
+      if (what === "release") keepSeat.isGiven = false;
       return { ok: false, message: "the page's server does not answer: use the switch of the amplifier if in doubt" };
     }
+    if (what === "release" && !answer.ok) keepSeat.isGiven = false;
     const told = await answer.json().catch(() => ({}));
     return { ok: answer.ok, message: told.message ?? (answer.ok ? "" : `refused (${answer.status})`) };
   },
@@ -162,9 +164,10 @@ function say(text, ok) {
 // What only the server does: while the link is lost it would wait in a queue and be done later, or never, and the browser would
 // leave for a page of its own. What the browser does itself (zoom, save a figure, type) goes on, and so does what steers the bench.
 const SERVERS = ".q-btn, .q-toggle, .q-select, .q-menu .q-item, .lab-run-table button, a[href^='/']";
+const ENTERS = `${SERVERS}, .lab-enters`; // and fields that Enter sends
 
 function holdBack(event) {
-  const target = event.target.closest?.(SERVERS);
+  const target = event.target.closest?.(event.key === "Enter" ? ENTERS : SERVERS);
   if (!target || target.closest(".q-notification")) return;
   if (event.type === "keydown" && !["Enter", " "].includes(event.key)) return;
   lab.pressed = performance.now();
