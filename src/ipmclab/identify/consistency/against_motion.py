@@ -27,9 +27,12 @@ def push_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[M
     slow modes, by which force and displacement differ, its ratio over its stiffness is taken off. They are known at
     one point as far as the sensing length is.
     """
+    measured = [fact for fact in facts if fact.metric == "stiffness"]
+    if not (measured and motions):
+        return []
     at_point = known.spread(stiffness, _POINT) / stiffness(known.values)
     found = []
-    for push in (fact for fact in facts if fact.metric == "stiffness"):
+    for push in measured:
         for one in motions:
             if push.conditions != one.force.conditions:
                 continue
@@ -72,9 +75,12 @@ def resonance_against_motion(known: Known, facts: Sequence[Fact], motions: Seque
     def of_one(values: Values) -> float:
         return resonance(values).frequency / math.sqrt(stiffness(values))
 
+    measured = [fact for fact in facts if fact.metric == "resonance"]
+    if not (measured and motions):
+        return []
     mass = known.spread(of_one, _MASS) / of_one(known.values)
     found = []
-    for flick in (fact for fact in facts if fact.metric == "resonance"):
+    for flick in measured:
         for one in motions:
             if flick.conditions != one.force.conditions:
                 continue

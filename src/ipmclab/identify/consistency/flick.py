@@ -120,11 +120,12 @@ def resonance_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Fin
     def frequency(values: Values) -> float:
         return resonance(values).frequency
 
+    measured = [fact for fact in facts if fact.metric == "resonance"]
+    if not measured:
+        return []
     expected = Amount(frequency(known.values), known.spread(frequency, NAMES), "Hz")
     found = []
-    for fact in facts:
-        if fact.metric != "resonance":
-            continue
+    for fact in measured:
         rings = Amount(fact.value, fact.uncertainty, "Hz")
         sigmas = apart(rings, expected)
         if sigmas > SURE:

@@ -139,11 +139,12 @@ def _explained(x: FloatArray, f: FloatArray) -> float:
 
 def push_against_stiffness(known: Known, facts: Sequence[Fact]) -> list[Finding]:
     """``push-against-stiffness``: the slope of a force-displacement push at L_s is not Y w h^3/(4 L_s^3)."""
+    measured = [fact for fact in facts if fact.metric == "stiffness"]
+    if not measured:
+        return []
     found = []
     expected = Amount(stiffness(known.values), known.spread(stiffness, NAMES), "N/m")
-    for fact in facts:
-        if fact.metric != "stiffness":
-            continue
+    for fact in measured:
         pushed = Amount(fact.value, fact.uncertainty, "N/m")
         sigmas = apart(pushed, expected)
         if sigmas > SURE:
