@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
 from ipmclab.identify.consistency.facts import Fact
@@ -31,22 +31,15 @@ def push_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[M
     if not (measured and motions):
         return []
     at_point = known.spread(stiffness, _POINT) / stiffness(known.values)
-    found = []
-    for push in measured:
-        for one in motions:
-            if push.conditions != one.force.conditions:
-                continue
-            still = _static(known, one)
-            pushed = Amount(push.value, math.hypot(push.uncertainty, at_point * push.value), "N/m")
-            sigmas = apart(still, pushed)
-            if sigmas > SURE:
-                found.append((one.order, sigmas, still, pushed, push, one))
-    if not found:
+
+    def both(push: Fact, one: Motion) -> tuple[Amount, Amount]:
+        error = math.hypot(push.uncertainty, at_point * push.value)
+        return _static(known, one), Amount(push.value, error, "N/m")
+
+    worst = _worst(measured, motions, both)
+    if worst is None:
         return []
-    found.sort(key=lambda each: (each[0], -each[1]))
-    _, sigmas, still, pushed, push, one = found[0]
-    others = [f"{each[5].force.waveform} {each[2].number} against {each[3].number}" for each in found[1:]]
-    also = f"; likewise {', '.join(others)}" if others else ""
+    sigmas, still, pushed, push, one, also = worst
     if_pushed, if_moved = _ring(known, pushed.value), _ring(known, still.value)
     return [
         conflict(
@@ -79,24 +72,17 @@ def resonance_against_motion(known: Known, facts: Sequence[Fact], motions: Seque
     if not (measured and motions):
         return []
     mass = known.spread(of_one, _MASS) / of_one(known.values)
-    found = []
-    for flick in measured:
-        for one in motions:
-            if flick.conditions != one.force.conditions:
-                continue
-            still = _static(known, one)
-            frequency = _ring(known, still.value)
-            expected = Amount(frequency, math.hypot(0.5 * still.uncertainty / still.value, mass) * frequency, "Hz")
-            rings = Amount(flick.value, flick.uncertainty, "Hz")
-            sigmas = apart(rings, expected)
-            if sigmas > SURE:
-                found.append((one.order, sigmas, rings, expected, flick, one))
-    if not found:
+
+    def both(flick: Fact, one: Motion) -> tuple[Amount, Amount]:
+        still = _static(known, one)
+        frequency = _ring(known, still.value)
+        error = math.hypot(0.5 * still.uncertainty / still.value, mass) * frequency
+        return Amount(flick.value, flick.uncertainty, "Hz"), Amount(frequency, error, "Hz")
+
+    worst = _worst(measured, motions, both)
+    if worst is None:
         return []
-    found.sort(key=lambda each: (each[0], -each[1]))
-    _, sigmas, rings, expected, flick, one = found[0]
-    others = [f"{each[5].force.waveform} {each[2].number} against {each[3].number}" for each in found[1:]]
-    also = f"; likewise {', '.join(others)}" if others else ""
+    sigmas, rings, expected, flick, one, also = worst
     still = _static(known, one)
     if_rung = still.value * (rings.value / expected.value) ** 2
     return [
@@ -114,6 +100,26 @@ def resonance_against_motion(known: Known, facts: Sequence[Fact], motions: Seque
             more={"stiffness": still.value, "implied_stiffness": if_rung},
         )
     ]
+
+
+def _worst(
+    measured: Sequence[Fact], motions: Sequence[Motion], both: Callable[[Fact, Motion], tuple[Amount, Amount]]
+) -> tuple[float, Amount, Amount, Fact, Motion, str] | None:
+    """The pair to tell of those that contradict each other, a step first, and a clause that names the others."""
+    found = []
+    for fact in measured:
+        for one in motions:
+            if fact.conditions != one.force.conditions:
+                continue
+            first, second = both(fact, one)
+            sigmas = apart(first, second)
+            if sigmas > SURE:
+                found.append((sigmas, first, second, fact, one))
+    if not found:
+        return None
+    found.sort(key=lambda each: (each[4].order, -each[0]))
+    others = [f"{one.force.waveform} {first.number} against {second.number}" for _, first, second, _, one in found[1:]]
+    return *found[0], f"; likewise {', '.join(others)}" if others else ""
 
 
 def _static(known: Known, one: Motion) -> Amount:
