@@ -31,13 +31,16 @@ _SLOW: Final = 100.0
 _AT_ONCE: Final = 1024
 """Rows that the output is fed at once where a block is shorter: a signal may take long to compute."""
 
+_MOST_AHEAD: Final = 2**18
+"""Rows that the output is given before its clock starts, at most: 2 MiB, half of the longest message of gRPC."""
+
 _QUICK: Final = 1.0
 """Timeout [s] of calls that wait for nothing."""
 
 
 def rows_ahead(rate: float, ahead: float) -> int:
     """How many rows the output is given before its clock starts, at a rate [Hz] and for a time [s]."""
-    return math.ceil(ahead * rate) + block_rows(rate)
+    return min(math.ceil(ahead * rate), _MOST_AHEAD) + block_rows(rate)
 
 
 class TimedTasks:
