@@ -69,9 +69,19 @@ def test_validate_tells_the_share_of_readings_inside() -> None:
     # 7500 readings: three standard deviations.
     assert np.mean(shares) == pytest.approx(0.95, abs=0.012)
     assert validate(FRIEND, NEW).scores["current"].inside_band is None
-    worse = FRIEND.replace(**{"circuit.dc_resistivity": 30.0})
-    off = replace(worse, fit_table=fit.actuator.fit_table)
-    assert (validate(off, [noisy(generator, "sine 1 V 0.4 Hz")]).scores["current"].inside_band or 0.0) < 0.8
+    other = FRIEND.replace(**{"circuit.dc_resistivity": 30.0})
+    of_another = validate(fit.actuator, [noisy(generator, "sine 1 V 0.4 Hz", strip=other)])
+    assert (of_another.scores["current"].inside_band or 0.0) < 0.8
+
+
+def test_an_actuator_that_was_changed_since_its_fit_has_no_band() -> None:
+    generator = np.random.default_rng(SEED)
+    fit = identify(FRIEND, noisy(generator, "step 1 V"))
+    changed = fit.actuator.replace(**{"circuit.dc_resistivity": 30.0})
+    told = validate(replace(changed, fit_table=fit.actuator.fit_table), noisy(generator, "sine 1 V 0.4 Hz"))
+    assert told.scores["current"].inside_band is None
+    (finding,) = [one for one in told.findings if one.code == "changed-since-fit"]
+    assert finding.message.startswith("circuit.dc_resistivity is no longer what it was when its fit was made")
 
 
 def test_a_run_of_the_fit_has_its_own_band() -> None:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis
 from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
@@ -45,7 +46,6 @@ from ipmclab.version import __version__
 
 FloatArray = npt.NDArray[np.float64]
 
-_NORMAL_95: Final = 1.96
 _AT_BOUND: Final = 1e-3
 _MOTION: Final = frozenset({"displacement", "force"})
 
@@ -103,13 +103,13 @@ def build_fit(
         first = open_ends(unknown) if unknown.name in beyond else (alone[number].low, alone[number].high)
         interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
         variance = float(found.covariance[number, number])
-        wider = half_width(unknown, interval) / _NORMAL_95 if unknown.name in apart else 0.0
+        wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in apart else 0.0
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)
         if unknown.name in beside:
             middle, spread = beside[unknown.name]
-            reach = _NORMAL_95 * spread
+            reach = NORMAL_95 * spread
             ends = unknown.value(middle - reach), unknown.value(middle + reach)
             interval = min(interval[0], ends[0]), max(interval[1], ends[1])
             variance = max(variance, spread**2, (middle - float(solution.theta[place])) ** 2)

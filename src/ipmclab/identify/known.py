@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import wider_for_few
 from ipmclab.identify.many_runs.random_effect import FEWEST
 
 FloatArray = npt.NDArray[np.float64]
@@ -103,8 +104,5 @@ def known_of(table: Table, values: Mapping[str, float], parameters: Sequence[str
 
 
 def _of_another(found: Sequence[float]) -> float:
-    from scipy.special import ndtri, stdtrit
-
     count = len(found)
-    wider = float(stdtrit(count - 1, 0.975) / ndtri(0.975))
-    return float(np.var(found, ddof=1)) * (1.0 + 1.0 / count) * wider**2
+    return float(np.var(found, ddof=1)) * (1.0 + 1.0 / count) * wider_for_few(count - 1) ** 2

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.identify.fit_file import fit_of
 from ipmclab.identify.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
+from ipmclab.identify.many_runs.as_fitted import why_changed
 from ipmclab.identify.many_runs.bands_of_run import another_mounting, band_of_run, place_in
 from ipmclab.identify.observation import (
     LONGEST_DELAY,
@@ -182,6 +183,16 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
     known: dict[str, Mapping[str, Any]] = {sha256: {} for sha256 in used} | fitted_runs(actuator.fit_table)
     done: list[RunValidation] = []
     findings: list[Finding] = []
+    if fit is not None and (why := why_changed(fit)):
+        fit = None
+        findings.append(
+            Finding(
+                "changed-since-fit",
+                "warning",
+                f"{why}: how sure it was says nothing of this actuator, and there is no 95 % band",
+                "identify again with these values, or take the file as identify wrote it",
+            )
+        )
     for place, (run, label) in enumerate(zip(given, run_labels(given), strict=True)):
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         done.append(one)

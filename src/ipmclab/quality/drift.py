@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.record import Channel, Record
 from ipmclab.run import Finding, FloatArray
 from ipmclab.units import CHANNELS
@@ -62,7 +63,7 @@ def _drift(record: Record, channel: Channel, slope: float, error: float, stop: i
         channel=channel.name,
         message=(
             f"before the voltage steps the {channel.name} drifts by {quantity.to_display(slope):.3g} ± "
-            f"{quantity.to_display(1.96 * error):.2g} {quantity.display_unit}/s (95 %); over the rest of the "
+            f"{quantity.to_display(NORMAL_95 * error):.2g} {quantity.display_unit}/s (95 %); over the rest of the "
             f"record that would be {channel.show(slope * remaining)}, {100 * share:.3g} % of its range"
         ),
         repair=(
@@ -80,8 +81,8 @@ def _offset(channel: Channel, mean: float, error: float, stop: int) -> Finding:
         severity="warning",
         channel=channel.name,
         message=(
-            f"before the voltage steps the current reads {channel.show(mean)} ± {channel.show(1.96 * error)} (95 %) "
-            "instead of zero"
+            f"before the voltage steps the current reads {channel.show(mean)} ± "
+            f"{channel.show(NORMAL_95 * error)} (95 %) instead of zero"
         ),
         repair=(
             "identification fits an offset of this run beside the parameters; better, set the zero of the current in "

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.check import check
 from ipmclab.quality.extreme import HOW, breaks_of, highest
 from ipmclab.quality.kept import kept
@@ -127,7 +128,7 @@ def _at_rest(record: Record, channel: Channel, values: FloatArray) -> tuple[floa
 
 
 def _metric(channel: Channel, name: str, value: float, error: float, definition: str) -> Metric:
-    interval = (float(value - 1.96 * error), float(value + 1.96 * error))
+    interval = (float(value - NORMAL_95 * error), float(value + NORMAL_95 * error))
     return Metric(name, channel.name, value, CHANNELS[channel.name].unit, interval, definition)
 
 
@@ -194,7 +195,7 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
             channel.name,
             share,
             "",
-            (share - 1.96 * error, share + 1.96 * error),
+            (share - NORMAL_95 * error, share + NORMAL_95 * error),
             "What is lost of peak_at_first_edge by the end of the stretch of constant voltage, as a fraction of that "
             "peak: 1 - (mean of the last tenth of the stretch) / peak. Above 1 the response has passed through rest. "
             + _FROM_REST,
@@ -220,7 +221,7 @@ def _steady(record: Record, response: _Response) -> list[Metric]:
     if len(record) - edge <= len(tail) or len(rows) < _FEWEST or not np.isfinite(tail).any():
         return []
     limit, (low, high) = settle(record.run.time[rows], values[rows])
-    rest = 1.96 * response.rest_error
+    rest = NORMAL_95 * response.rest_error
     interval = (limit - math.hypot(limit - low, rest), limit + math.hypot(high - limit, rest))
     mean = float(np.nanmean(tail))
     count = int(np.isfinite(tail).sum())
@@ -272,7 +273,7 @@ def _periodic(record: Record, response: _Response, period: float) -> list[Metric
     error = channel.noise * math.sqrt(2.0 / count)
     if size > 5.0 * error and abs(drive[0]) > 0.0:
         phase = float(np.angle(waves[0] / drive[0]))
-        half = 1.96 * error / float(size)
+        half = NORMAL_95 * error / float(size)
         metrics.append(
             Metric(
                 "phase",

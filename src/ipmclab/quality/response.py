@@ -26,7 +26,10 @@ def no_excitation(record: Record) -> list[Finding]:
             severity="warning",
             channel="voltage",
             message=f"the voltage never exceeds {1e3 * float(np.abs(record.run.voltage).max()):.3g} mV",
-            repair="this is a baseline: it shows drift and noise, no model can be identified from it",
+            repair=(
+                "a baseline shows drift and noise, a push the stiffness, a flick the resonance; no circuit and no "
+                "coupling can be identified from it"
+            ),
             values={"largest": float(np.abs(record.run.voltage).max())},
         )
     ]

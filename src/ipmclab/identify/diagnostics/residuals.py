@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
@@ -17,7 +18,6 @@ FloatArray = npt.NDArray[np.float64]
 
 _LAGS: Final = 24
 _LONGEST: Final = 0.25  # of a record
-_BAND: Final = 1.96
 
 
 def output_diagnosis(
@@ -59,7 +59,7 @@ def output_diagnosis(
         autocorrelation=_correlations(raw, rows),
         whitened=_correlations(white, rows),
         with_voltage=_with(white, _of_rows(voltage, inside)),
-        band=_BAND / max(len(white), 1) ** 0.5,
+        band=NORMAL_95 / max(len(white), 1) ** 0.5,
     )
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.errors import InputError
 from ipmclab.identify.known import Known, known_of
 from ipmclab.identify.many_runs.as_fitted import why_changed
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from ipmclab.run import Hold, Run
 
 FloatArray = npt.NDArray[np.float64]
-
-NORMAL_95: Final = 1.959963984540054
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,12 +225,10 @@ def spread_between(
 
     What each mounting answers is simulated: strips that differ threefold are beyond first order.
     """
-    from scipy.special import stdtrit
-
     outputs = list(predicted)
     each = np.array([drive.outputs(strip, outputs) for strip in strips])
     count = len(strips)
-    wider = float(stdtrit(count - 1, 0.975)) / NORMAL_95 * math.sqrt(1.0 + 1.0 / count)
+    wider = wider_for_few(count - 1) * math.sqrt(1.0 + 1.0 / count)
     deviation, middle = wider * each.std(axis=0, ddof=1), each.mean(axis=0)
     return {
         output: np.hypot(deviation[row], (middle[row] - predicted[output]) / NORMAL_95)

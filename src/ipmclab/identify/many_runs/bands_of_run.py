@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.free_run import seen_from_sensor
 from ipmclab.identify.many_runs.bands import (
-    NORMAL_95,
     Drive,
     known_in,
     next_mountings,

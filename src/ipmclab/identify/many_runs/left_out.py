@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.known import covariance_table, known_of
-from ipmclab.identify.many_runs.bands import NORMAL_95, Drive, noise_of, spread_of
+from ipmclab.identify.many_runs.bands import Drive, noise_of, spread_of
 from ipmclab.identify.noise.problem import CorrelatedProblem
 from ipmclab.identify.observation import Record, model_hold, own_endings
 from ipmclab.identify.order import Order

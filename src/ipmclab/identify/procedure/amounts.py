@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.identify.consistency.amounts import shown
 
 FloatArray = npt.NDArray[np.float64]
 
-NORMAL_95: Final = 1.96
 _STEP: Final = 1e-5  # of a value, over which a derivative is taken
 _MOST_PLACES: Final = 6  # after the decimal point
 _NOTHING: Final = 1e-9  # of a variance
@@ -125,14 +125,11 @@ def mean_of(values: Sequence[float], source: str) -> Uncertain:
     >>> round(mean_of([2.0, 2.2, 2.1], "readings").uncertainty, 3)
     0.127
     """
-    from scipy.special import stdtrit
-
     count = len(values)
     mean = float(np.mean(values))
     if count < 2:
         return Uncertain(mean)
-    wider = float(stdtrit(count - 1, 0.975)) / NORMAL_95
-    scatter = wider * float(np.std(values, ddof=1)) / math.sqrt(count)
+    scatter = wider_for_few(count - 1) * float(np.std(values, ddof=1)) / math.sqrt(count)
     return Uncertain(mean, {source: scatter} if scatter else {})
 
 

@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.errors import InputError
-from ipmclab.identify.procedure.amounts import NORMAL_95, Uncertain, derived, exact, weighted_mean
+from ipmclab.identify.procedure.amounts import Uncertain, derived, exact, weighted_mean
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import measure

@@ -10,8 +10,9 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import wider_for_few
 from ipmclab.errors import InputError
-from ipmclab.identify.procedure.amounts import NORMAL_95, Uncertain, derived
+from ipmclab.identify.procedure.amounts import Uncertain, derived
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
 from ipmclab.run import Finding
 from ipmclab.units import MODULUS, STIFFNESS
@@ -252,8 +253,6 @@ def _squares(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> float:
 
 def _line(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> tuple[float, float, FloatArray]:
     """Slope, its standard error, and what is left."""
-    from scipy.special import stdtrit
-
     columns = np.column_stack([x, _columns(ways)])
     answer = np.linalg.lstsq(columns, f, rcond=None)[0]
     residual = f - columns @ answer
@@ -265,8 +264,7 @@ def _line(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> tuple[flo
     # Neighbours that hang together are worth fewer readings.
     independent = max(free * (1.0 - follow) / (1.0 + follow), 1.0)
     variance = power / free * (1.0 + follow) / (1.0 - follow)
-    wider = float(stdtrit(independent, 0.975)) / NORMAL_95
-    return float(answer[0]), wider * math.sqrt(variance * float(inverse[0, 0])), residual
+    return float(answer[0]), wider_for_few(independent) * math.sqrt(variance * float(inverse[0, 0])), residual
 
 
 def _bent(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> list[Finding]:

@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.fit import Fit, FittedParameter
 from ipmclab.identify.order import Order
-from ipmclab.identify.procedure.amounts import NORMAL_95, Uncertain
+from ipmclab.identify.procedure.amounts import Uncertain
 from ipmclab.identify.uncertainty.covariance import uncertainty
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.sample import Sample

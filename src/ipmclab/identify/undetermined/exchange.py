@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.fit import Direction
 from ipmclab.identify.undetermined.cures import SERIES, measured
 
@@ -51,7 +52,7 @@ def series_against_branches(
         return None
     known = given(covariance, held)
     # Another fit as good lies at the end of an interval.
-    errors = np.maximum(np.sqrt(np.maximum(covariance.diagonal(), 0.0)), apart / 1.96)
+    errors = np.maximum(np.sqrt(np.maximum(covariance.diagonal(), 0.0)), apart / NORMAL_95)
     open_ones = [k for k, name in enumerate(names) if name.startswith("circuit.") and errors[k] > limit]
     cured = [k for k in open_ones if k != held and known[k, k] <= limit**2]
     if not cured:

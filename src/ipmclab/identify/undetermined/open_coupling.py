@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.run import Finding
 
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     from ipmclab.model import Actuator
 
 _LARGE: Final = 0.01  # part of a direction of unit length
-_NORMAL_95: Final = 1.96
 
 _PARTS: Final = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
 """Powers of the parameters in d(0) = K_d Z_d/P_2d."""
@@ -44,7 +44,7 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
                 return [_open(actuator, str(one.get("sentence", "")))]
     error = _error(actuator)
     if error > DETERMINED:
-        return [_open(actuator, f"it is known to a factor of {math.exp(min(_NORMAL_95 * error, 50.0)):.2g} only")]
+        return [_open(actuator, f"it is known to a factor of {math.exp(min(NORMAL_95 * error, 50.0)):.2g} only")]
     return []
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.report.figures.layout import panel_grid
 from ipmclab.report.style import COLOURS, style
 from ipmclab.report.wording import plain
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ipmclab.identify import Fit
-
-_NORMAL_95: Final = 1.96
 
 
 def mountings_figure(fit: Fit, names: Sequence[str]) -> Figure:
@@ -49,7 +48,7 @@ def mountings_figure(fit: Fit, names: Sequence[str]) -> Figure:
                 panel.barh(row, high - low, left=low, height=0.55, color=COLOURS["sky"], alpha=0.35)
             places = row + np.linspace(-0.16, 0.16, len(values))
             for value, error, place in zip(values, errors, places, strict=True):
-                reach = math.exp(_NORMAL_95 * error / value)
+                reach = math.exp(NORMAL_95 * error / value)
                 ends = [value / reach / middle, value * reach / middle]
                 panel.plot(ends, [place, place], color=COLOURS["blue"], linewidth=1.2)
                 panel.plot([value / middle], [place], "o", markersize=3.6, color=COLOURS["blue"])
