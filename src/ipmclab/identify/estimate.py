@@ -33,6 +33,7 @@ from ipmclab.identify.under_noise import at_rest_after_all, noise_of, unseen_und
 from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen
+from ipmclab.identify.unshown_zero import unshown_zeros
 from ipmclab.identify.valleys import Place, Rival, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
@@ -97,7 +98,9 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Record
     ]
     again = _estimate(actuator, names, opened)
     nearer = _power(again, "current") < _CLEARLY * _power(found, "current")
-    return again if nearer and "current" not in again.correlated.contradicted else found
+    taken = again if nearer and "current" not in again.correlated.contradicted else found
+    spent = found.solution.evaluations + again.solution.evaluations
+    return replace(taken, solution=replace(taken.solution, evaluations=spent))
 
 
 def _power(found: Estimate, output: str) -> float:
@@ -148,6 +151,7 @@ def _estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Recor
     white = problem, solution
     correlated = noise_of(problem, solution, _asked(problem, names))
     problem, solution = correlated.problem, correlated.solution
+    findings += unshown_zeros(problem, solution)
     if correlated.noise:
         rivals = _still_rivals(problem, solution, [replace(r, reach=dict.fromkeys(r.reach, 0.0)) for r in rivals])
     return Estimate(parameters, problem, solution, rivals, tuple(findings), correlated, unseen, beside, white)

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.procedure import SEED, VirtualStrip, static, trials
 from ipmclab import InputError, follow_procedure, load_actuator, read_fit, write_fit
 from ipmclab.cli.app import run
+from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.procedure.amounts import Uncertain, exact
 from ipmclab.identify.procedure.coupling import NAMES, STATIC, as_far_as_seen
 from ipmclab.identify.procedure.follow import TO_DO
@@ -240,7 +241,7 @@ def test_a_product_is_as_uncertain_as_other_fits_that_are_as_good_are_apart(join
     one, other = (amounts_of_fit(each, {}, "noise").product(STATIC) for each in (alone, elsewhere))
     assert one.uncertainty < 0.1 * one.value
     assert OTHER_FITS not in one.parts
-    assert other.parts[OTHER_FITS] == pytest.approx(5.0 / 1.96 * other.value)
+    assert other.parts[OTHER_FITS] == pytest.approx(5.0 / NORMAL_95 * other.value)
     assert amounts_of_fit(elsewhere, {}, "noise").product({SHEET: 1.0}).parts.keys() == set(one.parts)
 
 

@@ -1,0 +1,84 @@
+"""A record that begins with the voltage on shows no zero of its current: what that could do to the parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.confidence import NORMAL_95
+from ipmclab.identify.many_runs.as_fitted import listed
+from ipmclab.identify.noise.problem import CorrelatedProblem
+from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.solve import Solution
+from ipmclab.run import Finding
+from ipmclab.units import CHANNELS
+
+FloatArray = npt.NDArray[np.float64]
+
+OFFSET: Final = "observation.offset.current"
+_LARGEST: Final = 0.01  # of the largest current: a larger zero is seen by who looks at the readings
+_NOTHING: Final = 1e-9  # of a column
+
+
+def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
+    """A finding for each run whose current was taken to read zero at 0 V, where that matters.
+
+    It matters where a zero that the readings do not contradict (95 %), and of at most one per cent of the largest
+    current, moves a parameter by more than its standard error: its interval then holds only without a zero.
+
+    Parameters
+    ----------
+    problem : Problem
+        With its rows whitened where the noise is not white.
+    solution : Solution
+    """
+    jacobian = solution.evaluation.jacobian
+    free = [k for k, unknown in enumerate(problem.unknowns) if unknown.log and not unknown.nuisance]
+    inverse = np.linalg.pinv(jacobian)
+    errors = np.sqrt((inverse * inverse).sum(axis=1))
+    found = []
+    for record in problem.records:
+        told = any(unknown.base == OFFSET and unknown.belongs_to(record.place) for unknown in problem.unknowns)
+        if told or not free or not record.zero_is_open:
+            continue
+        column = _of_a_zero(problem, record.place)
+        moved = inverse @ column
+        # What neither the parameters nor the noise imitate of it.
+        seen = float(np.linalg.norm(column - jacobian @ moved))
+        zero = _LARGEST * float(np.abs(record.readings["current"].measured).max(initial=0.0))
+        zero = min(zero, NORMAL_95 / seen) if seen > _NOTHING * float(np.linalg.norm(column)) else zero
+        away = {problem.unknowns[k].name: abs(float(moved[k])) * zero for k in free if abs(moved[k]) * zero > errors[k]}
+        if away:
+            found.append(_finding(record.label, zero, away))
+    return found
+
+
+def _of_a_zero(problem: Problem, place: int) -> FloatArray:
+    """What a zero of the current of a run adds to the residuals [1/A]."""
+    column = np.zeros((1, sum(piece.stop - piece.start for piece in problem.pieces.values())))
+    column[0, problem.pieces[place, "current"]] = 1.0 / problem.noise[place, "current"]
+    rows = problem.whiten(Evaluation(column)).rows if isinstance(problem, CorrelatedProblem) else column
+    return np.asarray(rows[0])
+
+
+def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:
+    channel = CHANNELS["current"]
+    told = [
+        f"{name} by {100.0 * math.expm1(min(moved, 10.0)):.2g} %"
+        for name, moved in sorted(away.items(), key=lambda each: -each[1])
+    ]
+    theirs = "more than its standard error" if len(told) == 1 else "more than their standard errors"
+    return Finding(
+        "zero-not-shown",
+        "warning",
+        f"{label}: the record begins with the voltage on, so its current was taken to read zero at 0 V. A zero of "
+        f"{channel.to_display(zero):.2g} {channel.display_unit}, which the readings do not contradict, would move "
+        f"{listed(told)}, {theirs}",
+        f"record 5 s at 0 V before the first edge, or free {OFFSET}",
+        channel="current",
+        values={"zero": zero, **away},
+    )
