@@ -18,7 +18,8 @@ from ipmclab.model import Actuator
 from ipmclab.rig import THESIS_RIG, Control, Limit, Limits, VirtualBench, record
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.recording.keeping import Rows
-from ipmclab.rig.recording.recorder import Outcome, capture
+from ipmclab.rig.recording.recorder import capture
+from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.recording.slow import Air
 from ipmclab.run import Mark
 from ipmclab.signals import Signal

@@ -16,7 +16,8 @@ from ipmclab import check
 from ipmclab.rig import Control, Limit, Limits
 from ipmclab.rig.ni import NiBench
 from ipmclab.rig.recording.keeping import Rows
-from ipmclab.rig.recording.recorder import Outcome, capture
+from ipmclab.rig.recording.recorder import capture
+from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.safety.guardian import Guardian
 from tests.rig.stand_in import Process, StandIn, serve
 from virtual_cdaq.model.faults import Fault

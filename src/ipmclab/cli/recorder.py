@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ipmclab.rig.channels import Rig
+    from ipmclab.rig.experiments.desk import Desk
     from ipmclab.rig.experiments.experiment import Experiment
     from ipmclab.rig.experiments.plan import Plan
-    from ipmclab.rig.experiments.session import Desk, Session
+    from ipmclab.rig.experiments.session import Session
     from ipmclab.rig.process.server import ClientDesk
-    from ipmclab.rig.recording.recorder import Heartbeat
+    from ipmclab.rig.recording.recording import Heartbeat
     from ipmclab.store.journal.laboratory import Laboratory
 
 FIRST_CLIENT: Final = 10.0

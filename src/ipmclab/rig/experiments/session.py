@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 from uuid import uuid4
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.quality import pair
 from ipmclab.rig.bench import Bench
 from ipmclab.rig.experiments import fingerprint
+from ipmclab.rig.experiments.desk import Desk, Live
 from ipmclab.rig.experiments.earlier import PATIENCE, Earlier
 from ipmclab.rig.experiments.equilibrium import Air, wait_for_equilibrium
 from ipmclab.rig.experiments.plan import Plan
 from ipmclab.rig.experiments.steps import FINGERPRINT, MOST_DRIFT, PlannedRun, PlannedStep, Question, prepare, watched
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.control import Control
-from ipmclab.rig.recording.keeping import Rows, State
-from ipmclab.rig.recording.recorder import Heartbeat, capture
-from ipmclab.rig.recording.slow import Air as Reading
+from ipmclab.rig.recording.keeping import State
+from ipmclab.rig.recording.recorder import capture
+from ipmclab.rig.recording.recording import Heartbeat
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
-from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
+from ipmclab.run import Finding, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
 from ipmclab.signals.signal import shortened
 from ipmclab.store.catalogue.catalogue import Catalogue, safely
@@ -46,19 +46,6 @@ _MOST_CHECKED: Final = 5_000_000
 
 _MOST_CLAMPINGS: Final = 3
 """How often a strip is clamped again for one fingerprint: each time it is given a voltage."""
-
-_PROGRESS_TOLD: Final = 0.2
-"""How often [s] it is told how far a run has come."""
-
-
-class Desk(Protocol):
-    """Whom a session talks to: one terminal, or many clients."""
-
-    def tell(self, message: Message) -> None:
-        """Tell all who listen; never waits."""
-
-    def ask(self, question: Question, ended: Callable[[], bool]) -> str:
-        """The answer to a question, or any text once ``ended`` says that the experiment has ended meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -388,7 +375,7 @@ class Session:
         of = sum(one.purpose != "fingerprint" for one in self._plan.runs)
         self._desk.tell(Message("run", {"uuid": uuid, **about, "place": place, "of": of}))
         kept: list[Journal] = []
-        live = _Live(self._desk, rows)
+        live = Live(self._desk, rows)
 
         def make_journal(header: JournalHeader) -> Journal:
             journal = Journal.create(self._laboratory, header, on_commit=live.committed)
@@ -585,40 +572,3 @@ class _Clock:
         """Minutes since it was started, None if it was not."""
         began = self._marks.get(what)
         return None if began is None else round((self.now - began) / 60.0, 3)
-
-
-class _Live:
-    """What a run tells while it is recorded: its readings as they come, and how many rows are safe."""
-
-    def __init__(self, desk: Desk, rows: int) -> None:
-        self._desk = desk
-        self._rows = rows
-        self._seen = 0
-        self._safe = 0
-        self._told = 0.0
-
-    def block(self, rows: Rows) -> None:
-        """Some rows were read."""
-        self._seen = rows.first_row + len(rows)
-        self._desk.tell(Message("block", {"first_row": rows.first_row}, dict(rows.values)))
-        if time.monotonic() - self._told > _PROGRESS_TOLD:
-            self._tell()
-
-    def air(self, air: Reading) -> None:
-        """The air around the strip was read."""
-        known = {name: value for name, value in air.values.items() if math.isfinite(value)}
-        self._desk.tell(Message("air", {"time": air.time, **known}))
-
-    def mark(self, mark: Mark) -> None:
-        """Something happened."""
-        self._desk.tell(Message("event", {"event": mark.kind, "time": mark.time, "text": mark.text}))
-
-    def committed(self, acknowledged: int) -> None:
-        """So many rows are on the disk."""
-        self._safe = acknowledged
-        self._tell()
-
-    def _tell(self) -> None:
-        self._told = time.monotonic()
-        told = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
-        self._desk.tell(Message("progress", told))

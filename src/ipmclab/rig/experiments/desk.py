@@ -1,0 +1,64 @@
+"""Whom an experiment talks to, and what it tells while a run is recorded."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from ipmclab.rig.experiments.steps import Question
+from ipmclab.rig.process.messages import Message
+from ipmclab.rig.recording.keeping import Rows
+from ipmclab.rig.recording.slow import Air
+from ipmclab.run import Mark
+
+_PROGRESS_TOLD: Final = 0.2
+"""How often [s] it is told how far a run has come."""
+
+
+class Desk(Protocol):
+    """Whom a session talks to: one terminal, or many clients."""
+
+    def tell(self, message: Message) -> None:
+        """Tell all who listen; never waits."""
+
+    def ask(self, question: Question, ended: Callable[[], bool]) -> str:
+        """The answer to a question, or any text once ``ended`` says that the experiment has ended meanwhile."""
+
+
+class Live:
+    """What a run tells while it is recorded: its readings as they come, and how many rows are safe."""
+
+    def __init__(self, desk: Desk, rows: int) -> None:
+        self._desk = desk
+        self._rows = rows
+        self._seen = 0
+        self._safe = 0
+        self._told = 0.0
+
+    def block(self, rows: Rows) -> None:
+        """Some rows were read."""
+        self._seen = rows.first_row + len(rows)
+        self._desk.tell(Message("block", {"first_row": rows.first_row}, dict(rows.values)))
+        if time.monotonic() - self._told > _PROGRESS_TOLD:
+            self._tell()
+
+    def air(self, air: Air) -> None:
+        """The air around the strip was read."""
+        known = {name: value for name, value in air.values.items() if math.isfinite(value)}
+        self._desk.tell(Message("air", {"time": air.time, **known}))
+
+    def mark(self, mark: Mark) -> None:
+        """Something happened."""
+        self._desk.tell(Message("event", {"event": mark.kind, "time": mark.time, "text": mark.text}))
+
+    def committed(self, acknowledged: int) -> None:
+        """So many rows are on the disk."""
+        self._safe = acknowledged
+        self._tell()
+
+    def _tell(self) -> None:
+        self._told = time.monotonic()
+        told = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
+        self._desk.tell(Message("progress", told))
