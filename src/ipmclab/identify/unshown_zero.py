@@ -45,7 +45,7 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
         told = any(unknown.base == OFFSET and unknown.belongs_to(record.place) for unknown in problem.unknowns)
         if told or not free or not record.zero_is_open:
             continue
-        column = _of_a_zero(problem, record.place)
+        column = _of_a_zero(problem, record.place, len(jacobian))
         moved = inverse @ column
         # What neither the parameters nor the noise imitate of it.
         seen = float(np.linalg.norm(column - jacobian @ moved))
@@ -57,12 +57,12 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     return found
 
 
-def _of_a_zero(problem: Problem, place: int) -> FloatArray:
-    """What a zero of the current of a run adds to the residuals [1/A]."""
-    column = np.zeros((1, sum(piece.stop - piece.start for piece in problem.pieces.values())))
+def _of_a_zero(problem: Problem, place: int, rows: int) -> FloatArray:
+    """What a zero of the current of a run adds to the residuals [1/A], those of priors among them."""
+    column = np.zeros((1, rows))
     column[0, problem.pieces[place, "current"]] = 1.0 / problem.noise[place, "current"]
-    rows = problem.whiten(Evaluation(column)).rows if isinstance(problem, CorrelatedProblem) else column
-    return np.asarray(rows[0])
+    seen = problem.whiten(Evaluation(column)).rows if isinstance(problem, CorrelatedProblem) else column
+    return np.asarray(seen[0])
 
 
 def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:
