@@ -20,6 +20,18 @@ def test_a_path_outside_is_refused(tmp_path: Path, name: str) -> None:
         Lab.open(tmp_path).path(name)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="other systems say of such a name that there is no file")
+@pytest.mark.parametrize("name", [300 * "a" + ".nc", "runs/" + 300 * "a", 3000 * "a/" + "b.nc"])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> None:
+    """A file system answers a question about it with an error, which nobody who asks would expect."""
+    (tmp_path / "runs").mkdir()
+    with pytest.raises(OSError, match="too long"):
+        (tmp_path / name).is_file()
+    with pytest.raises(InputError, match="not in the folder") as refused:
+        Lab.open(tmp_path).path(name)
+    assert len(str(refused.value)) < 300
+
+
 @pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
 def test_a_link_that_leads_outside_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "lab"

@@ -211,6 +211,17 @@ def test_no_run_outside_the_folder_is_sent(client: Client, workshop: Workshop, k
     assert answer.json()["code"] == "outside-folder"
 
 
+def test_a_name_that_no_file_can_have_is_none_of_the_folder(client: Client) -> None:
+    for key in (300 * "a" + ".nc", 5000 * "a" + ".nc", 3000 * "a/" + "b.nc"):
+        for address in ("/runs/file", "/runs/export", "/runs/figure"):
+            assert client.get(address, params={"run": key}).status_code in (404, 422)
+        answer = client.post("/simulate", json={"actuator": "friend-2", "changes": {}, "run": key})
+        assert answer.status_code == 422
+    assert client.get(f"/reports/{5000 * 'a'}.html").status_code == 404
+    asked = {"actuator": 5000 * "a" + ".toml", "changes": {}, "signal": "step 1 V", "duration": 1, "rate": 10}
+    assert client.post("/simulate", json=asked).status_code == 422
+
+
 @pytest.mark.parametrize("name", ["/etc/passwd", "../secret.csv", "'../secret.csv'"])
 def test_a_signal_takes_samples_from_the_folder_only(client: Client, workshop: Workshop, name: str) -> None:
     for folder in (workshop.lab.root, workshop.lab.root.parent):

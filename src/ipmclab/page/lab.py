@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
 import re
@@ -24,6 +25,9 @@ _FILE: Final = re.compile(r"\bfile\s+(\"[^\"]*\"|'[^']*'|\S+)", re.IGNORECASE)
 _HALF: Final = re.compile(r"\..+\.[0-9a-f]{8}\.part")  # as ``destination`` names a file until it is whole
 _LEFT: Final = 600.0
 """How long [s] nobody writes on with a file that nobody writes any more."""
+
+_MOST_TOLD: Final = 80
+"""Letters of a name that an error repeats."""
 
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b", re.IGNORECASE)  # no files to Windows
 _NAME = re.compile(r"[\w][\w .+-]{0,79}")
@@ -91,15 +95,16 @@ class Lab:
         Raises
         ------
         InputError
-            It is outside, by whatever way: absolute, through .., through a link.
+            It is outside, by whatever way: absolute, through .., through a link; or no file can be called so.
         """
         try:
             whole = Path(os.path.realpath(self.root / name))
+            is_inside = whole.is_relative_to(self.root) and _can_be(whole)
         except ValueError:  # a null byte
-            whole = Path(os.path.sep)
-        if not whole.is_relative_to(self.root):
+            is_inside = False
+        if not is_inside:
             raise InputError(
-                f"{str(name)!r} is not in the folder of this page",
+                f"{_shortened(str(name))!r} is not in the folder of this page",
                 code="outside-folder",
                 where="path",
                 repair="copy the file into the folder, or start ipmclab page in the folder that has it",
@@ -154,6 +159,20 @@ class Lab:
     def is_inside(self, path: Path) -> bool:
         """Whether a path is in the lab wherever its links lead."""
         return Path(os.path.realpath(path)).is_relative_to(self.root)
+
+
+def _can_be(path: Path) -> bool:
+    """Whether a file system can have a file of this name: whoever asks for a longer one gets its error, not no."""
+    try:
+        path.lstat()
+    except OSError as error:
+        return error.errno != errno.ENAMETOOLONG
+    return True
+
+
+def _shortened(name: str) -> str:
+    """A name as an error says it: of a long one its beginning is enough."""
+    return name if len(name) <= _MOST_TOLD else f"{name[:_MOST_TOLD]}…"
 
 
 def files_of(signal: str) -> list[str]:
