@@ -291,6 +291,32 @@ def test_steps_are_ticked_in_their_order_and_what_comes_again_is_noted() -> None
     assert {one["state"] for one in state.document()["steps"]} == {"done"}
 
 
+def test_that_a_run_is_being_ended_is_known_to_all(recorder: Recorder, bench: Bench) -> None:
+    """Who asks is believed at once; that the output is at 0 V, and what is left of the run, the recorder says."""
+    recorder.tell("plan", **PLAN)
+    recorder.tell("run", **RUN)
+    recorder.tell("progress", rows=40, acknowledged=30, of=100)
+    wait_until(lambda: bench.follower.is_joined and bench.follower.state.readings()["progress"])
+    assert bench.document("anna")["ending"] is None
+    bench.ask("anna", "stop")
+    assert bench.document("ben")["ending"] == {"how": "stop", "at_zero": False}
+    recorder.tell("event", event="stop", time=4.1, text="stopped by the operator at 4.1 s", ending="stop")
+    recorder.tell("progress", rows=41, acknowledged=30, of=46)
+    wait_until(lambda: bench.document("ben")["ending"]["at_zero"])
+    bench.ask("ben", "zero")
+    with begun(recorder.folder) as again:  # the recorder tells it to who comes later
+        wait_until(lambda: (again.document("ben")["ending"] or {}).get("at_zero"))
+        wait_until(lambda: again.document("ben")["progress"] == {"rows": 41, "acknowledged": 30, "of": 46})
+    assert bench.document("anna")["ending"] == {"how": "zero", "at_zero": True}
+    recorder.tell("recorded", path="a.nc", state="complete", signal="step 1 V", purpose="signal", findings=[])
+    recorder.tell("ended", how="stop", error=None)
+    wait_until(lambda: bench.document("anna")["bench"] == "ended")
+    told = bench.document("anna")
+    assert (told["ending"], told["run"], told["progress"]) == (None, None, None)
+    bench.follower.state.asked_here("stop")  # it ended in that moment
+    assert bench.document("anna")["ending"] is None
+
+
 def test_what_is_known_of_a_long_run_stays_bounded() -> None:
     """A browser is sent all of it at each event."""
     state = State()

@@ -247,6 +247,25 @@ def test_stop_before_the_first_run(tmp_path: Path) -> None:
     assert session.run() == ()
 
 
+@pytest.mark.parametrize("how", ["stop", "zero", "abort"])
+def test_how_many_rows_a_run_that_is_ended_will_have_is_told_at_once(tmp_path: Path, how: str) -> None:
+    desk = Desk()
+    session = make(tmp_path, desk, duration="30 s", rest_after="2 s", fingerprint=False)
+
+    def end(message: Message) -> None:
+        if message.kind == "progress" and message.values["rows"] > 100 and session.ended_early is None:
+            getattr(session, how)()
+
+    desk.on_message = end
+    (run,) = runs_of(session.run())
+    told = [one for one in desk.told if one.kind in ("event", "progress")]
+    place = next(place for place, one in enumerate(told) if one.kind == "event")
+    assert told[place].values["ending"] == how
+    assert {one.values["of"] for one in told[:place]} == {33 * 50}
+    assert {one.values["of"] for one in told[place + 1 :]} == {len(run)}
+    assert len(run) < 33 * 50
+
+
 def test_a_limit_ends_the_experiment(tmp_path: Path) -> None:
     session = make(tmp_path, Desk(), repeats=2, limits={"current": {"most": "20 mA", "duration": "0 s"}}, pause="0 s")
     (recorded,) = session.run()

@@ -96,6 +96,42 @@ def test_stop_works_where_a_browser_can_keep_nothing(tmp_path: Path, open_page, 
         recorder.hub.close()
 
 
+def test_every_browser_sees_that_a_run_is_being_ended(tmp_path: Path, open_page) -> None:
+    with served(tmp_path) as address:
+        pages = [open_page(f"{address}/run") for _ in range(2)]
+        recorder = Recorder(tmp_path)
+        recorder.tell("run", **RUN)
+        recorder.tell("progress", rows=40, acknowledged=30, of=100)
+        for page in pages:
+            says(page, "recording", "6 s left", "6 s left, 30 of 100 rows on disk")
+        pages[0].get_by_role("button", name="STOP", exact=True).click()
+        for page in pages:
+            says(page, "stopping", "until the recorder has ended", "until the recorder has ended")
+        recorder.tell("event", event="stop", time=4.1, text="stopped by the operator at 4.1 s", ending="stop")
+        recorder.tell("progress", rows=41, acknowledged=30, of=71)
+        pages[0].reload()
+        for page in pages:
+            says(page, "stopping", "discharging at 0 V, 3 s left", "at 0 V, 3 s left, 30 of 71 rows on disk")
+        recorder.tell("ended", how="stop", error=None)
+        for page in pages:
+            says(page, "ended", "output at 0 V", "")
+            assert not page.locator("#lab-progress-bar").is_visible()
+        recorder.hub.close()
+
+
+def says(page, word: str, text: str, line: str) -> None:
+    """Wait until the header and the line of a run say something."""
+    page.wait_for_function(
+        """([word, text, line]) => {
+          const told = (place) => document.querySelector(place)?.textContent;
+          const run = told("#lab-progress-bar span");
+          return told("#lab-bench-word") === word && told("#lab-bench-text").includes(text)
+            && (line ? run?.includes(line) : run === "");
+        }""",
+        arg=[word, text, line],
+    )
+
+
 def test_what_could_not_be_asked_is_not_taken_for_done(tmp_path: Path, open_page) -> None:
     with served(tmp_path) as address:
         page = open_page(f"{address}/simulate")

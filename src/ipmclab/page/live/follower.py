@@ -128,6 +128,7 @@ class Follower:
                 return False
         if kind == "answer":
             self.state.answered_here(values.get("number"))
+        self.state.asked_here(kind)
         return True
 
     def let_answer(self, there: bool) -> None:

@@ -25,6 +25,10 @@ WORDS: Final = {
 """What the bench may be doing, and how that is said."""
 
 
+ENDINGS: Final = ("stop", "abort", "zero")
+"""How an operator may end a run, what is more urgent later."""
+
+
 class State:
     """What a recorder has told so far. Every method may be called from any thread."""
 
@@ -51,6 +55,7 @@ class State:
             "question": None,
             "run": None,
             "progress": None,
+            "ending": None,
             "latest": {},
             "notes": [],
             "recorded": [],
@@ -119,6 +124,17 @@ class State:
             if question is not None and question.get("number") == number:
                 self._changed(question=None)
 
+    def asked_here(self, how: str) -> None:
+        """A recorder that is at work took in that it shall end; that the output is at 0 V only it can say."""
+        with self._lock:
+            if how in ENDINGS and self._told["bench"] not in ("idle", "ended", "lost"):
+                self._ends(how, at_zero=False)
+
+    def _ends(self, how: str, *, at_zero: bool) -> None:
+        before = self._told["ending"] or {"how": how, "at_zero": False}
+        how = max(how, before["how"], key=ENDINGS.index)
+        self._changed(ending={"how": how, "at_zero": at_zero or before["at_zero"]})
+
     def _note(self, text: str, passing: bool = False) -> None:
         notes = self._told["notes"]
         if passing and notes and notes[-1]["passing"]:
@@ -152,13 +168,15 @@ class State:
                     self.pulse += 1
                 case "event":
                     self._note(f"{values['time']:.2f} s: {values['text']}")
+                    if values.get("ending") in ENDINGS:
+                        self._ends(values["ending"], at_zero=True)
                     self._changed()
                 case "note":
                     self._note(values["text"], bool(values.get("passing")))
                     self._changed()
                 case "recorded":
                     self._told["recorded"].append(values)
-                    self._changed(bench="preparing", run=None)
+                    self._changed(bench="preparing", run=None, progress=None)
                 case "ended":
                     self._end(values)
 
@@ -184,4 +202,5 @@ class State:
         elif self._step >= 0:
             steps = [*steps[: self._step], {**steps[self._step], "state": "ended"}, *steps[self._step + 1 :]]
         self._note(text)
-        self._changed(bench="ended", ended=dict(values), text="", question=None, run=None, steps=steps)
+        gone = dict.fromkeys(("question", "run", "progress", "ending"))
+        self._changed(bench="ended", ended=dict(values), text="", steps=steps, **gone)

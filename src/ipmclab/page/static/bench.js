@@ -92,16 +92,15 @@
     }
     const bar = document.getElementById("lab-progress-bar");
     if (bar) {
-      const { run, progress } = state;
-      bar.hidden = !run;
-      if (run) {
-        bar.querySelector("progress").max = run.rows;
-        bar.querySelector("progress").value = progress?.rows ?? 0;
-        bar.querySelector("span").textContent =
-          `${run.signal} (${run.purpose === "fingerprint" ? "fingerprint" : `run ${run.place} of ${run.of}`}): ` +
-          (progress ? `${duration(Math.max(0, (run.rows - progress.rows) / run.rate))} left, ` +
-            `${progress.acknowledged} of ${run.rows} rows on disk` : "begins");
-      }
+      const { run, progress, ending } = state;
+      bar.hidden = !run || state.bench === "lost"; // what is left of a run whose recorder is gone nobody knows
+      const rows = progress?.of ?? run?.rows ?? 1;
+      bar.querySelector("progress").max = rows;
+      bar.querySelector("progress").value = progress?.rows ?? 0;
+      const left = () => (ending ? lab.ends(state) : `${duration(Math.max(0, (rows - progress.rows) / run.rate))} left`);
+      bar.querySelector("span").textContent = bar.hidden ? "" :
+        `${run.signal} (${run.purpose === "fingerprint" ? "fingerprint" : `run ${run.place} of ${run.of}`}): ` +
+        (progress ? `${left()}, ${progress.acknowledged} of ${rows} rows on disk` : "begins");
     }
   }
 

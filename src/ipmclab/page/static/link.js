@@ -85,6 +85,9 @@ const lab = (window.lab = {
     this.listeners.forEach((listener) => listener(this.state));
   },
 
+  // What is still recorded of a run that is being ended: that the output is at 0 V is said once the recorder has said so.
+  ends: (state) => (state.run && state.ending.at_zero ? `discharging at 0 V, ${left(state)}` : "until the recorder has ended"),
+
   // Ask the bench for something: {ok, message}.
   async post(what, values = {}) {
     let answer;
@@ -115,6 +118,8 @@ const WORDS = {
   recording: "recording", ended: "ended", lost: "recorder lost",
 };
 
+const ENDINGS = { stop: "stopping", zero: "to 0 V", abort: "aborting" };
+
 const isBusy = (state) => !["idle", "ended", "lost"].includes(state.bench);
 
 function tellHeader(state) {
@@ -126,9 +131,9 @@ function tellHeader(state) {
     const element = document.getElementById(id);
     if (element && element.textContent !== text) element.textContent = text;
   };
-  const ending = busy && press.asked;
-  set("lab-bench-word", ending ? { stop: "stopping", zero: "to 0 V" }[ending] : WORDS[state.bench] ?? state.bench);
-  set("lab-bench-text", ending ? "until the recorder has ended" : state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
+  const ending = busy && state.ending;
+  set("lab-bench-word", ending ? ENDINGS[ending.how] : WORDS[state.bench] ?? state.bench);
+  set("lab-bench-text", ending ? lab.ends(state) : state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
   const guard = !busy ? "guard: off" : state.rig_is_virtual ? "guard: simulated strip" :
     `guard: ${state.guardian || (state.bench === "recording" ? "on" : "ready")}`;
   set("lab-guard", guard);
@@ -139,7 +144,7 @@ function tellHeader(state) {
 
 function left(state) {
   if (!state.progress) return "starting";
-  const seconds = Math.max(0, (state.run.rows - state.progress.rows) / state.run.rate);
+  const seconds = Math.max(0, (state.progress.of - state.progress.rows) / state.run.rate);
   return seconds < 120 ? `${seconds.toFixed(0)} s left` : `${(seconds / 60).toFixed(0)} min left`;
 }
 
@@ -149,7 +154,6 @@ async function press(what, button) {
   button.classList.remove("lab-pressed");
   say(ok && lab.state?.bench === "ended" ? "" : message, ok);
   press.asked = ok ? what : "";
-  if (lab.state) tellHeader(lab.state);
 }
 
 function say(text, ok) {
@@ -182,7 +186,6 @@ function hush(state) {
   if (["stop", "zero"].includes(press.asked) && !isBusy(state)) {
     press.asked = "";
     document.getElementById("lab-said").textContent = "";
-    tellHeader(state);
   }
 }
 

@@ -49,9 +49,15 @@ class Live:
         known = {name: value for name, value in air.values.items() if math.isfinite(value)}
         self._desk.tell(Message("air", {"time": air.time, **known}))
 
-    def mark(self, mark: Mark) -> None:
-        """Something happened."""
-        self._desk.tell(Message("event", {"event": mark.kind, "time": mark.time, "text": mark.text}))
+    def mark(self, mark: Mark, ending: str | None = None, rows: int = 0) -> None:
+        """Something happened; where the operator is ``ending`` the run by it, it will have so many rows."""
+        told = {"event": mark.kind, "time": mark.time, "text": mark.text}
+        if ending is None:
+            self._desk.tell(Message("event", told))
+            return
+        self._rows = rows
+        self._desk.tell(Message("event", {**told, "ending": ending}))
+        self._tell()
 
     def committed(self, acknowledged: int) -> None:
         """So many rows are on the disk."""

@@ -24,10 +24,10 @@ from ipmclab.rig.experiments.steps import FINGERPRINT, MOST_DRIFT, PlannedRun, P
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import State
-from ipmclab.rig.recording.recorder import capture
+from ipmclab.rig.recording.recorder import DISCHARGE_TIME, capture
 from ipmclab.rig.recording.recording import Heartbeat
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
-from ipmclab.run import Finding, Run, RunMetadata, ZeroReading
+from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
 from ipmclab.signals.signal import shortened
 from ipmclab.store.catalogue.catalogue import Catalogue, safely
@@ -377,6 +377,14 @@ class Session:
         kept: list[Journal] = []
         live = Live(self._desk, rows)
 
+        def on_mark(mark: Mark) -> None:
+            if mark.kind != "stop":
+                live.mark(mark)
+                return
+            how = self._ending or "abort"
+            more = {"stop": planned.rest_after, "zero": DISCHARGE_TIME, "abort": 0.0}[how]  # recorded at 0 V
+            live.mark(mark, how, round((mark.time + more) * planned.rate))
+
         def make_journal(header: JournalHeader) -> Journal:
             journal = Journal.create(self._laboratory, header, on_commit=live.committed)
             kept.append(journal)
@@ -402,7 +410,7 @@ class Session:
                 control=control,
                 heartbeat=self._guardian,
                 on_block=live.block,
-                on_mark=live.mark,
+                on_mark=on_mark,
                 tares=() if short else self._tares,
                 zero_time=planned.zero_before,
                 zero_after=planned.zero_after,

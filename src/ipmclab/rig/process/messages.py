@@ -26,8 +26,9 @@ to the clients
 ``run``        a recording began: ``uuid``, ``signal``, ``purpose``, ``rate``, ``rows``, ``place``, ``of``
 ``block``      ``first_row`` and an array for each channel [SI]
 ``air``        ``time``, and ``temperature`` and ``relative_humidity`` as far as they are read
-``progress``   ``rows`` read and ``acknowledged`` (on disk)
-``event``      something happened in a run: ``event``, ``time``, ``text``
+``progress``   ``rows`` read and ``acknowledged`` (on disk), ``of`` as many as the run will have
+``event``      something happened in a run: ``event``, ``time``, ``text``; with ``ending`` (``stop``, ``abort`` or
+               ``zero``) the output is at 0 V, as an operator wanted, and only what follows it is still recorded
 ``note``       something to know: ``text``
 ``recorded``   a run stands on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
 ``ended``      the last message: ``status``, and ``error`` where it failed
