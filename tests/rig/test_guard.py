@@ -181,6 +181,17 @@ def test_after_zeroing_the_discharge_does_not_act_but_an_output_that_stays_does(
     assert str(stuck) == "the output should be at 0 V and 2.2 V are read: take the strip off its leads"
 
 
+def test_rows_that_were_sampled_before_the_output_was_at_0_v_do_not_show_that_it_is_stuck() -> None:
+    """A busy computer reads them a second late, after it has brought the output to 0 V."""
+    guard = Guard(NOTHING, 50.0, ELECTRODES)
+    block = {"voltage": np.full(50, 2.0), "current": np.zeros(50)}
+    guard.look(0, block, given=np.full(50, 2.0))
+    guard.zeroed(50)
+    assert guard.look(50, block, given=np.full(50, 2.0)) == ()
+    (stuck,) = guard.look(100, block, given=np.where(np.arange(50) < 20, 2.0, 0.0))
+    assert (stuck.kind, stuck.row) == ("stuck", 130)  # 0.2 s after the first row at 0 V
+
+
 def test_the_air_has_a_limit() -> None:
     guard = Guard(replace(NOTHING, temperature=Limit(40.0, 2.0)), 50.0, ELECTRODES)
     block = {"voltage": np.zeros(50)}

@@ -312,7 +312,7 @@ class Recording:
             {**readings, "output": block.output[:count]},
         )
         try:
-            for alarm in self._guard.look(block.first_row, values, block.temperature):
+            for alarm in self._guard.look(block.first_row, values, block.temperature, block.output[:count]):
                 self._alarm(alarm)
             for request in self._control.take():
                 self._ask(request.kind, request.text)

@@ -135,7 +135,11 @@ class Guard:
             self._zeroed = row
 
     def look(
-        self, first_row: int, readings: Mapping[str, FloatArray], temperature: FloatArray | None = None
+        self,
+        first_row: int,
+        readings: Mapping[str, FloatArray],
+        temperature: FloatArray | None = None,
+        given: FloatArray | None = None,
     ) -> tuple[Alarm, ...]:
         """Look at a block.
 
@@ -147,6 +151,9 @@ class Guard:
             ``voltage`` always, and what else is measured; NaN for a reading that is none.
         temperature : float array, shape (n_slow,) [degC], optional
             Of the air, read some time during the block.
+        given : float array, shape (n_block,) [V], optional
+            What the output was told to give: a busy computer reads rows late that were sampled before the output was
+            brought to 0 V, and those do not show that it is stuck.
 
         Returns
         -------
@@ -176,7 +183,9 @@ class Guard:
             return tuple(sorted(alarms, key=lambda alarm: alarm.row))
         flowing = np.zeros(count) if current is None else current
         output = voltage + flowing * (self._source + (0.0 if self._upstream else self._shunt))
-        return self._stuck(rows, output)
+        return self._stuck(
+            rows, output, rows > self._zeroed if given is None else (rows > self._zeroed) & (given == 0.0)
+        )
 
     def _plain(self, rows: IntArray, readings: Mapping[str, FloatArray], temperature: FloatArray | None) -> list[Alarm]:
         """Limits of what is read."""
@@ -226,9 +235,7 @@ class Guard:
             alarms += self._alarms(name, limit, rows, total / per_unit, total > round(limit.most * per_unit))
         return alarms
 
-    def _stuck(self, rows: IntArray, output: FloatArray) -> tuple[Alarm, ...]:
-        assert self._zeroed is not None
-        late = rows > self._zeroed
+    def _stuck(self, rows: IntArray, output: FloatArray, late: BoolArray) -> tuple[Alarm, ...]:
         limit = Limit(RESIDUAL_VOLTAGE, ZEROING_TIME, "zero")
         beyond = np.abs(output[late]) > RESIDUAL_VOLTAGE
         return tuple(self._alarms("voltage", limit, rows[late], output[late], beyond, kind="stuck"))
