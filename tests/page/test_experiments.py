@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ipmclab import load_actuator, write_actuator
 from ipmclab.errors import InputError
 from ipmclab.page.experiments import FIELDS, Draft, Unsaved, check, experiments, limit_at, preview, rigs, save
 from ipmclab.page.lab import Lab
@@ -121,6 +122,41 @@ def test_all_mistakes_are_told_at_once_each_at_its_field(lab: Lab) -> None:
     assert "has no unit" in errors["rate"]
     right = {"sample": "s", "rig": "none.toml"}
     assert "no such rig file" in check(lab, with_values(Draft.new(), **right)).errors["rig"]
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "told"),
+    [
+        ("duration", "", "it is empty; write for example 40 s"),
+        ("rate", "", "it is empty; write for example 50 Hz"),
+        ("signals", "", "no signal is named; write one, such as step 1 V"),
+        ("sample", "", "no sample is named: a run must say whose it is; fill in the sample's id, such as strip-1"),
+        ("repeats", "xyz", "'xyz' is not a whole number; write 1 or more, such as 2"),
+        (
+            "actuator",
+            "nope",
+            "there is no actuator 'nope', neither in the library nor in this folder; known: 'mine.toml'",
+        ),
+        ("actuator", "mine.tml", "neither in the library nor in this folder; did you mean 'mine.toml'?"),
+        ("actuator", "x+" + 300 * "a", "there is no actuator 'x'"),
+    ],
+)
+def test_a_mistake_is_told_in_the_words_of_the_form(lab: Lab, key: str, text: str, told: str) -> None:
+    """There are no keys and no quotes on it."""
+    write_actuator(load_actuator("friend-2"), lab.root / "mine.toml")
+    errors = check(lab, with_values(Draft.new(), **{"sample": "s", key: text})).errors
+    assert set(errors) == {key}
+    assert told in errors[key]
+
+
+@pytest.mark.parametrize(
+    "named", ["friend-2", "friend-2+leak.cubic", "mine.toml", "mine.toml + clamp", "below/mine.toml"]
+)
+def test_a_model_of_the_strip_is_of_the_library_or_the_folder(lab: Lab, named: str) -> None:
+    (lab.root / "below").mkdir()
+    for place in (lab.root, lab.root / "below"):
+        write_actuator(load_actuator("friend-2"), place / "mine.toml")
+    assert check(lab, with_values(Draft.new(), sample="s", actuator=named)).errors == {}
 
 
 @pytest.mark.parametrize("air", ["", "900 degC"])

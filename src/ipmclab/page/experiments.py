@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import Panel, Series
 from ipmclab.page.lab import Lab, files_of
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
@@ -116,13 +116,18 @@ _AIR: Final = {"temperature": "25 degC"}  # stands in for one that is not stated
 _MOST_RUNS: Final = 8
 _PREVIEW_ROWS: Final = 200_000
 _OF_RANGE: Final = 0.95  # of what a channel reads: beyond it a reading is cut, and no more than a limit
+_NO_SIGNAL: Final = ("no signal is named", "write one, such as step 1 V")
 _IN_A_FORM: Final = {
-    ("sample", "missing-key"): "fill in the sample's id, such as strip-1",
-    ("signal", "missing-key"): "write one, such as step 1 V",
-    ("signals", "bad-value"): "write one, such as step 1 V",
-    ("environment", "missing-key"): "fill in one of them, such as 25 degC",
+    ("sample", "missing-key"): ("", "fill in the sample's id, such as strip-1"),
+    ("signal", "missing-key"): _NO_SIGNAL,
+    ("signals", "bad-value"): _NO_SIGNAL,
+    ("duration", "missing-key"): ("it is empty", "write for example 40 s"),
+    ("rate", "missing-key"): ("it is empty", "write for example 50 Hz"),
+    ("repeats", "bad-value"): ("", "write 1 or more, such as 2"),
+    ("environment", "missing-key"): ("", "fill in one of them, such as 25 degC"),
 }
-"""What to do about a mistake where a form stands in place of the file: of the field and the code."""
+"""What is wrong, where it is said in other words, and what to do about it, where a form stands in place of the file: of
+the field and the code."""
 
 _DAMAGED: Final = "a letter in it is damaged, so that no file can hold it"
 _ANEW: Final = "type it anew"
@@ -334,8 +339,10 @@ def check(lab: Lab, draft: Draft) -> Checked:
     for key, value in [*damaged, *_outside(lab, table)]:
         errors[key] = value
         _repair(table, key)
-    # The model of a strip takes a compiler to read; the recorder does that. Here its name will do.
+    # The model of a strip takes a compiler to read; the recorder does that. Here it is enough that there is one.
     named = table.pop("actuator", None)
+    if isinstance(named, str) and (unknown := _unknown(lab, named)):
+        errors["actuator"] = unknown
     if "sample" not in table and named:
         table["sample"] = str(named)
     experiment = None
@@ -365,10 +372,11 @@ def check(lab: Lab, draft: Draft) -> Checked:
 def placed(error: InputError) -> tuple[str, str]:
     """The field that a message belongs to, empty where it is none's, and the message without its place."""
     key = error.where.removeprefix(f"{WHERE}: ")
-    repair = _IN_A_FORM.get((key, error.code), error.repair)
+    message, repair = _IN_A_FORM.get((key, error.code), ("", error.repair))
+    message = message or error.message
     if error.code == "missing-unit":
         repair = repair.replace("'-", "'")  # a negative one would be refused next
-    text = f"{error.message}; {repair}" if repair else error.message
+    text = f"{message}; {repair}" if repair else message
     key = re.sub(r"^signal(s\.\d+)?$", "signals", key)
     for known in _BY_KEY:
         if key == known or (known != "signals" and key.startswith(f"{known}.")):
@@ -436,6 +444,21 @@ def _outside(lab: Lab, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if isinstance(folder, str) and os.path.realpath(lab.root / folder) != str(lab.laboratory_folder):
         wanted = os.path.relpath(lab.laboratory_folder, lab.root)
         yield "", f"it records into {folder!r}, this page shows the runs in {wanted!r}; change folder in the file"
+
+
+def _unknown(lab: Lab, named: str) -> str:
+    """Why a name is none of an actuator, alone or with stages behind a plus; nothing where there is one."""
+    from ipmclab.model.actuator_file import is_library_name, library_names
+
+    base = named.partition("+")[0].strip()
+    try:
+        if is_library_name(base) or any((lab.root / one).is_file() for one in (base, named)):
+            return ""
+    except (OSError, ValueError):
+        pass  # no file can be called that
+    own = [lab.below(path) for path in lab.tables() if {"geometry", "circuit"} <= {*(glance(path) or {})}]
+    repair = suggest(base, [*own, *library_names()])
+    return f"there is no actuator {base!r}, neither in the library nor in this folder; {repair}"
 
 
 def _planned(lab: Lab, experiment: Experiment) -> Plan:

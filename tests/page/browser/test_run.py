@@ -228,10 +228,13 @@ def test_bad_input_has_its_message_at_the_field(tmp_path: Path, open_page) -> No
         page.get_by_text("It is drawn once the fields that are marked are correct").wait_for()
         page.get_by_label("Signals, one a line", exact=True).fill("step 1 V")
         page.get_by_text("More", exact=True).click()
-        page.get_by_label("Model of the strip", exact=True).fill("nobody")  # what the recorder alone can see
+        field = page.locator(".q-field", has=page.get_by_label("Model of the strip", exact=True))
+        page.get_by_label("Model of the strip", exact=True).fill("nobody")
+        field.get_by_role("alert").filter(has_text="there is no actuator 'nobody'").wait_for()
+        page.get_by_label("Model of the strip", exact=True).fill("friend-2+nothing")  # what the recorder alone can see
+        field.get_by_role("alert").wait_for(state="detached")
         page.get_by_label("File name").fill("nobody")
         page.get_by_role("button", name="Check the plan").click()
-        field = page.locator(".q-field", has=page.get_by_label("Model of the strip", exact=True))
-        field.get_by_role("alert").filter(has_text="there is no actuator 'nobody'").wait_for()
+        field.get_by_role("alert").filter(has_text="no stage is called 'nothing'").wait_for()
     assert json.dumps((tmp_path / "two volts.toml").read_text("utf-8")).count("step 2 V") == 1
     assert not list(tmp_path.parent.glob("escape*"))

@@ -344,7 +344,8 @@ class _Form:
 
     def _refuse(self, error: IpmclabError) -> None:
         """Say what the recorder refuses at the field that it belongs to."""
-        field = self._inputs.get(error.where.rpartition(": ")[2])
+        place = error.where.rpartition(": ")[2]
+        field = self._inputs.get("actuator" if place == "stages" else place)
         if isinstance(field, ValidationElement):
             field.error = sentence(error)
             self._message.text = "correct the fields that are marked"
