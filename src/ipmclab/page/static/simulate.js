@@ -381,10 +381,24 @@ const LabSimulate = (() => {
       };
     }
 
+    // The fields of the voltage that are empty, or hold no number: until they do, there is no question.
+    lacking() {
+      if (this.run.value !== "") return [];
+      const own = { written: [], step: ["amplitude"] }[this.kind.value] ?? ["amplitude", "frequency"];
+      return [...own, "duration", "rate"].map((name) => this.fields.get(name)).filter((field) => field.input.value === "");
+    }
+
     ask() {
+      this.isOpen = !this.lacking().length;
+      if (!this.isOpen) return void this.wait();
       this.since ??= performance.now();
-      this.isOpen = true;
       if (!this.isAsking) this.answer();
+    }
+
+    wait() {
+      this.since = null;
+      this.complain({ code: "no-number" });
+      this.took.textContent = "waits for a number: what is shown is from before";
     }
 
     async answer() {
@@ -395,30 +409,32 @@ const LabSimulate = (() => {
         this.since = null;
         const question = this.question();
         try {
-          await this.one(question);
+          if (await this.one(question)) this.tell(question);
           this.host.dataset.took = String(performance.now() - since);
           this.took.textContent = this.host.dataset.error ? "not answered: what is shown is from before"
             : `answered in ${Math.round(performance.now() - since)} ms`;
         } catch (error) {
           this.complain({ message: `the simulation cannot be reached: ${error.message}`, where: "", repair: "it goes on when the link is back" });
         }
-        this.tell(question);
       }
       this.isAsking = false;
+      if (this.lacking().length) this.wait();
     }
 
+    // Whether it was answered: what is said of it beside the page is that of the last question that was.
     async one(question) {
       const body = JSON.stringify(question);
       const answer = await fetch("/simulate", { method: "POST", headers: { "content-type": "application/json" }, body });
-      if (answer.status === 204) return;
+      if (answer.status === 204) return false;
       if (!answer.ok) {
         const told = await answer.json().catch(() => ({ message: `the server answered ${answer.status}`, where: "", repair: "" }));
         this.complain(told);
-        return;
+        return false;
       }
       const { head, arrays } = LabPlot.unpack(await answer.arrayBuffer());
       this.complain(null);
       this.take(head, arrays, question);
+      return true;
     }
 
     complain(error) {
@@ -431,7 +447,7 @@ const LabSimulate = (() => {
       for (const field of this.fields.values()) if (!field.row.hidden && isEmpty(field)) field.complain("Write a number.");
       for (const name of ["duration", "rate"])
         if (Number(this.fields.get(name).input.value) < 0) this.fields.get(name).complain("Must be above 0.");
-      if (!error) return;
+      if (!error?.message) return;
       const text = error.repair ? `${error.message}; ${error.repair}` : error.message;
       const field = this.fields.get(error.where) ?? this.fields.get(this.written(error.where));
       if (field && !field.row.hidden) field.complain(isEmpty(field) ? "Write a number." : text);
