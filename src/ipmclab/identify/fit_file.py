@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from ipmclab.errors import InputError
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
+from ipmclab.identify.fit_table_check import BadTable, check_fit_table
 from ipmclab.identify.many_runs.left_out import LeftOut
 from ipmclab.identify.many_runs.mountings import Mountings
 from ipmclab.identify.noise.model import NoiseModel
@@ -80,6 +80,7 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             repair="give a file that identify wrote",
         )
     try:
+        check_fit_table(table, actuator)
         return Fit(
             actuator=actuator,
             parameters={entry["name"]: _parameter(entry) for entry in table["parameters"]},
@@ -101,13 +102,21 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             practical=Practical.from_table(table["practical"]) if "practical" in table else None,
             profiles={name: Profile.from_table(entry) for name, entry in table.get("profiles", {}).items()},
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"the [fit] table is not one that identify writes ({type(error).__name__}: {error})",
-            code="bad-fit",
-            where=where,
-            repair="identify again, or delete the table to use the file as a plain actuator",
-        ) from error
+    except BadTable as error:
+        raise _bad_fit(error.what, f"{where}: {error.key}") from error
+    except KeyError as error:
+        raise _bad_fit(f"{error} is missing", where) from error
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise _bad_fit(str(error), where) from error
+
+
+def _bad_fit(what: str, where: str) -> InputError:
+    return InputError(
+        f"the [fit] table is not one that identify writes: {what}",
+        code="bad-fit",
+        where=where,
+        repair="identify again, or delete the table to use the file as a plain actuator",
+    )
 
 
 def _direction(entry: Mapping[str, Any]) -> Direction:
@@ -128,10 +137,6 @@ def _observation(entry: Mapping[str, Any]) -> Observation:
 def _correlations(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     names = [entry["name"] for entry in table["parameters"]]
     rows = table["correlations"]
-    if len(rows) != len(names) or any(len(row) != len(names) for row in rows):
-        raise ValueError("the correlations are not one row and column for each parameter")
-    if not all(math.isnan(value) or -1.0 <= value <= 1.0 for row in rows for value in row):
-        raise ValueError("a correlation lies outside -1 to 1")
     return {a: dict(zip(names, map(float, row), strict=True)) for a, row in zip(names, rows, strict=True)}
 
 
