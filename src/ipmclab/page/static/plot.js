@@ -12,6 +12,9 @@ const LabPlot = (() => {
   // The least span of an axis: what a sensor does not resolve must not fill it.
   const LEAST = { degC: 0.5, percent: 1 };
   const unitOf = (panel) => UNITS[panel.unit] ?? panel.unit;
+  // What the numbers of an axis have to its left edge and from its ticks [px], and what they have at least altogether.
+  const BESIDE = 18;
+  const LEAST_ROOM = 52;
   const DASHES = { line: [], dashed: [8, 4], dotted: [2, 4] };
   const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--lab-${name}`).trim();
@@ -65,11 +68,18 @@ const LabPlot = (() => {
     }
   }
 
-  // Numbers of an axis with as many decimals as tell neighbours apart.
+  // Numbers of an axis with as many decimals as tell neighbours apart; what is large or small has its power of ten behind it.
   function distinct(splits) {
-    const step = Math.abs(splits[1] - splits[0]);
     const largest = Math.max(...splits.map(Math.abs));
-    if (!(step > 0) || largest >= 1e5 || largest < 1e-3) return splits.map((value) => String(Number(value.toPrecision(9))));
+    if (largest >= 1e-3 && largest < 1e6) return decimal(splits);
+    if (!(largest > 0) || !Number.isFinite(largest)) return splits.map(String);
+    const power = 3 * Math.floor(Math.log10(largest) / 3 + 1e-9);
+    return decimal(splits.map((value) => value / 10 ** power)).map((text) => (Number(text) === 0 ? "0" : `${text}e${power}`));
+  }
+
+  function decimal(splits) {
+    const step = Math.abs(splits[1] - splits[0]);
+    if (!(step > 0)) return splits.map((value) => String(Number(value.toPrecision(9))));
     const decimals = Math.min(9, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
     const shown = (digits) => splits.map((value) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1"));
     const texts = shown(decimals);
@@ -192,6 +202,7 @@ const LabPlot = (() => {
       this.plots.forEach((plot) => plot.destroy());
       this.panels.replaceChildren();
       this.turn = 0;
+      this.room = LEAST_ROOM;
       this.data = new Map();
       const sync = { key: `lab-${Math.random()}`, setSeries: false, scales: ["x", null] };
       const count = this.options.panels.length;
@@ -210,7 +221,7 @@ const LabPlot = (() => {
           axes: [
             { ...axis, size: last ? 24 : 8, values: (plot, splits) => this.xValues(plot, splits, last), incrs: this.options.x.power ? [1] : undefined,
               label: last ? `${this.options.x.label} [${this.options.x.unit}]` : undefined, labelSize: 18, ticks: { ...grid, size: last ? 5 : 0 } },
-            { ...axis, size: 52, space: 20, values: (_, splits) => distinct(splits) },
+            { ...axis, size: (plot, texts) => this.roomFor(plot, texts), space: 20, values: (_, splits) => distinct(splits) },
           ],
           series: [{}, ...panel.series.map((one) => this.seriesOptions(one))],
           bands: this.areas(panel).map(([low, high]) => ({ series: [high + 1, low + 1], fill: () => `${colour(panel.series[low])}40` })),
@@ -226,6 +237,20 @@ const LabPlot = (() => {
       });
       this.describe();
       this.legend();
+    }
+
+    // Room [px] for the numbers beside an axis: that of the longest, and the same on all panels, for they share their x.
+    roomFor(plot, texts) {
+      plot.ctx.save();
+      plot.ctx.font = `${11 * devicePixelRatio}px system-ui`;
+      const widest = Math.max(0, ...(texts ?? []).map((text) => plot.ctx.measureText(text).width / devicePixelRatio));
+      plot.ctx.restore();
+      const needed = Math.ceil(widest) + BESIDE;
+      if (needed > this.room) {
+        this.room = needed; // it stays: curves that run would jump to and fro
+        queueMicrotask(() => this.plots.forEach((one) => one !== plot && one.redraw(false, true)));
+      }
+      return this.room;
     }
 
     // Places of the series between which an area lies.
