@@ -1,0 +1,122 @@
+"""What is shown has room: numbers beside a plot, the columns of the runs, and the run that was asked for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+
+from ipmclab import load_actuator, simulate, write_run
+from tests.page.browser.conftest import LONG, serious, served
+
+pytest.importorskip("playwright")
+
+RUNS = 12
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A folder with more runs than a table shows at once, all of them with findings."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "runs").mkdir()
+    run = simulate(load_actuator("friend-2"), "step 1 V", duration=40.0, rate=50.0)
+    assert run.current is not None
+    current = run.current.copy()
+    current[700:704] = 0.15
+    for number in range(RUNS):
+        about = replace(run.metadata, origin="measured", recorded_at=f"2026-11-{number + 1:02d}T12:00:00+00:00")
+        one = replace(run, current=current, applied_voltage=None, metadata=about)
+        write_run(one, folder / "runs" / f"a_run_of_november_number-{number:02d}_at_80_percent.nc")
+    with served(folder) as found:
+        yield found
+
+
+@pytest.mark.parametrize(("section", "role"), [("runs", "Show"), ("identify", "Fit")])
+@pytest.mark.parametrize(("width", "height"), [(820, 1180), (1280, 720)])
+def test_runs_have_their_findings_in_sight_and_the_one_that_was_asked_for(
+    address: str, open_page, section: str, role: str, width: int, height: int
+) -> None:
+    oldest = "runs/a_run_of_november_number-00_at_80_percent.nc"
+    page = open_page(f"{address}/{section}?run={oldest}", width=width, height=height)
+    box = page.locator(".lab-run-table")
+    chosen = page.get_by_label(f"{role}: {oldest}")
+    chosen.wait_for(timeout=LONG)
+    page.get_by_text("clipped").first.wait_for(timeout=LONG)  # a worker has looked at the runs
+    page.wait_for_function(IS_IN_SIGHT, arg=chosen.element_handle())
+    assert chosen.is_checked()
+    frame, heading = box.bounding_box(), page.get_by_role("columnheader", name="Findings").bounding_box()
+    assert heading["x"] + heading["width"] <= frame["x"] + frame["width"] + 1
+    told = page.get_by_text("runs in view")
+    told.wait_for()
+    head = page.locator(".lab-run-table th").first.bounding_box()
+    rows = [row.bounding_box() for row in page.locator(".lab-run-table tbody tr").all()]
+    assert len(rows) == RUNS
+    top, bottom = head["y"] + head["height"] - 1, frame["y"] + frame["height"] + 1
+    seen = sum(top <= row["y"] and row["y"] + row["height"] <= bottom for row in rows)
+    assert 3 <= seen < RUNS
+    assert re.match(rf"{seen} of {RUNS} runs in view", told.inner_text())
+    assert serious(page) == []
+    box.hover()
+    page.mouse.wheel(0, -5000)
+    page.wait_for_function("document.querySelector('.lab-run-table').scrollTop === 0")
+    if section == "runs":  # rows that come anew leave who scrolls alone
+        page.get_by_role("button", name="Look again").click()
+        page.get_by_text("looking for others").wait_for()
+        page.get_by_text(f"{RUNS} of {RUNS} runs", exact=True).wait_for(timeout=LONG)
+        assert box.evaluate("one => one.scrollTop") == 0
+
+
+@pytest.mark.parametrize("largest", [12345678.0, 1e9, 1.0, 2.5e-7])
+def test_the_numbers_beside_a_plot_are_whole_and_where_they_say(address: str, open_page, largest: float) -> None:
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    drawn = page.evaluate(NUMBERS_BESIDE, largest)
+    assert drawn["left"][0] == drawn["left"][1]  # the panels share their x
+    for panel in drawn["panels"]:
+        numbers = panel["numbers"]
+        assert len({one["text"] for one in numbers}) == len(numbers) >= 3
+        for one in numbers:
+            assert one["room"] >= 0, one
+            assert float(one["text"]) == pytest.approx(one["value"], abs=1e-2 * panel["span"])
+
+
+IS_IN_SIGHT = """(box) => {
+  const table = box.closest(".lab-run-table");
+  const [row, frame, head] = [box.closest("tr"), table, table.querySelector("th")]
+    .map((one) => one.getBoundingClientRect());
+  return row.top >= head.bottom - 1 && row.bottom <= frame.bottom + 1;
+}"""
+
+NUMBERS_BESIDE = """async (largest) => {
+  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const series = [{ key: "one", label: "one", colour: 0 }];
+  const panels = ["force", "current"].map((key) => ({ key, label: key, unit: "mN", factor: 1, series }));
+  const stack = new LabPlot.Stack(host, { name: "large", panels });
+  const time = Float64Array.from({ length: 101 }, (_, k) => k / 10);
+  stack.show("force", [[time, time.map((t) => largest * (1 + 0.9 * Math.sin(t)))]]);
+  stack.show("current", [[time, time.map((t) => Math.sin(t))]]);
+  const texts = new Map(stack.plots.map((plot) => [plot, []]));
+  for (const plot of stack.plots) {
+    const { ctx } = plot;
+    const fill = ctx.fillText.bind(ctx);
+    ctx.fillText = (text, x, y) => {
+      if (ctx.textAlign === "right") texts.get(plot).push({ text, x, y, room: x - ctx.measureText(text).width });
+      fill(text, x, y);
+    };
+  }
+  stack.draw(0, 10);
+  await new Promise((done) => setTimeout(done, 300));
+  texts.forEach((list) => list.splice(0)); // how it stands in the end
+  stack.plots.forEach((plot) => plot.redraw(false));
+  await new Promise((done) => setTimeout(done, 300));
+  return {
+    left: stack.plots.map((plot) => plot.bbox.left),
+    panels: stack.plots.map((plot) => ({
+      span: plot.scales.y.max - plot.scales.y.min,
+      numbers: texts.get(plot).map((one) => ({ ...one, value: plot.posToVal(one.y, "y", true) })),
+    })),
+  };
+}"""
+"""The texts at the right of which a plot begins, with what [px] is left of them and the value at their height."""
