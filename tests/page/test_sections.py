@@ -395,6 +395,20 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
     assert import_step("a.csv", "a.map.toml", "a.nc").command == "ipmclab import a.csv --map a.map.toml --out a.nc"
 
 
+@pytest.mark.parametrize("number", [33.3333333, 1.0 / 3.0, 50.0, 1e-7])
+def test_a_command_says_the_very_number(number: float) -> None:
+    told = shlex.split(simulate_step("friend-2", {}, signal="step 1 V", duration=number, rate=number).command)
+    for option in ("--duration", "--rate"):
+        assert float(told[told.index(option) + 1].split()[0]) == number
+
+
+def test_a_command_that_takes_a_changed_actuator_says_where_its_file_comes_from() -> None:
+    changed = simulate_step("friend-2", {"beam.modulus": 2e9}, signal="step 1 V")
+    assert "simulate changed.toml" in changed.command
+    assert "changed.toml" in changed.note
+    assert simulate_step("friend-2", {}, signal="step 1 V").note == ""
+
+
 def test_a_parameter_of_each_mounting_is_one_in_command_python_and_worker(workshop: Workshop, monkeypatch) -> None:
     monkeypatch.chdir(workshop.lab.root)
     contact = "circuit.contact_resistance"
@@ -411,7 +425,7 @@ def test_a_parameter_of_each_mounting_is_one_in_command_python_and_worker(worksh
     assert f"--free {contact} --per-mounting {contact}" in step.command
     exec(step.python, {})
     assert list(read_fit("each.toml").parameters) == names
-    failed = workshop.identify(replace(asked, runs=("runs/step.nc",))).job.future.exception(60.0)
+    failed = workshop.identify(replace(asked, name="unsaid", runs=("runs/step.nc",))).job.future.exception(60.0)
     assert isinstance(failed, InputError)
     assert failed.code == "no-mounting"
     assert "this run does not say of which it is" in failed.message
@@ -419,7 +433,7 @@ def test_a_parameter_of_each_mounting_is_one_in_command_python_and_worker(worksh
 
 def test_fits_are_bounded_and_the_oldest_that_is_over_goes(workshop: Workshop) -> None:
     def ask(name: str) -> FitRequest:
-        return FitRequest(name=name, actuator="no-such-actuator", runs=("runs/step.nc",), free=("electrical",))
+        return FitRequest(name=name, actuator="friend-2+no-such-stage", runs=("runs/step.nc",), free=("electrical",))
 
     first = workshop.identify(ask("0"))
     assert first.job.future.exception(60.0) is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 
 @dataclass(frozen=True)
@@ -17,10 +18,35 @@ class Step:
         For a terminal in the folder of the lab.
     python : str
         The same with ``import ipmclab``.
+    note : str
+        What is to be known before it is done; mostly nothing.
     """
 
     command: str
     python: str
+    note: str = ""
+
+
+_IMPORT: Final = "import ipmclab\n\n"
+
+
+def in_order(steps: Sequence[Step], *, note: str) -> Step:
+    """Several steps as one: each is done where those before it succeeded. ``note`` comes before their own.
+
+    Examples
+    --------
+    >>> fit = identify_step("friend-2", ["a.nc"], ["electrical"], out="mine.toml")
+    >>> print(in_order([fit, validate_step(["mine.toml"], ["b.nc"])], note="").command)
+    ipmclab identify friend-2 a.nc --free electrical --out mine.toml &&
+    ipmclab validate mine.toml b.nc
+    """
+    commands = [step.command for step in steps]
+    python = _IMPORT + "\n".join(step.python.removeprefix(_IMPORT) for step in steps)
+    return Step(
+        " &&\n".join(commands) if all(commands) else "",
+        python,
+        " ".join(filter(None, [note, *(step.note for step in steps)])),
+    )
 
 
 def identify_step(
@@ -99,21 +125,29 @@ def simulate_step(
     "ipmclab simulate friend-2 --signal 'step 1 V' --duration '40 s' --rate '50 Hz' --out run.nc"
     """
     name = "changed.toml" if changes else actuator
-    times = ["--duration", f"{duration:g} s", "--rate", f"{rate:g} Hz"]
+    times = ["--duration", f"{_exact(duration)} s", "--rate", f"{_exact(rate)} Hz"]
     command = shlex.join(["ipmclab", "simulate", name, "--signal", signal, *times, "--out", "run.nc"])
+    note = ""
     lines = ["import ipmclab", "", f"actuator = ipmclab.load_actuator({actuator!r})"]
     if changes:
         lines.append(f"actuator = actuator.replace(**{dict(changes)!r})")
         lines.append(f"ipmclab.write_actuator(actuator, {name!r})")
+        note = f"The command takes {name}: save the changed actuator by this name, or let the Python write it."
     if run is not None:
         lines.append(f"run = ipmclab.simulate(actuator, ipmclab.read_run({run!r}))")
-        command = ""
+        command = note = ""
     else:
         lines.append(f"run = ipmclab.simulate(actuator, {signal!r}, duration={duration!r}, rate={rate!r})")
         lines.append("ipmclab.write_run(run, 'run.nc')")
     if is_fit and not changes:
         lines.append(f"bands = ipmclab.prediction_bands(ipmclab.read_fit({actuator!r}), run)")
-    return Step(command, "\n".join(lines) + "\n")
+    return Step(command, "\n".join(lines) + "\n", note)
+
+
+def _exact(number: float) -> str:
+    """A number as short as it can be without being another."""
+    short = f"{number:.15g}"
+    return short if float(short) == number else repr(number)
 
 
 def report_step(fit: str, runs: Sequence[str], validation: Sequence[str], out: str) -> Step:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import secrets
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from ipmclab.errors import InputError, IpmclabError
+from ipmclab.errors import InputError, IpmclabError, suggest
+from ipmclab.page.commands import Step, identify_step, in_order
 from ipmclab.page.curves import CurveStore
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
@@ -31,6 +33,15 @@ MOST_COMPARED: Final = 8
 
 _MOST_FITS: Final = 20
 """Fits of a session that are kept; then the oldest that is over goes."""
+
+_LONGEST_NAME: Final = 40
+"""Letters of a fit's name: so many fit wherever it is shown."""
+
+_PLAIN: Final = re.compile(r"\w([\w .-]*[\w-])?")
+"""The name of a fit: no plus and no slash, for in that of an actuator stages and folders begin there."""
+
+_FILE: Final = re.compile(r"(?P<base>.+?\.toml)(?P<stages>(\+[^/\\]*)?)", re.IGNORECASE)
+"""An actuator of a file, with stages behind it; its name may have a plus too."""
 
 _KEPT_ROWS: Final = 2_000_000
 """Rows of runs that stay in memory for the next zoom."""
@@ -62,26 +73,66 @@ class FitRequest:
 
 
 @dataclass
-class FitCard:
-    """One fit of this session: what was asked, its job, and what came of it.
+class FittedFile:
+    """The file of a fit, and how it came about: kept as long as a fit that started from it.
 
     Parameters
     ----------
     asked : FitRequest
-    file : Path
-        The fitted actuator, beside the lab.
-    job : Job
+    path : Path
+        Beside the lab.
     key : str
-        As the page names it where an actuator is chosen.
+        As the page names the fit where an actuator is chosen.
+    start : FittedFile or None
+        The fit of this session that it started from.
     saved : str or None
         The file in the lab that it was saved as.
     """
 
     asked: FitRequest
-    file: Path
-    job: Job
+    path: Path
     key: str
+    start: FittedFile | None = None
     saved: str | None = None
+
+
+@dataclass
+class FitCard:
+    """One fit of this session: its file, its job, and what came of it.
+
+    Parameters
+    ----------
+    made : FittedFile
+    job : Job
+    """
+
+    made: FittedFile
+    job: Job
+
+    @property
+    def asked(self) -> FitRequest:
+        """What it was asked for."""
+        return self.made.asked
+
+    @property
+    def file(self) -> Path:
+        """The fitted actuator, beside the lab."""
+        return self.made.path
+
+    @property
+    def key(self) -> str:
+        """As links name it."""
+        return self.made.key
+
+    @property
+    def saved(self) -> str | None:
+        """The file in the lab that it was saved as."""
+        return self.made.saved
+
+    @property
+    def is_vain(self) -> bool:
+        """Whether it is over without a result."""
+        return self.job.is_over and self.frame is None
 
     @property
     def frame(self) -> Frame | None:
@@ -102,6 +153,8 @@ class Workshop:
         self.jobs = Jobs()
         self.curves = CurveStore()
         self.fits: list[FitCard] = []
+        self._named: set[str] = set()  # as files would be called: what was the name of a fit is not offered again
+        self._gone: set[str] = set()  # those of fits that had a result and are kept no longer
         self._folder = tempfile.TemporaryDirectory(prefix="ipmclab-page-", ignore_cleanup_errors=True)
         self.scratch = Path(self._folder.name)
         self.uploads = Uploads(self.scratch)
@@ -220,28 +273,65 @@ class Workshop:
         """
         one = self.fit(name)
         if one is not None:
+            if one.frame is None:
+                raise InputError(
+                    f"the fit {one.asked.name!r} has no result: {one.job.state}",
+                    code="no-result",
+                    where="actuator",
+                    repair="choose another actuator, or identify again",
+                )
             return str(one.file)
-        base, plus, stages = name.partition("+")
-        if base.lower().endswith(".toml") and not set(stages) & set("/\\"):
-            return f"{self.lab.path(base)}{plus}{stages}"
-        if set(name) & set("/\\"):
-            raise InputError(
-                f"{name!r} is neither an actuator of the library nor a .toml file of this folder",
-                code="unknown-actuator",
-                where="actuator",
-                repair="choose one of the list",
+        from ipmclab.model.actuator_file import is_library_name
+
+        file = _FILE.fullmatch(name)
+        if file is not None:
+            return f"{self.lab.path(file['base'])}{file['stages']}"
+        if is_library_name(name) and not set(name) & set("/\\"):
+            return name
+        raise self._unknown(name.partition("+")[0].strip())
+
+    def _unknown(self, name: str) -> InputError:
+        """Why a name is none of an actuator."""
+        if not name:
+            return InputError(
+                "no actuator is named", code="no-actuator", where="actuator", repair="choose one, such as friend-2"
             )
-        return name
+        if file_stem(name) in self._gone:
+            return InputError(
+                f"the fit {name!r} is no longer kept: the page keeps the last {_MOST_FITS}",
+                code="no-such-fit",
+                where="actuator",
+                repair="identify again, and save what you want to keep",
+            )
+        known = [*self.actuators()]
+        states = [one for one in known if one.startswith(f"{name}-")]
+        return InputError(
+            f"there is no actuator {_shown(name)}: neither a fit of this session, nor of the library, "
+            "nor a .toml file of this folder",
+            code="no-actuator",
+            where="actuator",
+            repair=f"choose one of {', '.join(states)}" if states else suggest(name[:_LONGEST_NAME], known),
+        )
+
+    def next_name(self) -> str:
+        """A name for the next fit that no other ever had in this session, and no file of the lab has."""
+        number = len(self._named) + 1
+        while file_stem(f"fit {number}") in self._named or self._owner(f"fit {number}"):
+            number += 1
+        return f"fit {number}"
 
     def identify(self, asked: FitRequest) -> FitCard:
         """Let a worker identify; the fit stays until the server ends, whatever the browser does.
 
+        The name of a fit that came to nothing can be given again: that fit then leaves the list.
+
         Raises
         ------
         InputError
-            An actuator or a run that is not there, or the name of another actuator.
+            An actuator or a run that is not there, or a name that is another's or none (``where`` is ``"name"``).
         """
-        self._refuse_taken(asked.name)
+        self.refuse_name(asked.name)
+        start = self.fit(asked.actuator)
         file = self.new_scratch(".toml")
         arguments = {
             "actuator": self.actuator_path(asked.actuator),
@@ -253,11 +343,17 @@ class Workshop:
             "prior": asked.prior,
             "out": str(file),
         }
-        made = FitCard(asked, file, self.jobs.submit("identify", arguments, title=asked.name), secrets.token_hex(4))
+        about = FittedFile(asked, file, secrets.token_hex(4), None if start is None else start.made)
+        made = FitCard(about, self.jobs.submit("identify", arguments, title=asked.name))
+        stem = file_stem(asked.name)
+        self.fits = [one for one in self.fits if not (one.is_vain and file_stem(one.asked.name) == stem)]
         over = [one for one in self.fits if one.job.is_over]
         for one in over[: max(0, len(self.fits) + 1 - _MOST_FITS)]:
             self.fits.remove(one)
+            if not one.is_vain:
+                self._gone.add(file_stem(one.asked.name))
         self.fits.append(made)
+        self._named.add(stem)
         return made
 
     def save_fit(self, card: FitCard, name: str) -> str:
@@ -266,29 +362,71 @@ class Workshop:
         Raises
         ------
         InputError
-            No plain file name, one of the library's, or one that is there already.
+            As ``new_actuator``.
         """
-        path = self.lab.new_file(name, ".toml")
-        self._refuse_taken(path.stem)
-        if path.exists():
+        path = self.new_actuator(name, card)
+        path.write_text(card.file.read_text(encoding="utf-8"), encoding="utf-8")
+        card.made.saved = self.lab.below(path)
+        return card.made.saved
+
+    def new_actuator(self, name: str, card: FitCard | None = None) -> Path:
+        """Where an actuator is written that a user named; ``card`` is the fit that it is, whose own name it may have.
+
+        Raises
+        ------
+        InputError
+            No plain name, one of the library's or of a fit, or that of a file that is there already.
+        """
+        stem = name.strip().removesuffix(".toml")
+        path = self.lab.root / f"{stem}.toml"
+        if _is_plain(stem) and path.exists():
             raise InputError(
                 f"{path.name} exists already", code="file-exists", where="name", repair="choose another name"
             )
-        path.write_text(card.file.read_text(encoding="utf-8"), encoding="utf-8")
-        card.saved = self.lab.below(path)
-        return card.saved
+        self.refuse_name(stem, card)
+        return self.lab.new_file(stem, ".toml")
 
-    def _refuse_taken(self, name: str) -> None:
-        """Refuse to call a fit as an actuator that it would stand in front of."""
-        from ipmclab.model.actuator_file import is_library_name
+    def refuse_name(self, name: str, card: FitCard | None = None) -> None:
+        """Refuse to call a fit as something else is called already, or as no file can be.
 
-        if is_library_name(name.casefold()) or name in self.own_actuators():
+        Raises
+        ------
+        InputError
+            Its ``where`` is ``"name"``.
+        """
+        owner = self._owner(name, card)
+        if owner:
+            stem = name.removesuffix(".toml")
             raise InputError(
-                f"{name!r} is another actuator's name already",
+                f"{_shown(name)} is {owner} name already",
                 code="name-taken",
                 where="name",
-                repair=f"choose another name, such as my-{name}",
+                repair=f"choose another name, such as my-{stem.partition('+')[0]}",
             )
+        if not _is_plain(name) or name.casefold().endswith(".toml"):
+            raise InputError(
+                f"{_shown(name)} is no plain name",
+                code="bad-name",
+                where="name",
+                repair=f"use letters, digits, spaces, and . - _; at most {_LONGEST_NAME}, beginning with a letter or "
+                "digit, without .toml",
+            )
+        self.lab.new_file(file_stem(name), ".toml")  # what no system can have as a file
+
+    def _owner(self, name: str, card: FitCard | None = None) -> str:
+        """Whose name it is, also where only capitals or a space for a hyphen tell the two apart; empty for nobody's."""
+        from ipmclab.model.actuator_file import is_library_name
+
+        stem = file_stem(name.removesuffix(".toml"))
+        fits = {file_stem(one.asked.name) for one in self.fits if one is not card and not one.is_vain}
+        if is_library_name(name.removesuffix(".toml").casefold()):
+            return "another actuator's"
+        if stem in fits | self._gone:
+            return "another fit's"
+        files = {file_stem(path.stem): path for path in self.lab.tables()}
+        if stem not in files:
+            return ""
+        return "another actuator's" if self.lab.below(files[stem]) in self.own_actuators() else "another file's"
 
     def fitted_files(self) -> list[str]:
         """Fitted actuators of the lab, by their path below the root."""
@@ -329,13 +467,88 @@ class Workshop:
         return {**fits, **{name: name for name in [*self.own_actuators(), *self.library()]}}
 
     def fit(self, key: str) -> FitCard | None:
-        """A fit of this session, by its key or its name."""
-        return next((one for one in reversed(self.fits) if key in (one.key, one.asked.name)), None)
+        """A fit of this session, by its key or its name: of a name, one that came to something where there is one."""
+        found = [one for one in reversed(self.fits) if key in (one.key, one.asked.name)]
+        return min(found, key=lambda one: one.is_vain, default=None)
 
     def file_name(self, name: str) -> str:
         """An actuator as a command names it: a fit of this session by the file that it is saved as, or would be."""
         one = self.fit(name)
-        return name if one is None else one.saved or f"{one.asked.name.replace(' ', '-')}.toml"
+        return name if one is None else self._file_name(one.made)
+
+    def step_of(self, made: FittedFile) -> Step:
+        """The step that makes the file of a fit from the file that it started from."""
+        asked = made.asked
+        actuator = asked.actuator if made.start is None else self._file_name(made.start)
+        names = (asked.free, asked.per_run, asked.per_mounting, asked.prior)
+        return identify_step(actuator, asked.runs, *names, out=self._file_name(made))
+
+    def repeatable(self, step: Step, names: Iterable[str]) -> Step:
+        """A step that can be done without the page: before it, those that make the files of fits that are not saved.
+
+        Parameters
+        ----------
+        step : Step
+        names : iterable of str
+            The actuators that it uses, as the page names them.
+        """
+        before: dict[str, tuple[str, Step]] = {}
+
+        def make(made: FittedFile) -> None:
+            if made.key in before or self._is_saved(made):
+                return
+            if made.start is not None:
+                make(made.start)
+            before[made.key] = made.asked.name, self.step_of(made)
+
+        for name in names:
+            one = self.fit(name)
+            if one is not None:
+                make(one.made)
+        if not before:
+            return step
+        fits = " and ".join(f"“{name}”" for name, _ in before.values())
+        if len(before) == 1:
+            note = f"{fits} is not saved: it is identified again first. Save it under Identify, and its file is named."
+        else:
+            note = f"{fits} are not saved: they are identified again first. Save them, and their files are named."
+        return in_order([*(made for _, made in before.values()), step], note=note)
+
+    def _file_name(self, made: FittedFile) -> str:
+        """The file of the lab that a fit is saved as, or one that nothing else is called."""
+        if made.saved is not None and self._is_saved(made):
+            return made.saved
+        stem = made.asked.name.replace(" ", "-")
+        is_taken = (self.lab.root / f"{stem}.toml").exists()
+        return f"{stem}-{made.key}.toml" if is_taken else f"{stem}.toml"
+
+    def _is_saved(self, made: FittedFile) -> bool:
+        """Whether the file that it was saved as is still there, and still that fit."""
+        if made.saved is None:
+            return False
+        with contextlib.suppress(OSError, InputError):
+            return self.lab.path(made.saved).read_bytes() == made.path.read_bytes()
+        return False
+
+
+def file_stem(name: str) -> str:
+    """What tells names of fits and of their files apart: neither capitals do, nor a space for a hyphen.
+
+    Examples
+    --------
+    >>> file_stem("Fit 3") == file_stem("fit-3")
+    True
+    """
+    return name.strip().replace(" ", "-").casefold()
+
+
+def _is_plain(name: str) -> bool:
+    return len(name) <= _LONGEST_NAME and _PLAIN.fullmatch(name) is not None
+
+
+def _shown(name: str) -> str:
+    """A name in a message, which is read in a narrow column."""
+    return repr(name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…")
 
 
 def labels(keys: Sequence[str]) -> list[str]:

@@ -9,7 +9,6 @@ from urllib.parse import urlencode
 from nicegui import ui
 
 from ipmclab.errors import IpmclabError
-from ipmclab.page.commands import identify_step
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.sections.parts import card, download, fail_at, finding_list, plain_table, step_view, text
@@ -112,17 +111,9 @@ class FitView:
                 finding_list(told["findings"])
             with card("How this fit was asked for"), ui.element("details"):
                 text("command and Python", tag="summary")
-                asked = one.asked
-                step_view()(
-                    identify_step(
-                        self._workshop.file_name(asked.actuator),
-                        asked.runs,
-                        asked.free,
-                        asked.per_run,
-                        asked.per_mounting,
-                        asked.prior,
-                    )
-                )
+                start = one.made.start
+                before = [] if start is None else [start.key]
+                step_view()(self._workshop.repeatable(self._workshop.step_of(one.made), before))
 
     def _build_plot(self, one: FitCard) -> None:
         assert one.frame is not None
@@ -161,7 +152,7 @@ class FitView:
             ui.button("Save", on_click=save).props("unelevated no-caps")
             download("TOML", f"/fits/{one.key}")
             for label, address in (
-                ("Simulate with it", f"/simulate?{urlencode({'actuator': one.asked.name})}"),
+                ("Simulate with it", f"/simulate?{urlencode({'fit': one.key})}"),
                 ("Report on it", f"/report?{urlencode({'fit': one.key})}"),
             ):
                 with ui.element("a").props(f'href="{address}"').classes("lab-download"):

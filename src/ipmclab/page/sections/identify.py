@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Any, Final
 
 from nicegui import ui
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.commands import identify_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.free_table import FreeTable
@@ -47,6 +48,7 @@ class _View:
                 columns=("file", "recorded", "sample", "mounting", "signal", "measured", "duration", "findings"),
             )
             self._count = text("").classes("lab-quiet").props("role=status")
+            self._missing = text("").classes("lab-bad").props("role=alert")
         with ui.element("div").classes("lab-columns"):
             with ui.element("div").classes("lab-column"):
                 self._build_form()
@@ -70,7 +72,9 @@ class _View:
                 on_change=self._read_names,
             ).props("dense outlined debounce=300")
             self._free = FreeTable(self._tell_step)
-            self._name = ui.input("Name of the fit", value=self._next_name()).props("dense outlined")
+            self._offered = self._workshop.next_name()
+            self._name = ui.input("Name of the fit", value=self._offered, on_change=self._tell_step)
+            self._name.props("dense outlined")
             self._message = text("").classes("lab-bad").props("role=alert")
             ui.button("Identify", on_click=self._identify).props("unelevated no-caps")
 
@@ -84,13 +88,16 @@ class _View:
             self._none = text("None yet.").classes("lab-quiet")
         ui.timer(_PERIOD, self._look_at_jobs)
 
-    def _next_name(self) -> str:
-        return f"fit {len(self._workshop.fits) + 1}"
+    def _offer_name(self) -> None:
+        """Another name, where nobody wrote one: that of the last offer may have been taken, also in another browser."""
+        is_own = self._name.value != self._offered
+        self._offered = self._workshop.next_name()
+        if not is_own:
+            self._name.value = self._offered
 
     async def _begin(self) -> None:
         await self._read_rows()
-        if self._opened:
-            self._table.choose("fit", self._opened)
+        self._choose_opened()
         self._chose(self._table.chosen)
         await self._read_names()
         done = [one for one in self._workshop.fits if one.frame is not None]
@@ -104,6 +111,18 @@ class _View:
     async def _read_rows(self) -> None:
         self._rows = [row for row in (await asyncio.to_thread(self._table_rows)) if row["key"]]
         self._table.show(self._rows)
+
+    def _choose_opened(self) -> None:
+        """Choose the runs that the address names, and say which of them there are not."""
+        found, missing = [], []
+        for name in self._opened:
+            try:
+                found.append(self._workshop.lab.below(self._workshop.run_path(name)))
+            except InputError as error:
+                missing.append(error.message)
+        self._missing.set_text("; ".join(missing))
+        if found:
+            self._table.choose("fit", list(dict.fromkeys(found)))
 
     def _table_rows(self) -> list[dict[str, Any]]:
         return table_rows(self._workshop.rows(), RunFilter())[0]
@@ -130,7 +149,7 @@ class _View:
     def _request(self) -> FitRequest:
         chosen, free = self._table.chosen, self._free.chosen
         return FitRequest(
-            name=(self._name.value or "").strip() or self._next_name(),
+            name=(self._name.value or "").strip() or self._offered,
             actuator=(self._actuator.value or "").strip(),
             runs=tuple(chosen["fit"]),
             free=tuple(free["free"]),
@@ -141,21 +160,26 @@ class _View:
         )
 
     def _tell_step(self) -> None:
-        asked = self._request()
-        self._step(
-            identify_step(
-                self._workshop.file_name(asked.actuator),
-                asked.runs or ("RUN.nc",),
-                asked.free if asked.free or asked.per_run or asked.per_mounting else ("NAMES",),
-                asked.per_run,
-                asked.per_mounting,
-                asked.prior,
-            )
+        asked, name = self._request(), self._offered
+        with contextlib.suppress(InputError):  # told when it is asked for
+            self._workshop.refuse_name(asked.name)
+            name = asked.name
+        step = identify_step(
+            self._workshop.file_name(asked.actuator),
+            asked.runs or ("RUN.nc",),
+            asked.free if asked.free or asked.per_run or asked.per_mounting else ("NAMES",),
+            asked.per_run,
+            asked.per_mounting,
+            asked.prior,
+            out=f"{name.replace(' ', '-')}.toml",
         )
+        self._step(self._workshop.repeatable(step, [asked.actuator]))
 
     def _identify(self) -> None:
         self._message.set_text("")
         self._free.complain("")
+        fail_at(self._name, None)
+        self._offer_name()
         asked = self._request()
         if not asked.runs:
             self._message.set_text("Choose a run to identify from: the box “Fit” in the table.")
@@ -166,9 +190,13 @@ class _View:
         try:
             self._shown = self._workshop.identify(asked)
         except IpmclabError as error:
-            self._message.set_text(str(error))
+            fields = {"name": self._name, "actuator": self._actuator}
+            if error.where in fields:
+                fail_at(fields[error.where], error)
+            else:
+                self._message.set_text(str(error))
             return
-        self._name.value = self._next_name()
+        self._name.value = self._offered  # a name of one's own is given once
         self._look_at_jobs()
 
     def _look_at_jobs(self) -> None:
@@ -180,6 +208,7 @@ class _View:
             self._tell_progress()
             return
         before, self._told = self._told, now
+        self._offer_name()
         self._draw_jobs()
         shown = self._shown
         if shown is not None and shown.job.is_over and shown.key in before and not before[shown.key][1]:
@@ -238,6 +267,7 @@ class _View:
         """A fit was saved: it can be chosen as an actuator."""
         self._actuator.set_autocomplete(list(self._workshop.actuators()))
         self._prediction.refill()
+        self._tell_step()
 
 
 def _outcome(one: FitCard) -> str:

@@ -48,12 +48,16 @@ def sentence(error: IpmclabError) -> str:
 def step_view() -> Callable[[Step], None]:
     """A place for a command and its Python; gives what fills it, until when it says so."""
     empty = text("Stands here once something is chosen.").classes("lab-quiet")
+    note = text("").classes("lab-quiet")
+    note.set_visibility(False)
     with ui.element("div").classes("lab-steps"):
         command = _code("In a terminal, in the folder of this page")
         python = _code("In Python")
 
     def fill(step: Step) -> None:
         empty.set_visibility(False)
+        note.set_visibility(bool(step.note))
+        note.set_text(step.note)
         command(step.command)
         python(step.python)
 

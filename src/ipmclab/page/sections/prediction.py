@@ -108,7 +108,7 @@ class PredictionView:
             with self._box, ui.element("details"):
                 text("command and Python", tag="summary")
                 files = [self._workshop.file_name(key) for key in chosen]
-                step_view()(validate_step(files, runs))
+                step_view()(self._workshop.repeatable(validate_step(files, runs), chosen))
 
     def _show(self, frame: Frame, names: Sequence[str]) -> None:
         told = frame.document

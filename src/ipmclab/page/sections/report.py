@@ -47,7 +47,9 @@ class _View:
                 self._make = ui.button("Make the report", on_click=self._write).props("unelevated no-caps")
                 self._progress = text("").classes("lab-quiet").props("role=status")
                 self._message = text("").classes("lab-bad").props("role=alert")
-                if not fits:
+                if asked and asked not in fits:
+                    self._message.set_text("This fit is no longer kept: choose another, or identify again.")
+                elif not fits:
                     self._message.set_text("No fit yet: make one under Identify.")
             with ui.element("div").classes("lab-column"):
                 with card("Reports of this folder"):
@@ -68,6 +70,7 @@ class _View:
         self._used = []
         if not self._fit.value:
             return
+        self._message.set_text("")
         try:
             self._used, missing = await asyncio.to_thread(self._workshop.runs_of_fit, self._fit.value)
         except IpmclabError as error:
@@ -108,7 +111,8 @@ class _View:
     def _told_step(self) -> Step:
         file = self._workshop.file_name(self._fit.value)
         stem = (self._name.value or "").strip().removesuffix(".html") or "report"
-        return report_step(file, self._used, self._unseen.chosen, f"{stem}.html")
+        step = report_step(file, self._used, self._unseen.chosen, f"{stem}.html")
+        return self._workshop.repeatable(step, [self._fit.value])
 
     async def _write(self) -> None:
         self._message.set_text("")

@@ -14,7 +14,7 @@ from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
 from ipmclab.page.jobs.tasks.simulate import stamp
 from ipmclab.page.run_table import told_runs
-from ipmclab.page.sections.parts import card, fail_at, step_view
+from ipmclab.page.sections.parts import card, fail_at, step_view, text
 
 
 def build(context: Context) -> None:
@@ -31,18 +31,22 @@ class _View:
 
     def build(self) -> None:
         asked = ui.context.client.request.query_params
-        self._run = asked.get("run")
+        self._run, key = asked.get("run"), asked.get("fit", "")
+        fit = self._workshop.fit(key)
         ui.add_head_html('<script defer src="/static/simulate.js"></script>')
         with ui.element("section").classes("lab-card lab-bar"):
             self._actuator = ui.input(
                 "Actuator, also with stages: friend-2+leak.cubic",
-                value=asked.get("actuator", "friend-2"),
+                value=fit.asked.name if fit is not None else asked.get("actuator", "" if key else "friend-2"),
                 autocomplete=list(self._workshop.actuators()),
             )
             self._actuator.props("dense").classes("lab-wide lab-enters").on("keydown.enter", self._load)
             ui.button("Load", on_click=self._load).props("unelevated no-caps")
             self._name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
             ui.button("Save", on_click=self._save).props("outline no-caps")
+        self._missing = text("").classes("lab-bad").props("role=alert")
+        if key and fit is None:
+            self._missing.set_text("This fit is no longer kept: load another actuator, or identify again.")
         self._host = ui.element("div").classes("lab-full")
         with card("The same without the page"):
             self._step = step_view()
@@ -58,7 +62,10 @@ class _View:
         except IpmclabError as error:
             fail_at(self._actuator, error)
             return
+        self._missing.set_text("")
         runs = await self._runs()
+        if self._run is not None:
+            runs = await self._find_run(runs)
         self._host.clear()
         with self._host:
             view = Simulator(name, loaded, runs=runs, run=self._run, stamp=stamped, on_asked=self._tell)
@@ -67,6 +74,19 @@ class _View:
         if (now := await self._runs()) != runs:
             view.set_runs(now)
 
+    async def _find_run(self, runs: list[tuple[str, str]]) -> list[tuple[str, str]]:
+        """The runs that can be laid over, with the one that the address names; that there is none such is said."""
+        try:
+            self._run = self._workshop.lab.below(self._workshop.run_path(self._run or ""))
+        except IpmclabError as error:
+            self._missing.set_text(f"{error.message}: the voltage is that of a step instead.")
+            self._run = None
+            return runs
+        if self._run not in dict(runs):  # recorded or copied just now
+            await self._workshop.looked()
+            runs = await self._runs()
+        return runs
+
     async def _runs(self) -> list[tuple[str, str]]:
         known = told_runs(await asyncio.to_thread(self._workshop.rows))
         return [(key, f"{words} – {key}" if words else key) for key, words in known.items()]
@@ -74,9 +94,10 @@ class _View:
     def _tell(self, question: dict[str, Any]) -> None:
         if self._loaded is None:
             return
+        name = self._loaded[0]
         try:
             step = simulate_step(
-                self._workshop.file_name(self._loaded[0]),
+                self._workshop.file_name(name),
                 question["changes"],
                 signal=question["signal"],
                 duration=float(question["duration"] or 0.0),
@@ -86,12 +107,12 @@ class _View:
             )
         except ValueError:
             return
-        self._step(step)
+        self._step(self._workshop.repeatable(step, [name]))
 
     async def _save(self) -> None:
         fail_at(self._name, None)
         try:
-            path = self._workshop.lab.new_file(self._name.value or "", ".toml")
+            path = self._workshop.new_actuator(self._name.value or "")
             if self._loaded is None:
                 raise InputError("no actuator is loaded", code="no-actuator", repair="load one")
             _, actuator, view = self._loaded
