@@ -2,7 +2,7 @@
 export default {
   template: `
     <fieldset class="lab-checks"><legend>{{ options.label }}</legend>
-      <label v-for="(text, name) in options.choices"><input type="checkbox" :checked="mine.includes(name)" @change="pick(name, $event.target.checked)">
+      <label v-for="(text, name) in options.choices"><input type="checkbox" autocomplete="off" :checked="mine.includes(name)" @change="pick(name, $event.target.checked)">
         <span>{{ text }} <small v-if="options.notes[name]">{{ options.notes[name] }}</small></span></label>
       <p v-if="message" role="alert" class="lab-bad">{{ message }}</p>
     </fieldset>`,

@@ -6,7 +6,7 @@ export default {
   template: `
     <div class="lab-free">
       <fieldset><legend>Free groups</legend>
-        <label v-for="group in options.groups"><input type="checkbox" :checked="mine.free.includes(group)" @change="pick('free', group, $event)"> {{ group }}</label>
+        <label v-for="group in options.groups"><input type="checkbox" autocomplete="off" :checked="mine.free.includes(group)" @change="pick('free', group, $event)"> {{ group }}</label>
       </fieldset>
       <details>
         <summary>One by one: {{ told }}</summary>
@@ -16,12 +16,12 @@ export default {
             <tbody>
               <tr v-for="one in options.parameters" :class="{'lab-chosen': state(one.name) !== 'fixed'}">
                 <td><template v-for="part in parts(one.name)">{{ part }}<wbr></template><br><span class="lab-quiet">{{ one.value }}</span></td>
-                <td><select :aria-label="one.name + ' is'" :value="state(one.name)" @change="set(one.name, $event.target.value)">
+                <td><select autocomplete="off" :aria-label="one.name + ' is'" :value="state(one.name)" @change="set(one.name, $event.target.value)">
                   <option value="fixed">{{ one.group && mine.free.includes(one.group) ? 'free, with ' + one.group : 'fixed' }}</option>
                   <option value="free">free</option><option value="per_run" v-if="one.value">free per run</option>
                   <option value="per_mounting" v-if="one.value">free per mounting</option>
                 </select></td>
-                <td><input type="checkbox" v-if="one.value" :aria-label="one.name + ' is known beforehand'" :checked="mine.prior.includes(one.name)"
+                <td><input type="checkbox" autocomplete="off" v-if="one.value" :aria-label="one.name + ' is known beforehand'" :checked="mine.prior.includes(one.name)"
                   @change="pick('prior', one.name, $event)"></td>
               </tr>
             </tbody>
