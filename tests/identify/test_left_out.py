@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ipmclab import InputError, identify, leave_one_run_out, read_fit, validate, write_fit
-from tests.identify.many import CONTACT, FRIEND, noisy
+from ipmclab import Fit, InputError, identify, leave_one_run_out, read_fit, validate, write_fit
+from tests.identify.many import CONTACT, ELECTRICAL, FRIEND, noisy
 
 SEED = 20261121
 SIGNALS = ("step 1 V", "sine 1 V 0.1 Hz", "square 1 V 0.1 Hz")
@@ -90,6 +91,101 @@ def test_what_each_run_has_for_itself_is_the_mean_of_the_others() -> None:
         # Three others show how far a contact may lie off: by Student's interval of two degrees.
         assert one.inside["current"] > 0.9
         assert one.standardised["current"] < 1.5
+    assert "run-stands-out" not in {finding.code for finding in fit.findings}
+
+
+def clamped(
+    generator: np.random.Generator, contacts: tuple[float, ...], kind: str, *, other: float = 1.0
+) -> tuple[Fit, list[str]]:
+    """A fit of runs that each have a contact of their own, and the last another leak; and the names of the contacts."""
+    leak = "circuit.dc_resistivity"
+    strips = [FRIEND.replace(**{CONTACT: contact}) for contact in contacts]
+    strips[-1] = strips[-1].replace(**{leak: other * FRIEND[leak]})
+    names = "abcd"[: len(contacts)]
+    runs = [
+        noisy(generator, signal, strip=strip, mounting=name if kind == "per_mounting" else None)
+        for strip, name, signal in zip(strips, names, SIGNALS, strict=False)
+    ]
+    free = [leak, "circuit.branches.1.resistivity", "circuit.branches.1.permittivity"]
+    own = {"per_run": CONTACT} if kind == "per_run" else {"per_mounting": CONTACT}
+    endings = [f"[mounting {name}]" if kind == "per_mounting" else f"[{place}]" for place, name in enumerate(names)]
+    return leave_one_run_out(identify(FRIEND, runs, free=free, **own)), [CONTACT + ending for ending in endings]
+
+
+@pytest.mark.parametrize("kind", ["per_run", "per_mounting"])
+@pytest.mark.parametrize("contacts", [(0.5, 1.5), (0.5, 1.5, 0.9)])
+def test_what_a_run_has_for_itself_is_no_disagreement(contacts: tuple[float, ...], kind: str) -> None:
+    """One or two others cannot tell it: it is found on the run, and all else is predicted as well as ever."""
+    generator = np.random.default_rng(SEED)
+    inside, standardised, unlikely = [], [], []
+    for _ in range(10):
+        fit, names = clamped(generator, contacts, kind)
+        assert "run-stands-out" not in {finding.code for finding in fit.findings}
+        for one, name in zip(fit.left_out, names, strict=True):
+            assert one.undetermined == (name,)
+            assert name in one.lacking
+            inside.append(one.inside["current"])
+            standardised.append(one.standardised["current"])
+            unlikely.append(one.unlikely)
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
+    assert np.mean(standardised) == pytest.approx(1.0, abs=0.05)
+    # 20 of an even spread, which need not be independent: three standard deviations of 10.
+    assert np.mean(unlikely) == pytest.approx(0.5, abs=0.27)
+
+
+def test_a_contact_is_found_on_the_run_as_by_a_fit_of_it_alone() -> None:
+    """What all share as the other run has it by itself, and then the contact alone."""
+    generator = np.random.default_rng(SEED)
+    runs = [
+        noisy(generator, "step 1 V", strip=FRIEND.replace(**{CONTACT: contact}), rate=rate)
+        for contact, rate in ((0.5, 25.0), (1.5, 40.0))
+    ]
+    free = ["circuit.dc_resistivity", "circuit.branches.1.resistivity"]
+    fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_run=CONTACT))
+    for one, run, other in zip(fit.left_out, runs, runs[::-1], strict=True):
+        theirs = identify(FRIEND, other, free=[*free, CONTACT])
+        shared = FRIEND.replace(**{name: theirs.parameters[name].value for name in free})
+        held = validate(replace(identify(shared, run, free=CONTACT).actuator, fit_table=None), run)
+        assert one.rmse["current"] == pytest.approx(held.scores["current"].rmse, rel=1e-3)
+        assert one.fit_percent["current"] == pytest.approx(held.scores["current"].fit_percent, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["per_run", "per_mounting"])
+@pytest.mark.parametrize("contacts", [(0.5, 1.5), (0.5, 1.5, 0.9)])
+def test_what_all_should_share_still_stands_out(contacts: tuple[float, ...], kind: str) -> None:
+    generator = np.random.default_rng(SEED)
+    for _ in range(2):
+        fit, _ = clamped(generator, contacts, kind, other=1.2)
+        assert {"run-stands-out", "mountings-differ"} & {finding.code for finding in fit.findings}
+
+
+def test_contacts_that_differ_widely_are_no_disagreement_of_four_runs() -> None:
+    """Three others show the contact by Student's interval of two degrees, which is often far from its middle."""
+    generator = np.random.default_rng(SEED)
+    signals = (*SIGNALS, "sine 1 V 0.3 Hz")
+    free = ["circuit.dc_resistivity", "circuit.branches.1.resistivity"]
+    for _ in range(25):
+        strips = [FRIEND.replace(**{CONTACT: float(np.exp(0.5 * generator.standard_normal()))}) for _ in signals]
+        runs = [noisy(generator, signal, strip=strip) for signal, strip in zip(signals, strips, strict=True)]
+        fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_run=CONTACT))
+        assert "run-stands-out" not in {finding.code for finding in fit.findings}
+        assert all(one.undetermined == () for one in fit.left_out)
+
+
+@pytest.mark.parametrize("uncertainty", [1e-12, 1e-10, 1e-6])
+def test_a_sharp_prior_is_an_exact_value(uncertainty: float) -> None:
+    """However sharp: what is known a billion times better than the readings know the rest takes nothing from these."""
+    generator = np.random.default_rng(SEED)
+    runs = [noisy(generator, signal) for signal in SIGNALS[:2]]
+    exact = leave_one_run_out(identify(FRIEND, runs, free="electrical"))
+    sheet = "circuit.sheet_resistance"
+    known = replace(FRIEND, standard_uncertainties={sheet: uncertainty})
+    fit = leave_one_run_out(identify(known, runs, free=["electrical", sheet], prior=sheet))
+    for one, expected in zip(fit.left_out, exact.left_out, strict=True):
+        assert one.shifts[sheet] == 0.0
+        assert one.unlikely == pytest.approx(expected.unlikely, abs=0.01)
+        for name in ELECTRICAL:
+            assert one.shifts[name] == pytest.approx(expected.shifts[name], abs=0.05)
     assert "run-stands-out" not in {finding.code for finding in fit.findings}
 
 

@@ -15,6 +15,7 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.known import covariance_table, known_of
 from ipmclab.identify.many_runs.bands import Drive, noise_of, spread_of
+from ipmclab.identify.many_runs.random_effect import FEWEST
 from ipmclab.identify.noise.problem import CorrelatedProblem
 from ipmclab.identify.observation import Record, model_hold, own_endings
 from ipmclab.identify.order import Order
@@ -22,12 +23,13 @@ from ipmclab.identify.problem import Evaluation, Problem
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.identify.solve import STRUCTURAL, entry_errors, minimise, polish
 from ipmclab.identify.undetermined.diagnosis import DETERMINED
+from ipmclab.identify.unknowns import Unknown
 from ipmclab.run import Finding
 
 if TYPE_CHECKING:
     from ipmclab.identify.estimate import Estimate
     from ipmclab.identify.fit import Fit
-    from ipmclab.identify.scores import Comparison
+    from ipmclab.identify.scores import Comparison, Score
     from ipmclab.model import Actuator
 
 FloatArray = npt.NDArray[np.float64]
@@ -51,10 +53,13 @@ class LeftOut:
     inside : mapping of output to float
         Share of the readings inside the 95 % band of the prediction.
     standardised : mapping of output to float
-        Root of the mean square of the error over its standard deviation: about 1 for a run like the others. However
-        errors hang together, it is beyond 3.3 in one of a thousand such runs at most.
+        Root of the mean square of the error over its standard deviation, once what the run has for itself has been
+        found on it: about 1 for a run like the others. However errors hang together, it is beyond 3.3 in one of a
+        thousand such runs at most.
     undetermined : tuple of str
-        Parameters that the others alone do not determine.
+        Parameters that the others alone do not determine. What the run has for itself, where fewer than three others
+        tell how far it may lie off, is among them: all scores are then of a prediction for which it was found on the
+        run itself.
     shifts : mapping of name to float
         By how much each shared parameter moves when the run is left out, in standard errors of that change.
     unlikely : float
@@ -170,9 +175,9 @@ def _without(fit: Fit, result: Estimate, record: Record, label: str) -> LeftOut:
     here, before = solution.evaluation, result.solution.evaluation
     order = Order(whole.values(theta, whole.records[0].place))
     errors, were = entry_errors(here), entry_errors(before)[kept]
-    shared = [
-        place for place, u in enumerate(others.unknowns) if not u.nuisance and not u.base.startswith("observation.")
-    ]
+    shared = [place for place, unknown in enumerate(others.unknowns) if _is_of_strip(unknown)]
+    own = [unknown for column, unknown in enumerate(whole.unknowns) if column not in kept and _is_of_strip(unknown)]
+    untold = [unknown for unknown in own if sum(other.base == unknown.base for other in others.unknowns) < FEWEST]
     known = [place for place in shared if errors[place] <= _most(others, solution.theta, place)]
     lost = [
         order(others.unknowns[place].name)
@@ -183,31 +188,48 @@ def _without(fit: Fit, result: Estimate, record: Record, label: str) -> LeftOut:
     shifts, unlikely = _shift(moved, _covariance(here), _covariance(before)[np.ix_(kept, kept)], known)
     told = LeftOut(
         label,
-        undetermined=tuple(lost),
+        undetermined=(*lost, *(order(unknown.name) for unknown in untold)),
         shifts={order(others.unknowns[place].name): shift for place, shift in shifts.items()},
         unlikely=unlikely,
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
         return told  # along what they do not show at all the others would stand where this run put them
+    theirs = _Theirs(fit, others, solution.theta, _covariance(here), order)
     try:
-        return _predicted(told, fit, others, solution.theta, here, record, order)
+        itself = _found_on_itself(whole, theta, theirs, kept, record) if own else None
+        judged = _predicted(theirs, record, itself)
+        scored = judged if untold or itself is None else _predicted(theirs, record, None)
     except IpmclabError:  # the others put the strip where no prediction is finite
         return told
+    return replace(
+        told,
+        fit_percent={name: s.fit_percent for name, s in scored.scores.items() if s.fit_percent is not None},
+        rmse={name: s.rmse for name, s in scored.scores.items() if s.rmse is not None},
+        inside={name: _inside(scored.compared[name], reach) for name, reach in scored.reach.items()},
+        standardised={
+            name: _standardised(judged.compared[name], reach, len(own)) for name, reach in judged.reach.items()
+        },
+    )
+
+
+def _is_of_strip(unknown: Unknown) -> bool:
+    return not unknown.nuisance and not unknown.base.startswith("observation.")
 
 
 def _problem_without(whole: Problem, place: int) -> tuple[Problem, list[int]]:
     """The problem of the other runs under the same noise, and which entries it has."""
-    kept = [
-        column
-        for column, unknown in enumerate(whole.unknowns)
-        if any(unknown.belongs_to(record.place) for record in whole.records if record.place != place)
-    ]
+    return _problem_of(whole, [record for record in whole.records if record.place != place])
+
+
+def _problem_of(whole: Problem, records: Sequence[Record]) -> tuple[Problem, list[int]]:
+    """The problem of some of the runs under the same noise, and which entries it has."""
+    places = {record.place for record in records}
+    kept = [column for column, unknown in enumerate(whole.unknowns) if any(map(unknown.belongs_to, places))]
     plain = whole.plain if isinstance(whole, CorrelatedProblem) else whole
-    records = [record for record in whole.records if record.place != place]
     fewer = Problem(plain.base, records, [whole.unknowns[column] for column in kept], plain.responder, plain.noise)
     if not isinstance(whole, CorrelatedProblem):
         return fewer, kept
-    return CorrelatedProblem(fewer, {key: white for key, white in whole.whitenings.items() if key[0] != place}), kept
+    return CorrelatedProblem(fewer, {key: white for key, white in whole.whitenings.items() if key[0] in places}), kept
 
 
 def _most(problem: Problem, theta: FloatArray, place: int) -> float:
@@ -216,9 +238,13 @@ def _most(problem: Problem, theta: FloatArray, place: int) -> float:
 
 
 def _covariance(here: Evaluation) -> FloatArray:
-    singular, directions = here.spectrum
+    """Of the entries, without directions of which nothing is known: told by angles between columns, not by sizes.
+
+    A prior a billion times as sharp as the readings would else count them as nothing.
+    """
+    singular, directions, _, size = here.scaled_spectrum
     seen = singular > STRUCTURAL * singular.max(initial=0.0)
-    inverse = directions[seen].T / singular[seen]
+    inverse = directions[seen].T / singular[seen] / size[:, None]
     return np.asarray(inverse @ inverse.T)
 
 
@@ -241,57 +267,157 @@ def _shift(
     return shifts, float(chdtrc(int(told.sum()), square)) if told.any() else 1.0
 
 
-def _predicted(
-    told: LeftOut, fit: Fit, others: Problem, theta: FloatArray, here: Evaluation, record: Record, order: Order
-) -> LeftOut:
-    """With the scores of a prediction, and the share of readings in its band."""
+@dataclass(frozen=True, eq=False)
+class _Theirs:
+    """What the other runs say.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of all runs.
+    problem : Problem
+        Of the others.
+    theta : float array, shape (n_unknown,)
+        Their solution.
+    covariance : float array, shape (n_unknown, n_unknown)
+    order : Order
+    """
+
+    fit: Fit
+    problem: Problem
+    theta: FloatArray
+    covariance: FloatArray
+    order: Order
+
+
+@dataclass(frozen=True, eq=False)
+class _Itself:
+    """What a run has for itself, found on it while all else stands where the other runs have it.
+
+    Parameters
+    ----------
+    unknowns : list of Unknown
+    entries : float array, shape (n_own,)
+    follow : float array, shape (n_own, n_unknown)
+        By how much each entry moves with each entry of the others.
+    """
+
+    unknowns: list[Unknown]
+    entries: FloatArray
+    follow: FloatArray
+
+
+class _Held:
+    """The problem of one run with what the other runs say held."""
+
+    def __init__(self, problem: Problem, theta: FloatArray, moved: list[int]) -> None:
+        self._problem, self._theta, self._moved = problem, theta, moved
+        self.lower, self.upper = problem.lower[moved], problem.upper[moved]
+
+    def full(self, entries: FloatArray) -> FloatArray:
+        """The whole vector."""
+        found = self._theta.copy()
+        found[self._moved] = entries
+        return found
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian of what is moved."""
+        here = self._problem.evaluate(self.full(theta))
+        return Evaluation(here.rows[[*self._moved, -1]])
+
+
+def _found_on_itself(whole: Problem, theta: FloatArray, theirs: _Theirs, kept: list[int], record: Record) -> _Itself:
+    problem, columns = _problem_of(whole, [record])
+    place_in_others = {column: place for place, column in enumerate(kept)}
+    moved = [place for place, column in enumerate(columns) if column not in place_in_others]
+    held = [place for place, column in enumerate(columns) if column in place_in_others]
+    as_theirs = theta[columns]
+    as_theirs[held] = theirs.theta[[place_in_others[columns[place]] for place in held]]
+    alone = _Held(problem, as_theirs, moved)
+    begin = as_theirs[moved]
+    solution = polish(alone, begin) or minimise(alone, begin, evaluations=_EVALUATIONS)
+    jacobian = problem.evaluate(alone.full(solution.theta)).jacobian
+    # At the minimum J_o' (J_o d_own + J_h d_held) = 0.
+    answer = -np.linalg.lstsq(jacobian[:, moved], jacobian[:, held], rcond=STRUCTURAL)[0]
+    of_strip = [number for number, place in enumerate(moved) if _is_of_strip(problem.unknowns[place])]
+    follow = np.zeros((len(of_strip), len(kept)))
+    follow[:, [place_in_others[columns[place]] for place in held]] = answer[of_strip]
+    unknowns = [problem.unknowns[moved[number]] for number in of_strip]
+    return _Itself(unknowns, solution.theta[of_strip], follow)
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """A run as others predict it.
+
+    Parameters
+    ----------
+    compared : mapping of output to Comparison
+    scores : mapping of output to Score
+    reach : mapping of output to float array, shape (n_time,) [SI]
+        Half the width of the band, of each output of which the other runs know the noise.
+    """
+
+    compared: Mapping[str, Comparison]
+    scores: Mapping[str, Score]
+    reach: Mapping[str, FloatArray]
+
+
+def _predicted(theirs: _Theirs, record: Record, itself: _Itself | None) -> _Prediction:
+    """The prediction of a run; without what was found on itself, its own parameters are the mean of the others'."""
     from ipmclab.identify.validate import validate
 
-    strip = _strip(fit, others, theta, record, order)
+    strip = _strip(theirs, record, itself)
     one = validate(strip, record.run).runs[0]
     compared = {name: found for name, found in one.comparisons.items() if name in record.readings}
-    scores = {name: one.scores[name] for name in compared}
-    reach = _reach(fit, strip, others, theta, here, record, order, one.delay or 0.0, one.zeros)
-    return replace(
-        told,
-        fit_percent={name: s.fit_percent for name, s in scores.items() if s.fit_percent is not None},
-        rmse={name: s.rmse for name, s in scores.items() if s.rmse is not None},
-        inside={name: _inside(compared[name], reach[name]) for name in reach if name in compared},
-        standardised={name: _standardised(compared[name], reach[name]) for name in reach if name in compared},
+    reach = _reach(theirs, strip, record, itself, one.delay or 0.0, one.zeros)
+    return _Prediction(
+        compared,
+        {name: one.scores[name] for name in compared},
+        {name: reach[name] for name in reach if name in compared},
     )
 
 
-def _strip(fit: Fit, others: Problem, theta: FloatArray, record: Record, order: Order) -> Actuator:
-    """The actuator as the other runs have it; of what each run has for itself the mean of the others."""
-    each = [others.values(theta, other.place) for other in others.records]
+def _strip(theirs: _Theirs, record: Record, itself: _Itself | None) -> Actuator:
+    """The actuator as the other runs have it."""
+    others, order = theirs.problem, theirs.order
+    each = [others.values(theirs.theta, other.place) for other in others.records]
     values = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
     for place, unknown in enumerate(others.unknowns):
         if unknown.base in values and unknown.belongs_to(record.place):
-            values[unknown.base] = unknown.value(float(theta[place]))
+            values[unknown.base] = unknown.value(float(theirs.theta[place]))
+    if itself is not None:
+        for unknown, entry in zip(itself.unknowns, itself.entries, strict=True):
+            values[unknown.base] = unknown.value(float(entry))
     changes = {order(name): value for name, value in values.items()}
-    return replace(fit.actuator.replace(**changes), fit_table=None)
+    return replace(theirs.fit.actuator.replace(**changes), fit_table=None)
 
 
 def _reach(
-    fit: Fit,
+    theirs: _Theirs,
     strip: Actuator,
-    others: Problem,
-    theta: FloatArray,
-    here: Evaluation,
     record: Record,
-    order: Order,
+    itself: _Itself | None,
     delay: float,
     zeros: Mapping[str, float],
 ) -> dict[str, FloatArray]:
     """Half the width of the band of each output of which the other runs know the noise."""
+    others = theirs.problem
     asked = [place for place, unknown in enumerate(others.unknowns) if unknown.base in others.base]
-    names = [order(others.unknowns[place].name) for place in asked]
-    values = [others.unknowns[place].value(float(theta[place])) for place in asked]
-    chains = [others.unknowns[place].chain(value) for place, value in zip(asked, values, strict=True)]
-    table = covariance_table(names, _covariance(here)[np.ix_(asked, asked)], chains, {}, {})
-    endings = own_endings(record.place, record.run.metadata.mounting_id or "")[1:]
+    unknowns = [others.unknowns[place] for place in asked]
+    entries, covariance = theirs.theta[asked], theirs.covariance[np.ix_(asked, asked)]
+    if itself is not None:
+        # What was found on the run gives way to the errors of all else: what it takes up is no error of the prediction.
+        moves = np.vstack([np.eye(len(asked)), itself.follow[:, asked]])
+        unknowns += itself.unknowns
+        entries, covariance = np.append(entries, itself.entries), moves @ covariance @ moves.T
+    names = [theirs.order(unknown.name) for unknown in unknowns]
+    values = [unknown.value(float(entry)) for unknown, entry in zip(unknowns, entries, strict=True)]
+    chains = [unknown.chain(value) for unknown, value in zip(unknowns, values, strict=True)]
+    table = covariance_table(names, covariance, chains, {}, {})
+    endings = own_endings(record.place, record.run.metadata.mounting_id or "")
     found = known_of(table, dict(zip(names, values, strict=True)), list(strip.parameter_values), endings)
-    seen = [fit.observations[other.place] for other in others.records]
+    seen = [theirs.fit.observations[other.place] for other in others.records]
     outputs = [name for name in record.readings if any(name in observation.noise for observation in seen)]
     run = record.run
     spread = spread_of(found, strip, Drive(run.time, run.voltage, model_hold(record), delay), outputs)
@@ -306,8 +432,10 @@ def _inside(one: Comparison, reach: FloatArray) -> float:
     return float(np.mean(np.abs(one.error[one.used]) <= reach[one.used]))
 
 
-def _standardised(one: Comparison, reach: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(one.error[one.used] / reach[one.used])))) * NORMAL_95
+def _standardised(one: Comparison, reach: FloatArray, found: int) -> float:
+    """Each parameter that was found on the run took up as much as one reading."""
+    squares = np.square(one.error[one.used] / reach[one.used])
+    return float(np.sqrt(squares.sum() / max(len(squares) - found, 1))) * NORMAL_95
 
 
 def _chance(one: LeftOut) -> float:
