@@ -24,7 +24,7 @@ from ipmclab.identify import Bands
 from ipmclab.page import curves
 from ipmclab.page.commands import identify_step, import_step, report_step, simulate_step, validate_step
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
-from ipmclab.page.elements.column_map import channel_tables
+from ipmclab.page.elements.column_map import Said, channel_tables
 from ipmclab.page.jobs.tasks.preview import guess_channels, guess_layout
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
@@ -300,6 +300,25 @@ def test_who_still_waits_when_the_server_ends_is_told(workshop: Workshop, monkey
             return [(await one).status_code for one in waiting]
 
     assert asyncio.run(ended()) == [503, 503]
+
+
+def test_what_was_said_of_a_column_outlasts_another_layout() -> None:
+    names, guesses = ("time", "U", "I"), ("time", "voltage", "current")
+    said = Said()
+    time, voltage, current = said.begin(names, guesses)
+    assert [one["channel"] for one in (time, voltage, current)] == list(guesses)
+    said.keep([time, {**voltage, "channel": ""}, {**current, "unit": "mA"}])
+    whole = said.begin(("0.0;1.0;2.0",), (None,))  # read by a wrong separator
+    said.keep(whole)
+    assert [one["unit"] for one in said.begin(names, guesses)] == ["", "", "mA"]
+    unnamed = said.begin(("", "", ""), (None, None, None))  # its first line is no heading
+    assert [(one["channel"], one["unit"]) for one in unnamed] == [("", ""), ("", ""), ("current", "mA")]
+    said.keep(unnamed)
+    # A heading that was not read gives no guess; what nobody said is guessed anew, and no channel twice.
+    again = said.begin(("time", "I", "I of the shunt"), ("time", None, "current"))
+    assert [(one["channel"], one["unit"]) for one in again] == [("time", ""), ("current", "mA"), ("", "")]
+    said.keep([again[0], {**again[1], "unit": "A"}, again[2]])
+    assert said.begin(names, guesses)[2]["unit"] == "A"
 
 
 def test_what_a_column_is_said_to_be_becomes_a_map() -> None:

@@ -37,9 +37,7 @@ export default {
   props: { options: Object, errors: Object },
   data() {
     return {
-      mine: this.options.columns.map((column) => ({
-        channel: column.guess || "", unit: "", factor: "", sign: "1", zero_at: "", sentinels: "",
-      })),
+      mine: this.options.columns.map((column) => ({ ...column.begin })),
     };
   },
   computed: {

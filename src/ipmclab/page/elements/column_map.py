@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nicegui.element import Element
@@ -22,8 +22,8 @@ class ColumnMap(Element, component="column_map.js"):
     names : sequence of str
     rows : sequence of sequence of str
         The first rows.
-    guesses : sequence of str or None
-        What each column seems to be.
+    begin : sequence of mapping
+        What each column is said to be at first, as ``channel_tables`` takes it.
     on_mapped : callable
         Called with what each column is said to be.
     """
@@ -32,12 +32,12 @@ class ColumnMap(Element, component="column_map.js"):
         self,
         names: Sequence[str],
         rows: Sequence[Sequence[str]],
-        guesses: Sequence[str | None],
+        begin: Sequence[Mapping[str, str]],
         on_mapped: Callable[[list[dict[str, str]]], None],
     ) -> None:
         super().__init__()
         self._props["options"] = {
-            "columns": [{"name": name, "guess": guess} for name, guess in zip(names, guesses, strict=True)],
+            "columns": [{"name": name, "begin": dict(one)} for name, one in zip(names, begin, strict=True)],
             "rows": [list(row) for row in rows],
             "channels": {name: list(quantity.units) for name, quantity in MAPPED.items() if name != "applied_voltage"},
         }
@@ -52,6 +52,67 @@ class ColumnMap(Element, component="column_map.js"):
         """Say what is wrong with columns, by their places; nothing of the others."""
         self._props["errors"] = {str(place): text for place, text in errors.items()}
         self.update()
+
+
+class Said:
+    """What somebody said of the columns of a record, while the record is read in other ways.
+
+    A column is known by its name; one without, or with another, by its place among as many.
+
+    Examples
+    --------
+    >>> said = Said()
+    >>> first = said.begin(("t", "I"), ("time", "current"))
+    >>> said.keep([first[0], {**first[1], "unit": "mA"}])
+    >>> [one["unit"] for one in said.begin(("volt", "I", "t"), ("voltage", "current", "time"))]
+    ['', 'mA', '']
+    """
+
+    def __init__(self) -> None:
+        self._names: tuple[str, ...] = ()
+        self._guesses: list[dict[str, str]] = []
+        self._known: dict[object, dict[str, str]] = {}
+
+    def keep(self, columns: Sequence[Mapping[str, str]]) -> None:
+        """Remember what is said of the columns now; what is as it was guessed nobody said."""
+        for place, (column, guess) in enumerate(zip(columns, self._guesses, strict=True)):
+            for key in self._keys(place):
+                if dict(column) != guess:
+                    self._known[key] = dict(column)
+                elif self._known.get(key) != guess:
+                    self._known.pop(key, None)
+
+    def begin(self, names: Sequence[str], guesses: Sequence[str | None]) -> list[dict[str, str]]:
+        """What is said of columns at first: what was said of them before, and of the others what they seem to be."""
+        self._names = tuple(names)
+        self._guesses = [_guessed(guess) for guess in guesses]
+        found: dict[int, dict[str, str]] = {}
+        for of_name in (True, False):
+            for place in range(len(names)):
+                keys = [key for key in self._keys(place) if isinstance(key, str) is of_name]
+                known = next((self._known[key] for key in keys if key in self._known), None)
+                if place not in found and known is not None and not _is_among(known, found.values()):
+                    found[place] = dict(known)
+        # A channel that somebody said is one column is not guessed of another.
+        self._guesses = [
+            guess if place in found or not _is_among(guess, found.values()) else _guessed(None)
+            for place, guess in enumerate(self._guesses)
+        ]
+        return [found.get(place, dict(guess)) for place, guess in enumerate(self._guesses)]
+
+    def _keys(self, place: int) -> list[object]:
+        name = self._names[place]
+        alone = [name] if name and self._names.count(name) == 1 else []
+        return [*alone, (len(self._names), place)]
+
+
+def _guessed(channel: str | None) -> dict[str, str]:
+    return {"channel": channel or "", "unit": "", "factor": "", "sign": "1", "zero_at": "", "sentinels": ""}
+
+
+def _is_among(column: Mapping[str, str], others: Iterable[Mapping[str, str]]) -> bool:
+    """Whether another column is said to be the same channel."""
+    return bool(column["channel"]) and any(one["channel"] == column["channel"] for one in others)
 
 
 def channel_tables(names: Sequence[str], columns: Sequence[Mapping[str, str]]) -> dict[str, dict[str, Any]]:

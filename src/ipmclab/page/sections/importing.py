@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import re
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from nicegui import ui
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.commands import import_step
 from ipmclab.page.curves import Panel, Series
-from ipmclab.page.elements.column_map import ColumnMap, channel_tables
+from ipmclab.page.elements.column_map import ColumnMap, Said, channel_tables
 from ipmclab.page.elements.file_choice import FileChoice
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.jobs.frames import Frame
@@ -25,10 +26,16 @@ from ipmclab.units import CHANNELS
 
 ENDINGS: Final = (".csv", ".txt", ".dat", ".gz", ".xlsx", ".mat", ".tdms", ".lvm")
 
+_SKIP: Final = "file.skip_lines"
+
 _IN_A_FORM: Final = {
     "no-time": "say which column is the time, or fill in the sampling period",
     "period-mismatch": "empty the sampling period",
     "missing-key": "say above a column that it is the voltage: every run has one",
+    "ragged-row": "see that the file is whole, what stands between columns, and the lines before the table",
+    "decimal-comma": "choose the comma as the decimal mark",
+    "decimal-point": "choose the point as the decimal mark",
+    "unit-mismatch": "choose “as in the file”, or write the factor 1 where the file is wrong",
 }
 """What to do about a mistake where a form stands in place of the map: of each code."""
 
@@ -56,7 +63,10 @@ class _Import:
         self._layout: dict[str, Any] = {}
         self._seen: dict[str, Any] = {}
         self._columns: list[dict[str, str]] = []
+        self._said = Said()
         self._curves: str | None = None
+        self._asked = 0
+        self._misread: IpmclabError | None = None  # why the record cannot be read as the form says
 
     def build(self) -> None:
         with card("Import a record"):
@@ -91,25 +101,56 @@ class _Import:
         if path.is_file():
             await self._open(path, told["name"])
 
-    async def _open(self, path: Path, name: str, layout: dict[str, Any] | None = None) -> None:
-        """Read the first rows, and put the form together."""
+    async def _open(self, path: Path, name: str) -> None:
+        """Read the first rows of a record as it seems to be written, and put the form together."""
         self._message.set_text("")
         if path != self._path:
             self._forget()
         self._path, self._name = path, name
         try:
-            frame = await self._do("preview", {"path": str(path), "file": layout})
-        except JobCancelled:
-            return
+            seen = await self._preview(None)
         except IpmclabError as error:
             self._message.set_text(self._named(str(error)))
-            if layout is None:
-                self._form.clear()
+            self._form.clear()
             return
-        self._seen, self._layout = frame.document, frame.document["file"]
+        if seen is None:
+            return
+        self._seen, self._layout, self._misread = seen, seen["file"], None
+        self._said = Said()
         self._form.clear()
         with self._form:
             self._build_form()
+
+    async def _read_again(self) -> None:
+        """Read the record as the form says now: its columns are shown anew, all else stays as it was filled in."""
+        self._clear_errors()
+        self._said.keep(self._columns)
+        try:
+            layout = self._wanted_layout()
+            seen = await self._preview(layout)
+        except IpmclabError as error:
+            self._misread = error
+            self._complain_of_layout(error)
+            return
+        if seen is None:
+            return
+        self._seen, self._layout, self._misread = seen, layout, None
+        self._result.clear()
+        self._show_columns()
+
+    async def _preview(self, layout: dict[str, Any] | None) -> dict[str, Any] | None:
+        """What the first rows are; None where something newer was asked meanwhile."""
+        self._asked += 1
+        asked = self._asked
+        try:
+            frame = await self._do("preview", {"path": str(self._path), "file": layout})
+        except JobCancelled:
+            return None
+        except IpmclabError:
+            if asked != self._asked:
+                return None
+            raise
+        return frame.document if asked == self._asked else None
 
     def _named(self, told: str) -> str:
         """What is said of a file, with the name that its owner gave it: one that was sent is kept under another."""
@@ -121,11 +162,11 @@ class _Import:
         return await asyncio.wrap_future(job.future)
 
     def _build_form(self) -> None:
-        seen = self._seen
-        text(f"{self._name}: {seen['count']} rows, {len(seen['names'])} columns").props("role=status")
+        self._count = text("").props("role=status")
         if self._layout["format"] == "csv":
             self._build_layout()
-        self._map = ColumnMap(seen["names"], seen["rows"], seen["guesses"], self._mapped)
+        self._table_place = ui.element("div").classes("lab-full")
+        self._show_columns()
         with ui.element("div").classes("lab-bar"):
             self._period = ui.input("Sampling period, without a time column").props(
                 "dense outlined stack-label placeholder='20 ms'"
@@ -144,30 +185,55 @@ class _Import:
         self._wrong = text("").classes("lab-bad").props("role=alert")
         self._result = ui.element("div").classes("lab-column")
 
+    def _show_columns(self) -> None:
+        """The columns as they were read last, with what was said of them."""
+        seen = self._seen
+        self._count.set_text(f"{self._name}: {seen['count']} rows, {len(seen['names'])} columns")
+        self._columns = self._said.begin(seen["names"], seen["guesses"])
+        self._table_place.clear()
+        with self._table_place:
+            self._map = ColumnMap(seen["names"], seen["rows"], self._columns, self._mapped)
+
     def _build_layout(self) -> None:
-        layout = self._layout
-
-        async def again() -> None:
-            new = {"format": "csv", "separator": separator.value, "decimal": decimal.value, "header": header.value}
-            new |= {"units_row": units.value, "skip_lines": int(skip.value or 0)}
-            new |= {key: layout[key] for key in ("comment", "encoding") if key in layout}
-            assert self._path is not None
-            await self._open(self._path, self._name, new)
-
+        layout, again = self._layout, self._read_again
         with ui.element("div").classes("lab-bar"):
             marks = {",": "comma", ";": "semicolon", "\t": "tab"}
-            separator = ui.select(marks, value=layout.get("separator", ","), label="Between columns", on_change=again)
-            decimal = ui.select({".": "point", ",": "comma"}, value=layout.get("decimal", "."), label="Decimal mark")
-            decimal.on_value_change(again)
-            skip = ui.number("Lines before the table", value=layout.get("skip_lines", 0), min=0, precision=0)
-            skip.on("change", again)
-            for one in (separator, decimal, skip):
+            self._separator = ui.select(
+                marks, value=layout.get("separator", ","), label="Between columns", on_change=again
+            )
+            decimals = {".": "point", ",": "comma"}
+            self._decimal = ui.select(decimals, value=layout.get("decimal", "."), label="Decimal mark", on_change=again)
+            self._skip = ui.number("Lines before the table", value=layout.get("skip_lines", 0))
+            self._skip.on("change", again)
+            for one in (self._separator, self._decimal, self._skip):
                 one.props("dense outlined options-dense").classes("lab-choice")
-            header = ui.switch("names in the first line", value=layout.get("header", True), on_change=again)
-            units = ui.switch("units in the next line", value=layout.get("units_row", False), on_change=again)
+            self._header = ui.switch("names in the first line", value=layout.get("header", True), on_change=again)
+            self._units = ui.switch("units in the next line", value=layout.get("units_row", False), on_change=again)
+        self._layout_wrong = text("").classes("lab-bad").props("role=alert")
+
+    def _wanted_layout(self) -> dict[str, Any]:
+        """How the form says that the text is written.
+
+        Raises
+        ------
+        InputError
+            A number of lines that is none.
+        """
+        skip = self._skip.value or 0
+        if not math.isfinite(skip) or skip < 0 or skip != int(skip):
+            raise InputError(
+                f"{skip:g} is no number of lines",
+                code="bad-number",
+                where=_SKIP,
+                repair="write 0 or a whole number above",
+            )
+        said = {"separator": self._separator.value, "decimal": self._decimal.value, "header": self._header.value}
+        said |= {"units_row": self._units.value, "skip_lines": int(skip)}
+        return {**self._layout, **said}  # its comments and its letters stay as they seem to be
 
     def _mapped(self, columns: list[dict[str, str]]) -> None:
-        self._columns = columns
+        if len(columns) == len(self._columns):  # else of those that were shown before
+            self._columns = columns
 
     def _table(self) -> dict[str, Any]:
         """The import map that the form says.
@@ -192,6 +258,9 @@ class _Import:
 
     async def _import(self, out: Path | None) -> Frame | None:
         self._clear_errors()
+        if self._misread is not None:
+            self._complain_of_layout(self._misread)
+            return None
         try:
             table = self._table()
             frame = await self._do("import", {"path": str(self._path), "map": table, "out": out and str(out)})
@@ -249,6 +318,19 @@ class _Import:
         self._map.complain({})
         fail_at(self._period, None)
         fail_at(self._sample, None)
+        if self._layout["format"] == "csv":
+            fail_at(self._skip, None)
+            self._layout_wrong.set_text("")
+
+    def _complain_of_layout(self, error: IpmclabError) -> None:
+        """Say why the record cannot be read as the form says: at the field of the lines where these leave no table."""
+        if error.where == _SKIP:
+            fail_at(self._skip, error)
+        elif error.code == "empty-file" and self._skip.value:
+            fail_at(self._skip, "no rows of numbers come after so many lines; write a smaller number")
+        else:
+            told = f"{error.message}; {_IN_A_FORM[error.code]}" if error.code in _IN_A_FORM else sentence(error)
+            self._layout_wrong.set_text(self._named(f"{error.where}: {told}" if error.where else told))
 
     def _complain(self, error: IpmclabError) -> None:
         """Say what is wrong at the column or the field that it belongs to."""
