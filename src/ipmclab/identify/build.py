@@ -16,7 +16,7 @@ from ipmclab.identify.doubts import message, unexplained
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Direction, Fit, FittedParameter
 from ipmclab.identify.fit_table import changed
-from ipmclab.identify.known import covariance_table
+from ipmclab.identify.known import Table, covariance_table
 from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.findings import noise_findings
 from ipmclab.identify.observation import Observation, Record
@@ -35,6 +35,7 @@ from ipmclab.identify.uncertainty.interval import (
     reaches_out,
     with_rivals,
 )
+from ipmclab.identify.uncertainty.stated import stated_covariance
 from ipmclab.identify.undetermined.diagnosis import DETERMINED, direction_of_one, directions, names_it, relative_errors
 from ipmclab.identify.undetermined.leaning import leaning_findings
 from ipmclab.identify.undetermined.practical import Practical
@@ -63,7 +64,9 @@ def build_fit(
     problem, solution = result.problem, result.solution
     parameters = result.parameters
     free = {unknown.base for unknown in problem.unknowns}
-    stated = {n: p.standard_uncertainty for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0}
+    stated = stated_covariance(
+        actuator, [n for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0.0]
+    )
     exact = _exact_names(actuator, problem, free | set(stated))
     found = uncertainty(result.correlated, stated, exact)
     asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
@@ -89,7 +92,7 @@ def build_fit(
     told_twice = apart | {*beside}
     nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
-    open_directions = directions(asked, values, sharper, problem.records, model, rivals)
+    open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
     fitted: dict[str, FittedParameter] = {}
     for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
@@ -184,9 +187,7 @@ def build_fit(
     return changed(fit)
 
 
-def _beside_unseen(
-    result: Estimate, stated: Mapping[str, float], exact: Sequence[str]
-) -> dict[str, tuple[float, float]]:
+def _beside_unseen(result: Estimate, stated: Table, exact: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Entry and standard error that each unknown has while the unseen stages may still be there.
 
     That a stage does not show is no proof that it is not there: what trades against it is known no better than beside
@@ -274,15 +275,16 @@ def _covariance(
     asked: Sequence[Unknown],
     values: FloatArray,
     found: Uncertainty,
-    stated: Mapping[str, float],
+    stated: Table,
     base: Mapping[str, float],
     order: Order,
 ) -> dict[str, dict[str, float]]:
     names = [order(unknown.name) for unknown in asked]
     chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
     # A leverage is the change for 1 %.
-    moved = {n: found.leverage[n] * deviation / (0.01 * abs(base[n])) for n, deviation in stated.items() if base[n]}
-    return covariance_table(names, found.covariance, chains, moved, {n: stated[n] for n in moved})
+    slopes = {name: found.leverage[name] / (0.01 * abs(base[name])) for name in stated if base[name]}
+    held = {name: {other: stated[name][other] for other in slopes} for name in slopes}
+    return covariance_table(names, found.covariance, chains, slopes, held)
 
 
 def _fitted_actuator(
@@ -374,7 +376,7 @@ def _fit_findings(
     solution: Solution,
     found: Uncertainty,
     fitted: Mapping[str, FittedParameter],
-    stated: Mapping[str, float],
+    stated: Table,
     exact: Sequence[str],
     asked: Sequence[Unknown],
     order: Order,

@@ -38,8 +38,8 @@ def covariance_table(
     names: Sequence[str],
     entries: FloatArray,
     chains: Sequence[float],
-    leverage: Mapping[str, FloatArray],
-    stated: Mapping[str, float],
+    slopes: Mapping[str, FloatArray],
+    stated: Table,
 ) -> dict[str, dict[str, float]]:
     """Covariance [SI] of what was fitted and of what was held at a stated uncertainty, which moves with it.
 
@@ -51,18 +51,21 @@ def covariance_table(
         Covariance of their entries in the vector of the fit.
     chains : sequence of float
         Derivative of each value by its entry.
-    leverage : mapping of name to float array, shape (n,)
-        Change of each entry for a change of a held parameter by its standard uncertainty.
-    stated : mapping of name to float [SI]
-        Standard uncertainties of the held parameters.
+    slopes : mapping of name to float array, shape (n,)
+        Derivative of each entry by a held parameter [1/SI].
+    stated : mapping of name to mapping of name to float [SI]
+        Covariance of the held parameters.
     """
     every = [*names, *stated]
     count = len(names)
     scaled = np.zeros((len(every), len(every)))
     scaled[:count, :count] = entries * np.outer(chains, chains)
-    for place, (name, deviation) in enumerate(stated.items(), start=count):
-        scaled[place, place] = deviation**2
-        scaled[place, :count] = scaled[:count, place] = leverage[name] * np.asarray(chains) * deviation
+    if stated:
+        held = np.array([[row[other] for other in stated] for row in stated.values()])
+        moved = np.array([slopes[name] for name in stated]) * chains
+        scaled[count:, count:] = held
+        scaled[count:, :count] = held @ moved
+        scaled[:count, count:] = scaled[count:, :count].T
     return {name: dict(zip(every, row, strict=True)) for name, row in zip(every, scaled.tolist(), strict=True)}
 
 

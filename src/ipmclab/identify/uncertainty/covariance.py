@@ -75,7 +75,7 @@ def is_coloured(residual: FloatArray) -> bool:
     return bool(chdtrc(lags, statistic) < _REJECT)
 
 
-def uncertainty(correlated: Correlated, fixed: Mapping[str, float], exact: Sequence[str]) -> Uncertainty:
+def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]], exact: Sequence[str]) -> Uncertainty:
     """Covariance, rank and leverage at a solution.
 
     Under the noise that was found the covariance is the inverse of the information, with what not knowing the noise
@@ -86,8 +86,8 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, float], exact: Seque
     ----------
     correlated : Correlated
         The solution under the noise found in its residuals.
-    fixed : mapping of name to float [SI]
-        Fixed parameters with a stated standard uncertainty.
+    fixed : mapping of name to mapping of name to float [SI]
+        Covariance of fixed parameters with a stated standard uncertainty.
     exact : sequence of str
         Fixed parameters without one, whose leverage is to be known.
     """
@@ -137,8 +137,9 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, float], exact: Seque
         answer = -plain @ (own.T @ problem.fixed_jacobian(theta, names))
         for column, name in enumerate(names):
             leverage[name] = answer[:, column] * 0.01 * abs(problem.base[name])
-            if name in fixed:
-                covariance = covariance + np.outer(answer[:, column], answer[:, column]) * fixed[name] ** 2
+        together = np.array([[row[other] for other in fixed] for row in fixed.values()])
+        passed_on = answer[:, : len(fixed)]
+        covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
     return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom)
 
 

@@ -123,9 +123,9 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
                 where="names",
                 repair=suggest(name, list(fit.parameters)),
             )
-    estimate = solved(fit)
+    solved(fit)
     with telling(progress):
-        found = _profiles(estimate, wanted)
+        found = _profiles(fit, wanted)
     told = {name: found[name] for name in fit.parameters if name in found}
     return changed(fit, profiles=told, parameters=_ended(fit, told))
 
@@ -189,19 +189,20 @@ def solved(fit: Fit) -> Estimate:
     return fit.estimate
 
 
-def _profiles(estimate: Estimate, wanted: Iterable[str]) -> dict[str, Profile]:
+def _profiles(fit: Fit, wanted: Iterable[str]) -> dict[str, Profile]:
     from ipmclab.identify.order import Order
     from ipmclab.identify.uncertainty.covariance import uncertainty
+    from ipmclab.identify.uncertainty.stated import stated_covariance
 
+    estimate = solved(fit)
     problem, solution = estimate.problem, estimate.solution
     free = {unknown.base for unknown in problem.unknowns}
-    stated = {
-        name: one.standard_uncertainty
-        for name, one in estimate.parameters.items()
-        if name not in free and one.standard_uncertainty > 0.0
-    }
-    known = uncertainty(estimate.correlated, stated, ())
     order = Order(problem.values(solution.theta, problem.records[0].place))
+    held = {order(name): name for name, one in estimate.parameters.items() if one.standard_uncertainty > 0.0}
+    held = {now: name for now, name in held.items() if name not in free and now in fit.actuator.standard_uncertainties}
+    together = stated_covariance(fit.actuator, list(held))
+    stated = {held[one]: {held[other]: value for other, value in row.items()} for one, row in together.items()}
+    known = uncertainty(estimate.correlated, stated, ())
     places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
     asked = [(number, place) for number, place in enumerate(places) if order(problem.unknowns[place].name) in wanted]
     found: dict[str, Profile] = {}

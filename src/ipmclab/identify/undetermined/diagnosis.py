@@ -54,21 +54,25 @@ def directions(
     unknowns: Sequence[Unknown],
     values: FloatArray,
     found: Uncertainty,
+    sharper: Uncertainty,
     records: Sequence[Record],
     actuator: Actuator,
     rivals: Sequence[Rival] = (),
+    exact: Sequence[str] = (),
 ) -> tuple[Direction, ...]:
     """Combinations that the readings do not determine: first those about which they say nothing at all.
 
     A combination is also named when its standard error makes one of its parameters undetermined. What would cure one
-    about which nothing is said is asked of the model, ``actuator``: which further output would show it. ``rivals`` are
-    other fits as good.
+    about which nothing is said is asked of the model, ``actuator``: which further output would show it. ``sharper`` is
+    what is found, with the errors of single parameters towards the side that determines them; it says which are open.
+    What several give together (d(0)) follows from ``found``: errors taken from one side do not cancel in it.
+    ``rivals`` are other fits as good, ``exact`` fixed parameters without a stated uncertainty.
     """
     names = [unknown.name for unknown in unknowns]
     size = _sizes(unknowns, values)
     known = dict(zip(names, values, strict=True))
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
-    covariance = found.covariance / (size[:, None] * size)
+    covariance = sharper.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     apart = _apart(unknowns, values, rivals) / size
     nameless = np.any(np.abs(found.null / size) > _MOVED, axis=0)
@@ -93,7 +97,7 @@ def directions(
         chosen.add(int(np.argmax(spread)))
     for place in sorted(chosen, key=lambda k: -spread[k]):
         named.append(_direction(names, vectors[:, place], float(np.sqrt(spread[place])), records))
-    against = _gain_against_zero(names, known, found, errors, records)
+    against = _gain_against_zero(names, known, found, errors, records, exact)
     if against:
         named = [direction for direction in named if not _is_gain_against_zero(direction)]
     named += against
@@ -245,6 +249,7 @@ def _gain_against_zero(
     found: Uncertainty,
     errors: FloatArray,
     records: Sequence[Record],
+    exact: Sequence[str],
 ) -> tuple[Direction, ...]:
     """Gain against zero, where only their product is seen.
 
@@ -267,14 +272,14 @@ def _gain_against_zero(
     half = float(np.sqrt(0.5))
     sentence = (
         f"coupling.gain and coupling.zero can move against each other: {why}, so only d(0) = K_d Z_d/P_2d"
-        f"{_static(names, values, found)} is known; record at {_round_up(rate):g} S/s or more"
+        f"{_static(names, values, found, exact)} is known; record at {_round_up(rate):g} S/s or more"
     )
     coefficients = dict.fromkeys(names, 0.0) | {"coupling.gain": half, "coupling.zero": -half}
     return (Direction(coefficients, sentence, np.inf),)
 
 
-def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertainty) -> str:
-    """d(0) in numbers, where all of it is free and nothing else can move it."""
+def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertainty, exact: Sequence[str]) -> str:
+    """d(0) in numbers, where all of it is free and nothing else can move it, and on what that error leans."""
     signs = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
     if not set(signs) <= set(names):
         return ""
@@ -283,7 +288,9 @@ def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertaint
         return ""
     error = float(np.sqrt(max(weights @ found.covariance @ weights, 0.0)))
     level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
-    return f" = {level:.4g} m/V (standard error {100.0 * error:.2g} %)"
+    leans = [name for name in exact if abs(float(weights @ found.leverage[name])) > error]
+    beside = f", with {' and '.join(leans)} taken as exact" if leans else ""
+    return f" = {level:.4g} m/V (standard error {100.0 * error:.2g} %{beside})"
 
 
 def _round_up(rate: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,7 +23,7 @@ _NAMED: Final = 3  # parameters that a sentence names
 def leaning_findings(
     found: Uncertainty,
     fitted: Mapping[str, FittedParameter],
-    stated: Mapping[str, float],
+    stated: Collection[str],
     exact: Sequence[str],
     asked: Sequence[Unknown],
     order: Order,
@@ -38,7 +38,7 @@ def leaning_findings(
     ----------
     found : Uncertainty
     fitted : mapping of name to FittedParameter
-    stated : mapping of name to float [SI]
+    stated : collection of str
         Fixed values with an uncertainty.
     exact : sequence of str
         Fixed values without one.
