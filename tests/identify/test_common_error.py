@@ -52,6 +52,7 @@ def log_width(interval: tuple[float, float] | None) -> float:
 )
 @example(values=[1.0, 1.0, 1.0], own=7.851131796700346e-36, common=1.0)  # below the rounding of the values
 @example(values=[0.0, 0.0, 1.1125369292536007e-308], own=0.0, common=1.0)
+@example(values=[0.0, 0.0, 2.767445975551352e-85], own=0.0, common=1.0)
 def test_the_next_one_is_never_better_known_than_what_all_share(values: list[float], own: float, common: float) -> None:
     alone = random_effect(values, np.full(len(values), own))
     found = random_effect(values, np.full(len(values), own), common=common)

@@ -65,7 +65,7 @@ def test_white_noise_is_called_white_and_its_correlations_lie_within_the_band(wh
     assert [(one.output, one.verdict) for one in white.diagnoses] == [("current", "white")] * 2
     assert not codes(white) & {"stage-missing", "model-incomplete"}
     for one in white.diagnoses:
-        assert one.band == pytest.approx(1.96 / math.sqrt(1000))
+        assert one.band == pytest.approx(1.96 / math.sqrt(1000), rel=1e-4)
         assert one.rms == pytest.approx(1e-4, rel=0.06)
         inside = np.abs([*one.whitened, *one.autocorrelation, *one.with_voltage]) <= one.band
         assert inside.mean() > 0.85  # 95 % of correlations that hang together themselves

@@ -119,7 +119,7 @@ def _next_one(
     last = max(min(int(np.searchsorted(told, 1.0 - _NEGLIGIBLE)), _NODES - 1), first + 1)
     edges = np.geomspace(coarse[first], coarse[last], _NODES)
     # What lies below the first edge is as good as none.
-    nodes = np.concatenate([coarse[:1], np.sqrt(edges[:-1] * edges[1:]), edges[-1:]])
+    nodes = np.concatenate([coarse[:1], np.sqrt(edges[:-1]) * np.sqrt(edges[1:]), edges[-1:]])
     share = np.diff(np.concatenate([[0.0], below(edges), [1.0]]))
     means, errors, _ = _squares(y, within, nodes)
     deviation = np.sqrt(nodes + errors + common**2)

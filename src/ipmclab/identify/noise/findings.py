@@ -51,6 +51,19 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 channel=output,
             )
         )
+    for (place, output), growth in found.growing.items():
+        findings.append(
+            Finding(
+                "noise-grows",
+                "info",
+                f"{labels[place]}: the noise of {output} is larger where the {output} is, up to {growth.times:.2g} "
+                "times (Spearman, p < 0.1 %): errors and intervals allow for it",
+                "look at the residuals in the report; a further branch or stage may help, or another range of the "
+                "converter",
+                channel=output,
+                values={"times": growth.times},
+            )
+        )
     for place, output in found.coloured:
         model = correlated.noise.get((place, output))
         if model is not None and model.terms.drifts:

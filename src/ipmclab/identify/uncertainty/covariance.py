@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.growing import Growth, growth
 from ipmclab.identify.noise.robust import long_run
 from ipmclab.identify.problem import Evaluation
 from ipmclab.identify.solve import STRUCTURAL
+from ipmclab.identify.uncertainty.rounding import hidden_zeros
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -42,6 +44,8 @@ class Uncertainty:
         Residuals that are not white, not even under the noise that was found.
     freedom : float array, shape (n,)
         Degrees of freedom with which each variance is known.
+    growing : mapping of (place, output) to Growth
+        Noise that is larger where the answer is, as the covariance allows for.
     """
 
     covariance: FloatArray
@@ -51,6 +55,7 @@ class Uncertainty:
     leverage: Mapping[str, FloatArray]
     coloured: tuple[tuple[int, str], ...]
     freedom: FloatArray
+    growing: Mapping[tuple[int, str], Growth] = field(default_factory=dict)
 
     @property
     def rank(self) -> int:
@@ -80,7 +85,8 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
 
     Under the noise that was found the covariance is the inverse of the information, with what not knowing the noise
     adds. Where residuals hang together even then, the sum of autocovariances takes its place, unless they drift: then
-    no such sum holds.
+    no such sum holds. Where they are larger for a larger answer, their variance at each row counts (White 1980). What
+    rounding hides of a zero at rest is added.
 
     Parameters
     ----------
@@ -113,24 +119,29 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
     pieces = problem.pieces
     # At the floor the residuals are rounding of the model itself, which is never white.
-    coloured = tuple(
-        key
-        for key, piece in pieces.items()
-        if problem.noise[key] > 1.01 * problem.floors[key] and is_coloured(evaluation.residual[piece])
-    )
+    noisy = [key for key in pieces if problem.noise[key] > 1.01 * problem.floors[key]]
+    found = {key: growth(correlated, key) for key in noisy}
+    growing = {key: one for key, one in found.items() if one is not None}
+    coloured = tuple(key for key in noisy if is_coloured(_even(evaluation.residual[pieces[key]], growing.get(key))))
     covariance, freedom = plain, np.full(asked, float(readings))
     if correlated.spread is not None:
         kept = np.flatnonzero(~nuisance)
         covariance = plain + correlated.spread.added[np.ix_(kept, kept)]
         freedom = np.minimum(correlated.spread.freedom[kept], freedom)
     robust = [key for key in coloured if key not in correlated.noise or not correlated.noise[key].terms.drifts]
-    if robust:
+    if robust or growing:
         beforehand = own[max(piece.stop for piece in pieces.values()) :]
         middle = beforehand.T @ beforehand
         for key, piece in pieces.items():
-            middle += long_run(own[piece], evaluation.residual[piece]) if key in robust else own[piece].T @ own[piece]
+            if key in robust:
+                middle += long_run(own[piece], evaluation.residual[piece])
+            else:
+                variance = growing[key].variance if key in growing else 1.0
+                middle += (own[piece].T * variance) @ own[piece]
         covariance = covariance + plain @ (middle @ plain - np.eye(asked))
 
+    moved = plain @ (own.T @ hidden_zeros(problem, len(own)))
+    covariance = covariance + moved @ moved.T
     names = [*fixed, *exact]
     leverage: dict[str, FloatArray] = {}
     if names:
@@ -140,7 +151,12 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         together = np.array([[row[other] for other in fixed] for row in fixed.values()])
         passed_on = answer[:, : len(fixed)]
         covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
-    return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom)
+    return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing)
+
+
+def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
+    """Residuals that are all as large: large ones that stand together are else taken for ones that hang together."""
+    return residual if growing is None else np.asarray(residual / np.sqrt(growing.variance))
 
 
 def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,50 @@
+"""A zero that rounding hides: a converter whose steps are larger than the noise reads a small zero as none at rest."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identify.noise.problem import CorrelatedProblem
+from ipmclab.identify.observation import rest_rows
+from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.quality.noise import quantum_of
+
+FloatArray = npt.NDArray[np.float64]
+
+_DITHERED: Final = 0.3  # of a step: with so much noise the mean of the readings shows what lies between two steps
+
+
+def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
+    """What the zeros that rounding hides add to the residuals, for one standard deviation of each.
+
+    A zero of up to half a step to both sides (a rectangular distribution) is rounded away at rest, and is in every
+    reading after it.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : int
+        Of its residuals, those of priors among them.
+
+    Returns
+    -------
+    columns : float array, shape (n_rows, n_hidden)
+    """
+    found = []
+    for record in problem.records:
+        resting = rest_rows(record.run)
+        for output, reading in record.readings.items():
+            step = quantum_of(np.diff(reading.measured)) if resting else 0.0
+            if not step or not np.std(record.run.channels[output][:resting]) < _DITHERED * step:
+                continue
+            column = np.zeros((1, rows))
+            after = np.flatnonzero(reading.used) >= resting
+            key = record.place, output
+            column[0, problem.pieces[key]] = after * step / math.sqrt(12.0) / problem.noise[key]
+            whole = problem.whiten(Evaluation(column)).rows if isinstance(problem, CorrelatedProblem) else column
+            found.append(whole[0])
+    return np.array(found).reshape(len(found), rows).T
