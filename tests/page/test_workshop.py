@@ -127,9 +127,13 @@ def test_names_that_are_offered_are_free_and_never_come_again(workshop: Workshop
     with pytest.raises(InputError, match="'fit 1' is no longer kept") as told:
         workshop.actuator_path("fit 1")
     assert "save" in told.value.repair
+    with pytest.raises(InputError, match="this fit is no longer kept"):  # as a link names it that was kept for long
+        workshop.actuator_path("fit:0123abcd")
 
 
-@pytest.mark.parametrize("name", ["a" * 300, "../x/y", "x+leak.cubic", "x/y", "x\\y", "con", "x.", "x ", "", "x.TOML"])
+@pytest.mark.parametrize(
+    "name", ["a" * 300, "../x/y", "x+leak.cubic", "x/y", "x\\y", "fit:x", "con", "x.", "x ", "", "x.TOML"]
+)
 def test_a_fit_has_a_name_that_a_file_can_have(workshop: Workshop, name: str) -> None:
     with pytest.raises(InputError) as told:
         workshop.identify(asked(name))

@@ -40,6 +40,9 @@ _LONGEST_NAME: Final = 40
 _PLAIN: Final = re.compile(r"\w([\w .-]*[\w-])?")
 """The name of a fit: no plus and no slash, for in that of an actuator stages and folders begin there."""
 
+_KEY: Final = "fit:"
+"""How keys of fits begin, and no name of one: a link that outlives its fit is told from a name that is misspelled."""
+
 _FILE: Final = re.compile(r"(?P<base>.+?\.toml)(?P<stages>(\+[^/\\]*)?)", re.IGNORECASE)
 """An actuator of a file, with stages behind it; its name may have a plus too."""
 
@@ -296,9 +299,10 @@ class Workshop:
             return InputError(
                 "no actuator is named", code="no-actuator", where="actuator", repair="choose one, such as friend-2"
             )
-        if file_stem(name) in self._gone:
+        if name.startswith(_KEY) or file_stem(name) in self._gone:
+            which = "this fit" if name.startswith(_KEY) else f"the fit {name!r}"
             return InputError(
-                f"the fit {name!r} is no longer kept: the page keeps the last {_MOST_FITS}",
+                f"{which} is no longer kept: the page keeps the last {_MOST_FITS}, until it ends",
                 code="no-such-fit",
                 where="actuator",
                 repair="identify again, and save what you want to keep",
@@ -343,7 +347,7 @@ class Workshop:
             "prior": asked.prior,
             "out": str(file),
         }
-        about = FittedFile(asked, file, secrets.token_hex(4), None if start is None else start.made)
+        about = FittedFile(asked, file, f"{_KEY}{secrets.token_hex(4)}", None if start is None else start.made)
         made = FitCard(about, self.jobs.submit("identify", arguments, title=asked.name))
         stem = file_stem(asked.name)
         self.fits = [one for one in self.fits if not (one.is_vain and file_stem(one.asked.name) == stem)]
@@ -520,7 +524,7 @@ class Workshop:
             return made.saved
         stem = made.asked.name.replace(" ", "-")
         is_taken = (self.lab.root / f"{stem}.toml").exists()
-        return f"{stem}-{made.key}.toml" if is_taken else f"{stem}.toml"
+        return f"{stem}-{made.key.removeprefix(_KEY)}.toml" if is_taken else f"{stem}.toml"
 
     def _is_saved(self, made: FittedFile) -> bool:
         """Whether the file that it was saved as is still there, and still that fit."""
