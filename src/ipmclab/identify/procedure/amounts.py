@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.identify.consistency.amounts import shown
+from ipmclab.identify.procedure.written import Written
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -35,6 +36,8 @@ class Uncertain:
         share a source move together.
     assumed : frozenset of str
         Sources of which nobody stated the uncertainty.
+    written : mapping of source to Written
+        What stands in a file for the numbers that it was made of.
 
     Examples
     --------
@@ -47,6 +50,7 @@ class Uncertain:
     value: float
     parts: Mapping[str, float] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
+    written: Mapping[str, Written] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def uncertainty(self) -> float:
@@ -74,7 +78,8 @@ class Uncertain:
     def without(self, sources: Iterable[str]) -> Uncertain:
         """The number as it is when some sources are exact."""
         gone = set(sources)
-        return Uncertain(self.value, {s: p for s, p in self.parts.items() if s not in gone}, self.assumed - gone)
+        kept = {source: part for source, part in self.parts.items() if source not in gone}
+        return replace(self, parts=kept, assumed=self.assumed - gone)
 
     def said(self, unit: str, factor: float = 1.0) -> str:
         """The number with its uncertainty: ``"1.333 ± 0.016 ohm/sq"``; ``factor`` is the unit in SI units."""
@@ -114,7 +119,9 @@ def derived(function: Callable[..., float], *inputs: Uncertain) -> Uncertain:
         slope = (ends[0] - ends[1]) / (2.0 * step)
         for source, part in one.parts.items():
             parts[source] = parts.get(source, 0.0) + slope * part
-    return Uncertain(function(*values), parts, frozenset().union(*(one.assumed for one in inputs)))
+    assumed = frozenset[str]().union(*(one.assumed for one in inputs))
+    written = {source: told for one in inputs for source, told in one.written.items()}
+    return Uncertain(function(*values), parts, assumed, written)
 
 
 def mean_of(values: Sequence[float], source: str) -> Uncertain:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.identify.procedure.amounts import Uncertain, derived, exact, mean_of
 from ipmclab.identify.procedure.hand import taken
+from ipmclab.identify.procedure.step import CURES
+from ipmclab.identify.procedure.written import REPAIR, Written, scatter_of
 from ipmclab.model.four_probe import Contacts, one_face, sheet_factor
 from ipmclab.rig.channels import FourProbe
 
@@ -48,9 +50,12 @@ class FourProbes:
     def of_rig(cls, probe: FourProbe, readings: list[float], zero: float | None = None) -> FourProbes:
         """What a rig's own meter read; its spacing is known as well as contacts are placed by hand."""
         spread = taken("spacing", probe.spacing)
+        texts = tuple(f"{one:.5g} ohm" for one in readings)
         return cls(
             probe.contacts,
-            mean_of(readings, "scatter of the readings of the meter"),
+            replace(
+                mean_of(readings, scatter_of("meter")), written={"meter": Written("readings", texts, tuple(readings))}
+            ),
             Uncertain(probe.spacing, {"spacing": spread}, frozenset({"spacing"})),
             probe.offset,
             None if zero is None else exact(zero),
@@ -88,14 +93,32 @@ def sheet_resistance(probes: FourProbes, width: Uncertain, length: Uncertain) ->
         length = exact(math.inf)  # it does not matter, and neither does how well it is known
     found = derived(square, probes.resistance, zero, probes.spacing, width, length)
     if found.value <= 2.0 * found.uncertainty:
-        raise InputError(
+        raise _no_resistance(probes, zero, found)
+    return found
+
+
+def _no_resistance(probes: FourProbes, zero: Uncertain, found: Uncertain) -> InputError:
+    """Why a sheet resistance is no larger than its uncertainty: one reading, the meter, or what else is not known."""
+    source, share = next(iter(found.shares.items()), ("", 0.0))
+    written = next((one for name, one in found.written.items() if source in (name, scatter_of(name))), None)
+    slip = written.slip() if written is not None and source.startswith(scatter_of("")) else None
+    if slip is None and probes.resistance.value - zero.value <= 2.0 * zero.uncertainty:
+        return InputError(
             f"the meter reads {probes.resistance.value:.4g} ohm, no more than its own offset may be: "
             + (f"up to {probes.offset:g} ohm" if probes.zero is None else f"{zero.value:.4g} ohm"),
             code="no-sheet-resistance",
             where="sheet_resistance.resistance",
             repair="look whether something still joins the contacts, and whether they lie on the strip in their order",
         )
-    return found
+    told = f"the sheet resistance, {found.said('ohm/sq')}, is not known: {100.0 * share:.0f} % of its variance is the "
+    if slip is not None:
+        return InputError(f"{told}{source}: {slip[1]}", code="no-sheet-resistance", where=slip[0], repair=REPAIR)
+    return InputError(
+        f"{told}{source}" + (f": {written.said}" if written is not None else ""),
+        code="no-sheet-resistance",
+        where=written.where if written is not None else "sheet_resistance",
+        repair=CURES.get(source, "read it again, more often; is every unit right?"),
+    )
 
 
 def _on_strip(probes: FourProbes, length: Uncertain) -> None:
@@ -151,4 +174,4 @@ def without_other_face(
 
     middle = derived(corrected, found, probes.outer, probes.spacing, length, thickness, resistivity)
     limit = abs(middle.value - found.value)
-    return Uncertain(middle.value, {**middle.parts, OTHER_FACE: _RECTANGLE * limit}, middle.assumed)
+    return replace(middle, parts={**middle.parts, OTHER_FACE: _RECTANGLE * limit})

@@ -8,6 +8,7 @@ from typing import Any, Final
 from ipmclab.errors import InputError, suggest
 from ipmclab.identify.consistency.known import ASSUMED
 from ipmclab.identify.procedure.amounts import Uncertain, mean_of
+from ipmclab.identify.procedure.written import Written, scatter_of
 from ipmclab.units import Quantity, parse_quantity
 
 _KEYS: Final = ("value", "readings", "standard_uncertainty")
@@ -33,7 +34,16 @@ def taken(name: str, value: float) -> float:
     return size * abs(value) if relative else size
 
 
-def read_hand(raw: Any, quantity: Quantity, *, name: str, source: str, where: str, positive: bool = True) -> Uncertain:
+def read_hand(
+    raw: Any,
+    quantity: Quantity,
+    *,
+    name: str,
+    source: str,
+    where: str,
+    positive: bool = True,
+    assume: bool = True,
+) -> Uncertain:
     """Read a measured quantity.
 
     Parameters
@@ -50,6 +60,8 @@ def read_hand(raw: Any, quantity: Quantity, *, name: str, source: str, where: st
         The key in the file.
     positive : bool
         Whether it has to be above 0.
+    assume : bool
+        Whether a usual uncertainty is taken where none is stated; else there is none beside the scatter of readings.
 
     Raises
     ------
@@ -89,7 +101,7 @@ def read_hand(raw: Any, quantity: Quantity, *, name: str, source: str, where: st
         values = [_number(one, quantity, f"{where}[{place}]") for place, one in enumerate(raw)]
     else:
         values = [_number(raw, quantity, where)]
-    found = mean_of(values, f"scatter of the readings of the {source}")
+    found = mean_of(values, scatter_of(source))
     if positive and not found.value > 0:
         raise InputError(
             f"{found.value:g} {quantity.unit} is not above 0",
@@ -97,10 +109,12 @@ def read_hand(raw: Any, quantity: Quantity, *, name: str, source: str, where: st
             where=where,
             repair="give what was measured",
         )
-    size = taken(name, found.value) if stated is None else stated
+    usual = taken(name, found.value) if assume else 0.0
+    size = usual if stated is None else stated
     assumed = frozenset({source} if stated is None and size else ())
     parts = {**found.parts, source: size} if size else dict(found.parts)
-    return Uncertain(found.value, parts, assumed)
+    texts = tuple(raw) if isinstance(raw, list) else (raw,)
+    return Uncertain(found.value, parts, assumed, {source: Written(where, texts, tuple(values))})
 
 
 def _number(raw: Any, quantity: Quantity, where: str) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -15,6 +15,7 @@ from ipmclab.identify.procedure.hand import read_hand
 from ipmclab.identify.procedure.procedure import Procedure, Runs
 from ipmclab.identify.procedure.push import Push
 from ipmclab.identify.procedure.strip import GEOMETRY
+from ipmclab.identify.procedure.written import REPAIR
 from ipmclab.model import geometry
 from ipmclab.run import Run
 from ipmclab.sample import Sample
@@ -123,9 +124,9 @@ class _Reader:
     def at(self, key: str) -> str:
         return f"{self.where}: {key}"
 
-    def hand(self, raw: Any, quantity: Quantity, key: str, *, name: str, source: str) -> Uncertain:
+    def hand(self, raw: Any, quantity: Quantity, key: str, *, name: str, source: str, assume: bool = True) -> Uncertain:
         positive = name != "geometry.clamped_length"
-        return read_hand(raw, quantity, name=name, source=source, where=self.at(key), positive=positive)
+        return read_hand(raw, quantity, name=name, source=source, where=self.at(key), positive=positive, assume=assume)
 
     def runs(self, paths: list[str], key: str) -> Runs:
         if not paths:
@@ -161,7 +162,7 @@ def _procedure(table: ProcedureTable, reader: _Reader) -> Procedure:
         )
         for key in GEOMETRY
     }
-    geometry.check({name: one.value for name, one in lengths.items()}, where=f"{reader.where}: ")
+    _check_lengths(lengths, reader)
     sheet, dc, density, modulus = table.sheet_resistance, table.dc_resistance, table.density, table.modulus
     contact = table.circuit.contact_resistance if table.circuit else None
     return Procedure(
@@ -197,6 +198,21 @@ def _procedure(table: ProcedureTable, reader: _Reader) -> Procedure:
         else reader.hand(modulus.position, LENGTH, "modulus.position", name="position", source="position"),
         coupling=() if table.coupling is None else reader.runs(table.coupling.runs, "coupling.runs"),
     )
+
+
+def _check_lengths(lengths: Mapping[str, Uncertain], reader: _Reader) -> None:
+    """Refuse dimensions that no strip has, and name the reading that makes them so."""
+    try:
+        for declaration in geometry.DECLARATIONS:
+            declaration.check(lengths[declaration.name].value, where=reader.at(declaration.name))
+        geometry.check({name: one.value for name, one in lengths.items()}, where=f"{reader.where}: ")
+    except InputError as error:
+        for length in lengths.values():
+            for source, written in length.written.items():
+                if (slip := written.slip()) is not None:
+                    told = f"{error.message}; of the readings of the {source} {slip[1]}"
+                    raise InputError(told, code=error.code, where=slip[0], repair=REPAIR) from error
+        raise
 
 
 def _either(
@@ -269,12 +285,13 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
         zero = None
         if table.zero is not None:
             zero = read_hand(
-                _scatter_only(table.zero),
+                table.zero,
                 RESISTANCE,
                 name="zero",
                 source="zero of the meter",
                 where=reader.at("sheet_resistance.zero"),
                 positive=False,
+                assume=isinstance(table.zero, dict),
             )
         offset = parse_quantity(table.offset, RESISTANCE, where=reader.at("sheet_resistance.offset"))
         if offset < 0:
@@ -287,11 +304,13 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
         return FourProbes(
             table.contacts,
             reader.hand(
-                _scatter_only(table.resistance),
+                table.resistance,
                 RESISTANCE,
                 "sheet_resistance.resistance",
                 name="resistance",
                 source="meter",
+                # The offset of the meter is counted apart: nothing is assumed beside the scatter.
+                assume=isinstance(table.resistance, dict),
             ),
             reader.hand(table.spacing, LENGTH, "sheet_resistance.spacing", name="spacing", source="spacing"),
             offset,
@@ -304,13 +323,6 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
         )
 
     return _either(table.value, table.resistance, "sheet_resistance", reader, of_value, of_readings, "resistance")
-
-
-def _scatter_only(raw: Any) -> Any:
-    """Readings of a meter whose offset is counted apart: nothing is assumed beside their scatter."""
-    if isinstance(raw, str):
-        return {"value": raw, "standard_uncertainty": "0 ohm"}
-    return {"readings": raw, "standard_uncertainty": "0 ohm"} if isinstance(raw, list) else raw
 
 
 def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
