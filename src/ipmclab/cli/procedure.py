@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,15 +61,22 @@ def procedure(
     from ipmclab import follow_procedure, read_procedure, write_fit
 
     given = read_procedure(file)
-    with progress(f"{given.name}: the procedure") as tell:
-        found = follow_procedure(given, progress=tell)
-    if found.joint is not None and out is not None:
-        write_fit(found.joint.fit, out, overwrite=force)
-    if as_json and (found.joint is not None or out is None):
-        print_json(_document(found, out))
-        return
+    steps: dict[str, Step] = {}
+    try:
+        with progress(f"{given.name}: the procedure") as tell:
+            found = follow_procedure(given, progress=tell, step_done=lambda step: steps.update({step.name: step}))
+    except (IpmclabError, KeyboardInterrupt):
+        if not as_json:
+            _print_steps(steps)
+        raise
     if not as_json:
         _print(found)
+    elif out is None:
+        print_json(_document(found, out))
+    for step, finding in found.impossible:
+        if as_json and out is None:
+            raise typer.Exit(InputError.exit_status)  # the document holds it
+        raise InputError(finding.message, code=finding.code, where=f"{file}: {step.name}", repair=finding.repair)
     if out is None:
         return
     if found.joint is None:
@@ -79,7 +87,11 @@ def procedure(
             where=str(file),
             repair=found.missing[0].advice,
         )
-    print(f"wrote {out}")
+    write_fit(found.joint.fit, out, overwrite=force)
+    if as_json:
+        print_json(_document(found, out))
+    else:
+        print(f"wrote {out}")
 
 
 def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json: bool) -> None:
@@ -108,6 +120,8 @@ def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json
 def _print(found: Characterisation) -> None:
     for number, step in enumerate(found.steps, start=1):
         _print_step(number, step)
+    if found.impossible:
+        return  # what is next is to write a number again, as the error says
     if found.joint is None:
         step = found.missing[0]
         print_paragraph(f"Next: {step.title}: {step.advice}.")
@@ -122,16 +136,27 @@ def _print(found: Characterisation) -> None:
     print_findings([*found.joint.findings, *told])
 
 
+def _print_steps(steps: Mapping[str, Step]) -> None:
+    """The steps that were done before one failed."""
+    from ipmclab.identify.procedure.follow import TO_DO
+
+    for number, name in enumerate(TO_DO, start=1):
+        if name in steps:
+            _print_step(number, steps[name])
+
+
 def _print_step(number: int, step: Step) -> None:
-    print(f"{number}. {step.title}" + ("" if step.done else f": {step.how}" if not step.results else ": not enough"))
+    cannot_be = any(one.code == "impossible-value" for one in step.findings)
+    state = ": cannot be" if cannot_be else f": {step.how}" if not step.results else ": not enough"
+    print(f"{number}. {step.title}" + ("" if step.done else state))
     if step.done or step.results or step.findings:
-        if step.results:
+        if step.results or cannot_be:
             _print_indented(step.how, "   ")
         rows = [(f"   {name}", one.said, one.because) for name, one in {**step.also, **step.results}.items()]
         if rows:
             print_table(["", "± standard uncertainty", "of which"], rows)
         print_findings(step.findings)
-    if step.advice:
+    if step.advice and not cannot_be:  # the finding says it
         _print_indented(step.advice, "   -> ")
     print()
 

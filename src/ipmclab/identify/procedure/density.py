@@ -11,6 +11,11 @@ from ipmclab.units import DENSITY
 
 NAME: Final = "beam.density"
 
+LEAST: Final = 500.0
+MOST: Final = 21_450.0
+"""What the density of an IPMC can be [kg/m^3]: no ionomer that holds water is half as light as water, and one of
+nothing but platinum, the densest of its metals, has 21 450 (CRC Handbook)."""
+
 
 def density(mass: Uncertain, known: Mapping[str, Uncertain]) -> Step:
     """rho_m = m/((L_f + L_c) w h): of the wet strip, as it works.

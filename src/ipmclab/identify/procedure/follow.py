@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -23,7 +23,9 @@ from ipmclab.identify.procedure.four_probe import (
 from ipmclab.identify.procedure.joint import SHEET, Joint, joint
 from ipmclab.identify.procedure.procedure import Procedure
 from ipmclab.identify.procedure.push import Push
+from ipmclab.identify.procedure.slips import IMPOSSIBLE, looked_over
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding, finding_row
+from ipmclab.identify.procedure.strip import actuator_of
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.run import Finding
 from ipmclab.units import (
@@ -78,6 +80,11 @@ class Characterisation:
     def missing(self) -> tuple[Step, ...]:
         """Steps that are still to be done."""
         return tuple(step for step in self.steps if not step.done)
+
+    @property
+    def impossible(self) -> tuple[tuple[Step, Finding], ...]:
+        """Steps that gave what no strip can have, and what is said of it."""
+        return tuple((step, one) for step in self.steps for one in step.findings if one.code == IMPOSSIBLE)
 
     @property
     def compared(self) -> tuple[Compared, ...]:
@@ -145,7 +152,11 @@ class Compared:
 
 
 def follow_procedure(
-    procedure: Procedure, *, all_at_once: bool = True, progress: Tell | None = None
+    procedure: Procedure,
+    *,
+    all_at_once: bool = True,
+    progress: Tell | None = None,
+    step_done: Callable[[Step], None] | None = None,
 ) -> Characterisation:
     """Carry out every step for which there is something, and the joint fit when all are done.
 
@@ -157,6 +168,9 @@ def follow_procedure(
         Whether the joint fit follows when all steps are done; it takes longer than all of them.
     progress : function of (str, float), optional
         Told what is being done, and how far it is; what it raises ends the work.
+    step_done : function of Step, optional
+        Given each step as it is done, so that it is known also where a later one fails; a step that another one makes
+        better comes twice.
 
     Returns
     -------
@@ -168,10 +182,14 @@ def follow_procedure(
         Something that was measured cannot be.
     """
     with telling(progress):
-        return _follow(procedure, all_at_once=all_at_once)
+        return _follow(procedure, all_at_once, step_done or _nobody)
 
 
-def _follow(procedure: Procedure, *, all_at_once: bool) -> Characterisation:
+def _nobody(_: Step) -> None:
+    """Nobody wants to know."""
+
+
+def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step], None]) -> Characterisation:
     known: dict[str, Uncertain] = {
         **procedure.geometry,
         "circuit.contact_resistance": procedure.contact_resistance,
@@ -179,9 +197,12 @@ def _follow(procedure: Procedure, *, all_at_once: bool) -> Characterisation:
     steps: dict[str, Step] = {}
     by_hand: list[str] = []
 
+    declared = actuator_of(procedure.name, {}, procedure.branch_count).parameters()
+
     def keep(step: Step) -> None:
-        steps[step.name] = step
+        steps[step.name] = step = looked_over(step, declared)
         known.update(step.amounts)
+        step_done(step)
 
     stage("sheet and dc resistance", 0.0, 0.05)
     keep(_sheet(procedure))
