@@ -55,6 +55,25 @@ def test_a_file_has_no_name_of_a_device(name: str, tmp_path: Path) -> None:
         Lab.open(tmp_path).new_file(name, ".toml")
 
 
+@pytest.mark.parametrize("letter", ["a", "é", "字", "𝒜"])
+def test_a_name_that_is_taken_can_be_written(tmp_path: Path, letter: str) -> None:
+    """A file system counts bytes, and a file has a longer name until it is whole."""
+    lab = Lab.open(tmp_path)
+    accepted, codes = [], set()
+    for count in range(1, 100):
+        try:
+            path = lab.new_file(count * letter, ".toml")
+        except InputError as error:
+            codes.add(error.code)
+            continue
+        with replacing(path, overwrite=False) as half:
+            half.write_text("")
+        accepted.append(count)
+    assert accepted == list(range(1, len(accepted) + 1))
+    assert len(accepted) >= 40
+    assert codes == {"bad-name"}
+
+
 @given(st.text(max_size=30))
 def test_whatever_is_named_is_inside_or_refused(name: str) -> None:
     lab = Lab(Path(os.path.realpath(".")))

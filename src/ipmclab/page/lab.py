@@ -26,6 +26,9 @@ _HALF: Final = re.compile(r"\..+\.[0-9a-f]{8}\.part")  # as ``destination`` name
 _LEFT: Final = 600.0
 """How long [s] nobody writes on with a file that nobody writes any more."""
 
+_MOST_BYTES: Final = 200
+"""Of a name that somebody gives: a file system has room for 255, and until a file is whole its name is longer."""
+
 _MOST_TOLD: Final = 80
 """Letters of a name that an error repeats."""
 
@@ -131,12 +134,14 @@ class Lab:
             A name that is no plain file name.
         """
         stem = name.strip().removesuffix(suffix)
-        if _NAME.fullmatch(stem) is None or _DEVICES.match(stem) or stem.endswith((".", " ")):
+        is_named = _NAME.fullmatch(stem) is not None and len(stem.encode()) <= _MOST_BYTES
+        if not is_named or _DEVICES.match(stem) or stem.endswith((".", " ")):
             raise InputError(
-                f"{name!r} is no plain file name",
+                f"{_shortened(name)!r} is no plain file name",
                 code="bad-name",
                 where="name",
-                repair="use letters, digits, spaces, and . + - _; at most 80, beginning with a letter or digit",
+                repair="use letters, digits, spaces, and . + - _; at most 80 (of a script that is not Latin fewer), "
+                "beginning with a letter or digit",
             )
         return self.path(stem + suffix)
 
