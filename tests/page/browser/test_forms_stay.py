@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from ipmclab import load_actuator, simulate, write_run
 from tests.page.browser.conftest import LONG, served
 
 pytest.importorskip("playwright")
@@ -40,3 +41,87 @@ def test_a_field_without_a_number_asks_nothing(tmp_path: Path, open_page) -> Non
         assert command.inner_text() == before  # of the last question that has an answer
         page.get_by_label("Duration", exact=True).fill("20")
         page.get_by_text("--duration '20 s'").wait_for()
+
+
+def test_what_the_forms_say_outlives_the_server(tmp_path: Path, open_page) -> None:
+    (tmp_path / "runs").mkdir()
+    for volts, name in enumerate(("one", "two", "three"), start=1):
+        run = simulate(load_actuator("friend-2"), f"step {volts} V", duration=10.0, rate=50.0)
+        write_run(run, tmp_path / "runs" / f"{name}.nc")
+    with served(tmp_path) as address:
+        identify = open_page(f"{address}/identify?run=runs/one.nc")
+        identify.get_by_label("Fit: runs/two.nc").check()
+        identify.get_by_label("Predict: runs/three.nc").check()
+        identify.get_by_label("Fit: runs/one.nc").uncheck()
+        field(identify, "Actuator, also").fill("friend-2+leak.cubic")
+        identify.get_by_label("leak", exact=True).check()
+        identify.get_by_label("electrical", exact=True).uncheck()
+        identify.get_by_text("One by one").click()
+        identify.get_by_label("coupling.zero is", exact=True).select_option("free per run")
+        identify.get_by_text("--free leak --per-run coupling.zero").first.wait_for()
+
+        over = identify.context.new_page()
+        over.goto(f"{address}/simulate?run=runs/one.nc")
+        over.locator("[data-answers]").wait_for(timeout=LONG)
+        over.get_by_label("Over a run").select_option("runs/two.nc")
+
+        sliders = identify.context.new_page()
+        sliders.goto(f"{address}/simulate")
+        sliders.locator("[data-answers]").wait_for(timeout=LONG)
+        sliders.get_by_label("Signal", exact=True).select_option("sine")
+        sliders.get_by_label("Frequency", exact=True).fill("0.2")
+        sliders.get_by_label("Duration", exact=True).fill("30")
+        number(sliders, "gain").fill("0.005")
+        sliders.get_by_text("'coupling.gain':").wait_for()
+    for page in (identify, sliders, over):
+        page.wait_for_selector("#lab-lost:not([hidden])")
+        page.evaluate("window.isOld = true")
+    # Nobody hears it now but the browser.
+    field(identify, "Name of the fit").fill("mine")
+    identify.get_by_label("Fit: runs/one.nc").check()
+    number(sliders, "zero").fill("3")
+    field(sliders, "Save changed actuator as").fill("softer")
+    sliders.get_by_role("button", name="Load").click()
+    sliders.get_by_role("alert").filter(has_text="What the form says stays; press again when it is back").wait_for()
+
+    with served(tmp_path, "--port", address.rpartition(":")[2]):
+        for page in (identify, sliders, over):
+            page.wait_for_function("!window.isOld && window.lab?.state", timeout=LONG)  # by itself
+        identify.get_by_text("2 to identify from, 1 to predict").wait_for()
+        identify.get_by_text("--free leak --per-run coupling.zero").first.wait_for()
+        ticked = [
+            name for name in ("one", "two", "three") if identify.get_by_label(f"Fit: runs/{name}.nc").is_checked()
+        ]
+        assert ticked == ["one", "two"]
+        assert identify.get_by_label("Predict: runs/three.nc").is_checked()
+        assert field(identify, "Actuator, also").input_value() == "friend-2+leak.cubic"
+        assert field(identify, "Name of the fit").input_value() == "mine"
+
+        sliders.get_by_text("'coupling.zero': 3").wait_for(timeout=LONG)
+        sliders.get_by_text("sine 1 V 0.2 Hz").first.wait_for()
+        said = [sliders.get_by_label(label, exact=True).input_value() for label in ("Signal", "Frequency", "Duration")]
+        assert said == ["sine", "0.2", "30"]
+        assert [number(sliders, name).input_value() for name in ("gain", "zero")] == ["0.005", "3"]
+        assert field(sliders, "Save changed actuator as").input_value() == "softer"
+        over.locator("[data-answers]").wait_for(timeout=LONG)
+        assert over.get_by_label("Over a run").input_value() == "runs/two.nc"
+
+        sliders.get_by_role("link", name="Simulate", exact=True).click()  # who comes anew begins anew
+        sliders.locator("[data-answers]").wait_for(timeout=LONG)
+        assert sliders.get_by_label("Signal", exact=True).input_value() == "step"
+        sliders.get_by_role("link", name="Report", exact=True).click()
+        sliders.wait_for_function("document.title.startsWith('Report')")
+    sliders.wait_for_selector("#lab-lost:not([hidden])")
+    sliders.get_by_role("link", name="Runs", exact=True).click()
+    told = sliders.get_by_role("alert").filter(has_text="Not done: the connection is lost. Press again")
+    told.wait_for()  # and nothing is promised that the browser does not keep
+
+
+def field(page, label: str):
+    """A text field, which may have a list of what could be chosen."""
+    return page.get_by_label(label).and_(page.locator("input")).first
+
+
+def number(page, label: str):
+    """The number beside a slider."""
+    return page.get_by_label(label, exact=True).and_(page.locator("input[type=number]"))

@@ -48,6 +48,11 @@ class FreeTable(Element, component="free_table.js"):
         found: Roles = self._props["chosen"]
         return found
 
+    def choose(self, chosen: Roles) -> None:
+        """Another choice, until ``offer`` says what there is."""
+        self._props["chosen"] = {role: list(chosen[role]) for role in self.chosen}
+        self.update()
+
     def offer(self, actuator: Actuator) -> None:
         """The parameters of an actuator; what it lacks is chosen no longer."""
         known = {name: one for name, one in actuator.parameters().items() if one.transform != "count"}

@@ -15,6 +15,7 @@ from ipmclab.page.elements.free_table import FreeTable
 from ipmclab.page.elements.run_table import Chosen, RunTable
 from ipmclab.page.run_table import RunFilter, table_rows
 from ipmclab.page.sections.fit_view import FitView
+from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
 from ipmclab.page.workshop import FitCard, FitRequest
@@ -33,6 +34,7 @@ class _View:
 
     def __init__(self, context: Context) -> None:
         self._workshop = context.workshop
+        self._kept = Kept(context)
         self._shown: FitCard | None = None
         self._told: dict[str, tuple[Any, ...]] = {}
         self._rows: list[dict[str, Any]] = []
@@ -59,6 +61,10 @@ class _View:
                 self._fit.build()
                 self._prediction = PredictionView(self._workshop, lambda: self._table.chosen["held"])
                 self._prediction.build()
+        for name, field in (("actuator", self._actuator), ("name", self._name)):
+            self._kept.keep(name, field)
+        for name, table in (("runs", self._table), ("free", self._free)):
+            self._kept.keep(name, table, "chosen")
         client.on_delete(self._fit.forget)
         client.on_delete(self._prediction.forget)
         ui.timer(0.01, self._begin, once=True)
@@ -96,8 +102,10 @@ class _View:
             self._name.value = self._offered
 
     async def _begin(self) -> None:
+        kept = await self._kept.values()
         await self._read_rows()
         self._choose_opened()
+        self._go_on(kept)
         self._chose(self._table.chosen)
         await self._read_names()
         done = [one for one in self._workshop.fits if one.frame is not None]
@@ -123,6 +131,23 @@ class _View:
         self._missing.set_text("; ".join(missing))
         if found:
             self._table.choose("fit", list(dict.fromkeys(found)))
+
+    def _go_on(self, kept: dict[str, Any]) -> None:
+        """The form as this window left it; a run that is gone is chosen no longer."""
+        for name, field in (("actuator", self._actuator), ("name", self._name)):
+            if isinstance(kept.get(name), str):
+                field.value = kept[name]
+        if (free := texts(kept.get("free"), tuple(self._free.chosen))) is not None:
+            self._free.choose(free)
+        for role, keys in (texts(kept.get("runs"), tuple(self._table.chosen)) or {}).items():
+            self._table.choose(role, [key for key in keys if self._is_there(key)])
+
+    def _is_there(self, key: str) -> bool:
+        try:
+            self._workshop.run_path(key)
+        except InputError:
+            return False
+        return True
 
     def _table_rows(self) -> list[dict[str, Any]]:
         return table_rows(self._workshop.rows(), RunFilter())[0]
@@ -197,6 +222,7 @@ class _View:
                 self._message.set_text(str(error))
             return
         self._name.value = self._offered  # a name of one's own is given once
+        self._kept.forget("name")
         self._look_at_jobs()
 
     def _look_at_jobs(self) -> None:

@@ -14,6 +14,7 @@ from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
 from ipmclab.page.jobs.tasks.simulate import stamp
 from ipmclab.page.run_table import told_runs
+from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, fail_at, step_view, text
 
 
@@ -27,6 +28,7 @@ class _View:
 
     def __init__(self, context: Context) -> None:
         self._workshop = context.workshop
+        self._kept = Kept(context)
         self._loaded: tuple[str, Actuator, Simulator] | None = None
 
     def build(self) -> None:
@@ -50,7 +52,22 @@ class _View:
         self._host = ui.element("div").classes("lab-full")
         with card("The same without the page"):
             self._step = step_view()
-        ui.timer(0.01, self._load, once=True)
+        for name, field in (("actuator", self._actuator), ("name", self._name)):
+            self._kept.keep(name, field)
+        ui.timer(0.01, self._begin, once=True)
+
+    async def _begin(self) -> None:
+        """What this window had loaded, with the run that it was laid over; the browser moves the sliders itself."""
+        kept = await self._kept.values()
+        view = kept.get("view")
+        if isinstance(view, dict) and isinstance(view.get("actuator"), str):
+            run = view.get("run")
+            self._actuator.value, self._run = view["actuator"], run if isinstance(run, str) and run else None
+        if isinstance(kept.get("name"), str):
+            self._name.value = kept["name"]
+        await self._load()
+        if self._loaded is not None and isinstance(kept.get("actuator"), str):
+            self._actuator.value = kept["actuator"]
 
     async def _load(self) -> None:
         fail_at(self._actuator, None)
@@ -63,6 +80,9 @@ class _View:
             fail_at(self._actuator, error)
             return
         self._missing.set_text("")
+        fit = self._workshop.fit(name)
+        if fit is not None:  # by its key, for in a later session another fit may have its name
+            name, self._actuator.value = fit.key, fit.asked.name
         runs = await self._runs()
         if self._run is not None:
             runs = await self._find_run(runs)

@@ -178,7 +178,8 @@ function holdBack(event) {
   if (!document.documentElement.classList.contains("lab-is-lost")) return;
   event.preventDefault();
   event.stopImmediatePropagation();
-  say("Not done: the connection is lost. What you typed stays; press again when it is back.", false);
+  // A server that ends takes along what only it was told: what a form says stays where the browser keeps it.
+  say(`Not done: the connection is lost. ${window.LabDraft ? "What the form says stays; press" : "Press"} again when it is back.`, false);
 }
 
 // "Stopping" is not said of what has ended: the header then says what the output is at.

@@ -173,8 +173,34 @@ const LabSimulate = (() => {
       this.client = `s${Math.random().toString(36).slice(2)}`;
       this.changes = {};
       this.fields = new Map();
+      this.setters = new Map(); // of each parameter: put its slider somewhere
       this.build();
+      if (!View.isBegun) this.goOn();
+      View.isBegun = true; // what is loaded later is looked at anew
       this.ask();
+    }
+
+    // The fields of the voltage as they are kept; which run it is over the server knows.
+    get said() {
+      const { kind, amplitude, tone, text, duration, rate } = this;
+      return { kind, amplitude, tone, text, duration, rate };
+    }
+
+    // As this window left it, where that was of this actuator.
+    goOn() {
+      const view = window.LabDraft?.kept().values.view;
+      if (view?.actuator !== this.options.actuator) return;
+      for (const [name, input] of Object.entries(this.said)) if (typeof view[name] === "string") input.value = view[name];
+      if (!this.kind.value) this.kind.value = "step";
+      this.arrange();
+      for (const [name, value] of Object.entries(view.changes ?? {}))
+        if (Number.isFinite(value)) this.setters.get(name)?.(value);
+    }
+
+    keep() {
+      const said = Object.fromEntries(Object.entries(this.said).map(([name, input]) => [name, input.value]));
+      const { options: { actuator }, run, changes } = this;
+      window.LabDraft?.keep("view", { ...said, actuator, run: run.value, changes });
     }
 
     destroy() {
@@ -259,7 +285,7 @@ const LabSimulate = (() => {
       const rate = field("Rate", this.rate, "Hz", "rate");
       const run = field("Over a run", this.run, "", "run");
       run.row.classList.add("lab-field-whole"); // what tells runs apart is long
-      const arrange = () => {
+      const arrange = (this.arrange = () => {
         const over = this.run.value !== "";
         const written = this.kind.value === "written";
         if (written && document.activeElement === this.kind) this.text.value = this.signal("sine");
@@ -267,7 +293,7 @@ const LabSimulate = (() => {
         amplitude.row.hidden = over || written;
         tone.row.hidden = over || written || this.kind.value === "step";
         text.row.hidden = over || !written;
-      };
+      });
       this.kind.addEventListener("change", () => {
         arrange();
         this.ask();
@@ -345,12 +371,23 @@ const LabSimulate = (() => {
       }
       field.row.insertBefore(slider, field.message);
       this.fields.set(one.name, field);
-      const change = (value) => {
+      const set = (value) => {
         this.changes[one.name] = value;
         say(value);
         field.row.classList.add("lab-changed");
+      };
+      const change = (value) => {
+        set(value);
         this.ask();
       };
+      const show = (value) => {
+        number.value = digits(value * one.factor);
+        slider.value = toSlider(value);
+      };
+      this.setters.set(one.name, (value) => {
+        show(value);
+        set(value);
+      });
       slider.addEventListener("input", () => {
         const value = toValue(Number(slider.value));
         number.value = digits(value * one.factor);
@@ -366,8 +403,7 @@ const LabSimulate = (() => {
         change(value);
       });
       this.resets.push(() => {
-        number.value = digits(one.value * one.factor);
-        slider.value = toSlider(one.value);
+        show(one.value);
         field.row.classList.remove("lab-changed");
         say(one.value);
       });
@@ -389,6 +425,7 @@ const LabSimulate = (() => {
     }
 
     ask() {
+      this.keep();
       this.isOpen = !this.lacking().length;
       if (!this.isOpen) return void this.wait();
       this.since ??= performance.now();
