@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab import Fit, Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.identify.remarks import remarks
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,6 +35,12 @@ def growing(generator: np.random.Generator, current: FloatArray) -> FloatArray:
 def even(generator: np.random.Generator, current: FloatArray) -> FloatArray:
     """0.1 mA."""
     return np.asarray(current + 1e-4 * generator.standard_normal(len(current)))
+
+
+def humming(generator: np.random.Generator, current: FloatArray) -> FloatArray:
+    """0.3 mA of 1.31 Hz beside 0.1 mA of noise."""
+    time, phase = np.arange(len(current)) / 20.0, generator.uniform(0.0, 6.28)
+    return even(generator, current) + 3e-4 * np.sin(2.0 * np.pi * 1.31 * time + phase)
 
 
 Instrument = Callable[[np.random.Generator, FloatArray], FloatArray]
@@ -75,3 +82,24 @@ def test_noise_that_grows_is_told_with_how_far() -> None:
 def test_noise_of_one_size_is_said_to_grow_once_in_a_thousand() -> None:
     fits = [fitted(even, seed) for seed in range(30)]
     assert sum(one.code == "noise-grows" for fit in fits for one in fit.findings) <= 1
+
+
+def test_a_hum_is_told_with_its_frequency_and_doubts_every_interval() -> None:
+    fit = fitted(humming, 1)
+    told = [one for one in fit.findings if one.code == "noise-not-described"]
+    assert [one.severity for one in told] == ["warning", "warning"]
+    for one in told:
+        assert one.values["frequency"] == pytest.approx(1.31, abs=0.01)
+        assert one.values["amplitude"] == pytest.approx(3e-4, rel=0.15)
+    assert set(remarks(fit).values()) == {"its interval may be too small: the noise is not described"}
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_what_a_model_leaves_of_a_sine_is_no_hum(times: int) -> None:
+    """A part that follows the voltage, or a multiple of it, is an answer of the strip that the model lacks."""
+    run = simulate(FRIEND, "sine 1 V 0.5 Hz", duration=45.0, rate=20.0)
+    assert run.current is not None
+    lacking = 3e-4 * np.sin(2.0 * np.pi * times * 0.5 * run.time + 1.0)
+    seen = replace(run, current=even(np.random.default_rng(3), run.current) + lacking, metadata=RunMetadata())
+    fit = identify(FRIEND, seen, free=["circuit.dc_resistivity", "circuit.branches.0.permittivity"])
+    assert not [one for one in fit.findings if "hum" in one.message]

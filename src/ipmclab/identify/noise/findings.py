@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from ipmclab.identify.noise.blind import Blind
 from ipmclab.identify.noise.correlate import Correlated
+from ipmclab.identify.noise.hum import Hum, hum_in
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.uncertainty.covariance import Uncertainty
 from ipmclab.run import Finding
+from ipmclab.units import CHANNELS
 
 
 def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
@@ -51,6 +53,10 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 channel=output,
             )
         )
+    for place, output in dict.fromkeys((*correlated.noise, *found.coloured)):
+        hum = hum_in(correlated, (place, output))
+        if hum is not None:
+            findings.append(_hum(labels[place], output, hum))
     for (place, output), growth in found.growing.items():
         findings.append(
             Finding(
@@ -91,6 +97,21 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 )
             )
     return findings
+
+
+def _hum(label: str, output: str, hum: Hum) -> Finding:
+    channel = CHANNELS[output]
+    return Finding(
+        "noise-not-described",
+        "warning",
+        f"{label}: the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
+        f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}, which no noise here describes: errors and "
+        "intervals, of what an edge tells above all, may be too small",
+        "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
+        "average over a period of the mains",
+        channel=output,
+        values={"frequency": hum.frequency, "amplitude": hum.amplitude},
+    )
 
 
 def _drift_not_excluded(output: str, blind: Blind) -> Finding:
