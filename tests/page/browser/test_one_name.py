@@ -93,6 +93,15 @@ def test_what_cannot_be_is_said_at_its_field(address: str, open_page, lab: Path)
     page.get_by_role("button", name="Identify").click()
     page.locator(".q-field", has=name).get_by_text("is another actuator's name already").wait_for()
     assert serious(page) == []
+    name.fill("W" * 40)
+    page.get_by_role("button", name="Identify").click()
+    page.get_by_text("free parameters are determined").wait_for(timeout=LONG)
+    for width in (1280, 820, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        job = page.locator(".lab-job").filter(has_text="W" * 40).first.bounding_box()
+        show = page.locator(".lab-job").filter(has_text="W" * 40).get_by_role("button", name="Show").bounding_box()
+        assert show["x"] + show["width"] <= job["x"] + job["width"] + 1
     actuator = page.get_by_label("Actuator, also with stages")
     actuator.fill("")
     page.locator(".q-field", has=actuator).get_by_text("no actuator is named; choose one, such as friend-2").wait_for()

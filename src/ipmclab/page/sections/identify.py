@@ -129,6 +129,7 @@ class _View:
             except InputError as error:
                 missing.append(error.message)
         self._missing.set_text("; ".join(missing))
+        self._missing.set_visibility(bool(missing))
         if found:
             self._table.choose("fit", list(dict.fromkeys(found)))
 

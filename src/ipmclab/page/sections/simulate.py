@@ -47,8 +47,9 @@ class _View:
             self._name = ui.input("Save changed actuator as").props("dense").classes("lab-name")
             ui.button("Save", on_click=self._save).props("outline no-caps")
         self._missing = text("").classes("lab-bad").props("role=alert")
-        if key and fit is None:
-            self._missing.set_text("This fit is no longer kept: load another actuator, or identify again.")
+        self._tell_missing(
+            "This fit is no longer kept: load another actuator, or identify again." if key and not fit else ""
+        )
         self._host = ui.element("div").classes("lab-full")
         with card("The same without the page"):
             self._step = step_view()
@@ -79,7 +80,7 @@ class _View:
         except IpmclabError as error:
             fail_at(self._actuator, error)
             return
-        self._missing.set_text("")
+        self._tell_missing("")
         fit = self._workshop.fit(name)
         if fit is not None:  # by its key, for in a later session another fit may have its name
             name, self._actuator.value = fit.key, fit.asked.name
@@ -94,12 +95,17 @@ class _View:
         if (now := await self._runs()) != runs:
             view.set_runs(now)
 
+    def _tell_missing(self, words: str) -> None:
+        """What the address names and there is not."""
+        self._missing.set_text(words)
+        self._missing.set_visibility(bool(words))
+
     async def _find_run(self, runs: list[tuple[str, str]]) -> list[tuple[str, str]]:
         """The runs that can be laid over, with the one that the address names; that there is none such is said."""
         try:
             self._run = self._workshop.lab.below(self._workshop.run_path(self._run or ""))
         except IpmclabError as error:
-            self._missing.set_text(f"{error.message}: the voltage is that of a step instead.")
+            self._tell_missing(f"{error.message}: the voltage is that of a step instead.")
             self._run = None
             return runs
         if self._run not in dict(runs):  # recorded or copied just now
