@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ipmclab import load_actuator, write_actuator
+from ipmclab import Run, RunMetadata, load_actuator, simulate, write_actuator, write_run
 from ipmclab.identify.posterior import convergence
 from ipmclab.identify.posterior.packages import bayes_package
 
@@ -38,6 +39,25 @@ def test_it_writes_samples_and_says_how_the_chains_did(command, run: str, tmp_pa
     assert (tmp_path / "pairs.svg").read_text("utf-8").count("<svg") == 1
 
 
+def test_mountings_are_told_as_in_identify(command, tmp_path: Path) -> None:
+    """The same finding, and the interval of the next mounting."""
+    names = []
+    for mounting, leak in (("a", 34.0), ("b", 40.0), ("c", 47.0)):
+        strip = load_actuator("friend-2").replace(**{"circuit.dc_resistivity": leak})
+        clean = simulate(strip, "square 1 V 0.1 Hz", duration=10, rate=10)
+        noise = 1e-3 * np.random.default_rng(int(leak)).standard_normal(len(clean))
+        about = RunMetadata(mounting_id=mounting, starts_from_rest=True)
+        run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, metadata=about)
+        write_run(run, tmp_path / f"{mounting}.nc")
+        names.append(f"{mounting}.nc")
+    words = ("--free", "circuit.dc_resistivity", "--out", "posterior.nc", "--force")
+    told = command("posterior", "friend-2", *names, *words)
+    assert told.status == 0
+    assert "next mounting" in told.out.splitlines()[0]
+    assert "average of mountings that differ" in told.out
+    assert "mountings-differ" in told.out
+
+
 def test_chains_that_do_not_agree_write_nothing(
     command, run: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -61,6 +81,7 @@ def test_chains_that_do_not_agree_write_nothing(
         (("--out", "p.nc", "--figure", "pairs.txt"), "must end in .svg or .png or .pdf"),
         (("--out", "p.nc", "--prior", "circuit.dc_resistivity"), "nothing is known beforehand"),
         (("--out", "p.nc", "--steps", "1"), "1 steps are too few"),
+        (("--out", "p.nc", "--per-mounting", "circuit.contact_resistance"), "circuit.contact_resistance"),
     ],
 )
 def test_bad_input_is_refused(command, run: str, words: tuple[str, ...], message: str) -> None:

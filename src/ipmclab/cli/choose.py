@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ipmclab.cli.files import check_output, read_runs
-from ipmclab.cli.options import Force, Json, RunFiles
+from ipmclab.cli.options import Force, Json, PerRun, RunFiles
 from ipmclab.cli.output import console, print_json, print_paragraph, print_table, read, significant
 from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS
@@ -39,9 +39,7 @@ def choose(
         list[str] | None,
         typer.Option(metavar="NAMES", help="As in identify; by default everything in the groups of a model's stages."),
     ] = None,
-    per_run: Annotated[
-        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
-    ] = None,
+    per_run: PerRun = None,
     hold_out: Annotated[
         str | None,
         typer.Option(metavar="runs|blocks", help="Whole runs (the default for several), or blocks of time."),

@@ -11,7 +11,7 @@ import typer
 from ipmclab.cli.files import check_output, read_runs
 from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, print_profiles
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
-from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
+from ipmclab.cli.options import ActuatorName, Force, Json, PerMounting, PerRun, Prior, RunFiles
 from ipmclab.cli.output import (
     finding_document,
     print_briefly,
@@ -41,19 +41,9 @@ def identify(
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write.")],
-    per_run: Annotated[
-        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
-    ] = None,
-    per_mounting: Annotated[
-        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each mounting has for itself.")
-    ] = None,
-    prior: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Free parameters whose value and standard uncertainty in the file count as known beforehand.",
-        ),
-    ] = None,
+    per_run: PerRun = None,
+    per_mounting: PerMounting = None,
+    prior: Prior = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

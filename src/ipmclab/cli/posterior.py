@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import check_output, read_runs
-from ipmclab.cli.options import ActuatorName, Force, Json, RunFiles
+from ipmclab.cli.options import ActuatorName, Force, Json, PerMounting, PerRun, Prior, RunFiles
 from ipmclab.cli.output import (
     finding_document,
     print_briefly,
@@ -30,16 +30,9 @@ def posterior(
     runs: RunFiles,
     free: Annotated[list[str], typer.Option(metavar="NAMES", help="As in identify; repeat it, or use commas.")],
     out: Annotated[Path, typer.Option(metavar="POSTERIOR.nc", help="The samples to write; ArviZ reads them.")],
-    per_run: Annotated[
-        list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
-    ] = None,
-    prior: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Free parameters whose value and standard uncertainty in the file count as known beforehand.",
-        ),
-    ] = None,
+    per_run: PerRun = None,
+    per_mounting: PerMounting = None,
+    prior: Prior = None,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of all pairs.")
     ] = None,
@@ -64,7 +57,15 @@ def posterior(
     loaded = read_runs(runs)
     bayes_package("emcee")  # before the long work
     with progress(f"sampling {model.name}") as tell:
-        fit = identify(model, loaded, free=free, per_run=per_run or [], prior=prior or [], progress=tell)
+        fit = identify(
+            model,
+            loaded,
+            free=free,
+            per_run=per_run or [],
+            per_mounting=per_mounting or [],
+            prior=prior or [],
+            progress=tell,
+        )
         found = sample_posterior(fit, steps=steps, progress=tell)
         write_posterior(found, out, overwrite=force)
         if figure is not None:
@@ -83,25 +84,36 @@ def posterior(
 
 def print_posterior(posterior: Posterior) -> None:
     """Print a posterior: its parameters, and how the chains did."""
+    from ipmclab.identify.remarks import AVERAGED
+
     rows = []
+    next_known = any(one.interval_next_mounting is not None for one in posterior.parameters.values())
     for name, one in posterior.parameters.items():
         factor = one.quantity.to_display(1.0) if one.quantity is not None else 1.0
         low, high = (factor * end for end in one.interval)
         notes = [] if one.is_free else ["fixed, as uncertain as stated"]
         notes += ["with its prior"] if one.is_free and one.prior is not None else []
         notes += ["reaches its bound"] if one.at_bound else []
+        notes += [AVERAGED] if one.is_average else []
+        following = one.interval_next_mounting
+        ends = "-" if following is None else " to ".join(significant(factor * end, 3) for end in following)
         rows.append(
             [
                 name,
                 significant(factor * one.median, 5),
                 f"{significant(low, 5)} to {significant(high, 5)}",
+                *([ends] if next_known else []),
                 one.quantity.display_unit if one.quantity is not None else one.unit,
                 f"{one.convergence.r_hat:.4f}",
                 f"{one.convergence.bulk:.0f}",
                 ", ".join(notes),
             ]
         )
-    print_table(["parameter", "median", "95 % of samples", "unit", "R-hat", "effective samples", ""], rows)
+    intervals = ["95 % of samples", *(["next mounting"] if next_known else [])]
+    print_table(["parameter", "median", *intervals, "unit", "R-hat", "effective samples", ""], rows)
+    why = posterior.next_mounting_unknown
+    if why:
+        print_paragraph(f"{why[0].upper()}{why[1:]}.")
     if posterior.left_out:
         print_paragraph(f"Not sampled, because the runs do not show it: {', '.join(posterior.left_out)}.")
     if any(one.at_bound for one in posterior.parameters.values()):
@@ -127,9 +139,11 @@ def posterior_document(posterior: Posterior) -> dict[str, Any]:
                 "median": one.median,
                 "standard_deviation": one.standard_deviation,
                 "interval": one.interval,
+                "interval_next_mounting": one.interval_next_mounting,
                 "unit": one.unit,
                 "prior": one.prior,
                 "at_bound": one.at_bound,
+                "is_average": one.is_average,
                 "is_free": one.is_free,
                 "r_hat": one.convergence.r_hat,
                 "effective_samples": one.convergence.bulk,
@@ -140,6 +154,7 @@ def posterior_document(posterior: Posterior) -> dict[str, Any]:
         },
         "correlations": {one: {other: posterior.correlation(one, other) for other in names} for one in names},
         "left_out": posterior.left_out,
+        "next_mounting_unknown": posterior.next_mounting_unknown or None,
         "findings": [finding_document(finding) for finding in posterior.findings],
         "seed": posterior.seed,
         "steps": posterior.steps,

@@ -9,7 +9,9 @@ from ipmclab.identify.many_runs.mountings import differ, dragged
 if TYPE_CHECKING:
     from ipmclab.identify.fit import Fit
 
-_AVERAGED: Final = "average of mountings that differ: its interval holds for none of them"
+AVERAGED: Final = "average of mountings that differ: its interval holds for none of them"
+"""Said beside a shared parameter that is not the same in every mounting."""
+
 _NOT_DESCRIBED: Final = "its interval may be too small: the noise is not described"
 
 
@@ -20,7 +22,7 @@ def remarks(fit: Fit) -> dict[str, str]:
     found = {}
     for name, one in fit.parameters.items():
         found[name] = "at its bound" if one.at_bound else "with its prior" if one.prior else ""
-        found[name] = found[name] or (_AVERAGED if name in averaged else "")
+        found[name] = found[name] or (AVERAGED if name in averaged else "")
         found[name] = found[name] or ("" if described or not one.determined else _NOT_DESCRIBED)
     return found
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab import (
+    Finding,
     Fit,
     InputError,
     Run,
@@ -196,6 +197,55 @@ def test_residuals_that_no_noise_describes_are_told(fit: Fit) -> None:
     wrong = identify(FRIEND.replace(**{"circuit.branches.1.permittivity": 0.3}), [measured()], free=DC)
     assert wrong.estimate is not None
     assert {"model-incomplete", "posterior-too-narrow"} <= {finding.code for finding in doubts(wrong, wrong.estimate)}
+
+
+def in_mountings(*leaks: float) -> list[Run]:
+    """Runs of one strip whose leak the clamp changes."""
+    generator = np.random.default_rng(20261121)
+    noise = 1e-3
+    runs = []
+    for name, leak in zip("abc", leaks, strict=False):
+        strip = FRIEND_2.changed(dc_resistance=leak * FRIEND_2.thickness / (FRIEND_2.total_length * FRIEND_2.width))
+        clean = noisy_current(strip, VOLTAGE, RATE, noise, generator)
+        about = RunMetadata(mounting_id=name, starts_from_rest=True)
+        runs.append(Run.from_arrays(time=TIME, voltage=VOLTAGE, current=clean, hold="zero", metadata=about))
+    return runs
+
+
+def test_mountings_that_differ_are_told_with_the_interval_of_the_next() -> None:
+    runs = in_mountings(36.0, 40.0, 44.0)
+    fit = identify(FRIEND, runs, free=DC)
+    found = sample_posterior(fit)
+    assert [finding.code for finding in found.findings if finding.code == "mountings-differ"] == ["mountings-differ"]
+    one = found.parameters[DC]
+    assert one.is_average
+    assert one.interval_next_mounting == fit.parameters[DC].interval_next_mounting
+    assert one.interval_next_mounting is not None
+    # The samples hold for none of the outer two; the next mounting's interval for each.
+    assert 36.0 < one.interval[0] < one.interval[1] < 44.0
+    assert one.interval_next_mounting[0] < 36.0 < 44.0 < one.interval_next_mounting[1]
+    assert found.next_mounting_unknown == ""
+
+
+def test_each_mounting_has_samples_of_its_own_and_two_tell_nothing_of_a_third() -> None:
+    found = sample_posterior(identify(FRIEND, in_mountings(36.0, 44.0), free=DC, per_mounting=DC))
+    assert found.findings == ()
+    for name, leak in (("a", 36.0), ("b", 44.0)):
+        own = found.parameters[f"{DC}[mounting {name}]"]
+        assert not own.is_average
+        assert abs(own.mean - leak) < 4.0 * own.standard_deviation
+        assert own.interval_next_mounting is None
+    assert "cannot be known from two mountings: it takes three or more" in found.next_mounting_unknown
+
+
+def test_where_mountings_differ_nobody_is_sent_to_the_intervals_of_the_fit() -> None:
+    """They hold for none of the mountings either."""
+    wrong = identify(FRIEND.replace(**{"circuit.branches.1.permittivity": 0.3}), [measured()], free=DC)
+    assert wrong.estimate is not None
+    differ = Finding("mountings-differ", "warning", "2 mountings differ by more than their errors")
+    for findings, cure in ((wrong.findings, "use the intervals of the fit"), ((differ,), "per_mounting")):
+        told = {one.code: one for one in doubts(replace(wrong, findings=findings), wrong.estimate)}
+        assert cure in told["posterior-too-narrow"].repair
 
 
 def test_what_cannot_be_sampled_is_refused(fit: Fit, tmp_path: Path) -> None:

@@ -11,12 +11,22 @@ from ipmclab.identify.uncertainty.covariance import is_coloured
 from ipmclab.run import Finding
 
 _AGAINST: Final = frozenset(
-    {"model-explains-nothing", "model-incomplete", "impossible-current", "not-converged", "prior-contradicted"}
+    {
+        "impossible-current",
+        "model-explains-nothing",
+        "model-incomplete",
+        "mountings-differ",
+        "not-converged",
+        "prior-contradicted",
+    }
 )
 
 
 def doubts(fit: Fit, estimate: Estimate) -> tuple[Finding, ...]:
-    """Findings where the likelihood is not that of the readings: the intervals of a fit allow for it, samples cannot.
+    """Findings where the likelihood is not that of the readings, and what the fit itself does not believe.
+
+    The intervals of a fit allow for residuals that no noise describes, samples cannot. Where mountings differ the
+    intervals of the fit hold for none of them either.
 
     Parameters
     ----------
@@ -26,6 +36,9 @@ def doubts(fit: Fit, estimate: Estimate) -> tuple[Finding, ...]:
     """
     problem, solution = estimate.correlated.problem, estimate.correlated.solution
     found = [finding for finding in fit.findings if finding.code in _AGAINST]
+    repair = "use the intervals of the fit, which allow for it; a further branch or stage may help"
+    if any(finding.code == "mountings-differ" for finding in found):
+        repair = "name what the clamp changes in per_mounting, or sample each mounting by itself"
     labels = {record.place: record.label for record in problem.records}
     for (place, output), piece in problem.pieces.items():
         exact = problem.noise[place, output] <= AT_FLOOR * problem.floors[place, output]
@@ -37,7 +50,7 @@ def doubts(fit: Fit, estimate: Estimate) -> tuple[Finding, ...]:
                 "warning",
                 f"{labels[place]}: what is left of {output} hangs together as no model of its noise describes "
                 "(Ljung-Box, p < 0.1 %), and the likelihood knows of no such noise: the samples are too narrow",
-                "use the intervals of the fit, which allow for it; a further branch or stage may help",
+                repair,
                 channel=output,
             )
         )

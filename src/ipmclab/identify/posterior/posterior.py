@@ -15,6 +15,7 @@ from ipmclab.destination import replacing
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.identify.estimate import Estimate
 from ipmclab.identify.fit import Fit
+from ipmclab.identify.many_runs.mountings import why_unknown
 from ipmclab.identify.order import Order
 from ipmclab.identify.posterior.convergence import Convergence, Judgement
 from ipmclab.identify.posterior.coordinates import Straight
@@ -23,6 +24,7 @@ from ipmclab.identify.posterior.doubts import doubts
 from ipmclab.identify.posterior.packages import bayes_package
 from ipmclab.identify.posterior.sampling import LEAST_STEPS, Chains, sample
 from ipmclab.identify.progress import Tell, part, stage, telling
+from ipmclab.identify.remarks import averages
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
@@ -60,6 +62,10 @@ class SampledParameter:
     is_free : bool
         Whether the fit moved it; else it is a fixed parameter whose stated uncertainty matters.
     convergence : Convergence
+    interval_next_mounting : pair of float [SI] or None
+        Where the fit expects the value of the next mounting of the strip; None where it cannot be known.
+    is_average : bool
+        Whether the mountings of the fit differ by more than their errors: the samples then hold for none of them.
     """
 
     name: str
@@ -74,6 +80,8 @@ class SampledParameter:
     at_bound: bool
     is_free: bool
     convergence: Convergence
+    interval_next_mounting: tuple[float, float] | None
+    is_average: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +99,10 @@ class Posterior:
     left_out : tuple of str
         Free parameters that the readings do not show at all, and which the fit switched off.
     findings : tuple of Finding
-        What speaks against the likelihood: residuals that no noise describes, a prior that is contradicted.
+        What speaks against the likelihood: residuals that no noise describes, a prior that is contradicted, mountings
+        that differ.
+    next_mounting_unknown : str
+        Why nothing is said of the next mounting; empty where something is.
     runs : tuple of (label, content hash)
     seed, steps : int
         Of the chains; every walker made so many steps, of which the later half was kept.
@@ -105,6 +116,7 @@ class Posterior:
     log_density: FloatArray = field(repr=False)
     left_out: tuple[str, ...]
     findings: tuple[Finding, ...]
+    next_mounting_unknown: str
     runs: tuple[tuple[str, str], ...]
     seed: int
     steps: int
@@ -217,7 +229,7 @@ def _place(rival: Rival, density: Density) -> FloatArray:
 
 def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: int) -> Posterior:
     assert fit.estimate is not None
-    known = fit.actuator.parameters()
+    known, averaged = fit.actuator.parameters(), averages(fit)
     solved = len(fit.estimate.problem.unknowns)
     thin = max(chains.vectors.shape[1] // _DRAWS, 1)
     parameters: dict[str, SampledParameter] = {}
@@ -238,6 +250,8 @@ def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: in
             at_bound=_at_bound(unknown, (low, high)),
             is_free=number < solved,
             convergence=chains.judgement.of[name],
+            interval_next_mounting=fit.parameters[name].interval_next_mounting if name in fit.parameters else None,
+            is_average=name in averaged,
         )
         samples[name] = values[:, ::thin]
     sequence = [name for name in (*fit.parameters, *parameters) if name in parameters]
@@ -248,6 +262,7 @@ def _told(fit: Fit, density: Density, chains: Chains, names: list[str], seed: in
         log_density=chains.log_density[:, ::thin],
         left_out=tuple(name for name in fit.parameters if name not in parameters),
         findings=doubts(fit, fit.estimate),
+        next_mounting_unknown=why_unknown(fit),
         runs=fit.runs,
         seed=seed,
         steps=chains.steps,
