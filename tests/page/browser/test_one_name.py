@@ -62,17 +62,21 @@ def test_two_who_identify_at_once_have_each_their_own_fit(address: str, open_pag
 def test_after_back_the_form_shows_what_is_going_to_be_identified(address: str, open_page) -> None:
     page = open_page(f"{address}/identify?run=runs/step.nc")
     page.get_by_text("--free electrical").first.wait_for()
+    page.get_by_label("Actuator, also with stages").fill("friend-2+leak.cubic")
+    page.get_by_label("leak", exact=True).check()
+    asked = "ipmclab identify friend-2+leak.cubic runs/step.nc --free electrical,leak "
+    page.get_by_text(asked).first.wait_for()
     page.get_by_role("link", name="Report", exact=True).first.click()
     page.get_by_role("button", name="Make the report").wait_for()
     page.go_back()
     page.get_by_text("1 to identify from, 0 to predict").wait_for()
-    page.get_by_text("ipmclab identify friend-2 runs/step.nc --free electrical").first.wait_for()
+    page.get_by_text(asked).first.wait_for()
     page.get_by_label("Fit: runs/step.nc").wait_for()
     page.get_by_label("friend-7-measured", exact=True).wait_for()
     page.get_by_text("One by one").click()
-    page.get_by_label("beam.modulus is", exact=True).wait_for()
+    page.get_by_label("leak.cubic.linear is", exact=True).wait_for()
     ticked = [one for one in page.evaluate(TICKED) if not one.startswith("fit ")]  # what is shown of other fits
-    assert ticked == ["Fit: runs/step.nc", "electrical"]
+    assert ticked == ["Fit: runs/step.nc", "electrical", "leak"]
     assert set(page.locator(".lab-free select").evaluate_all("all => all.map((one) => one.value)")) == {"fixed"}
 
 
