@@ -58,12 +58,16 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
         if hum is not None:
             findings.append(_hum(labels[place], output, hum))
     for (place, output), growth in found.growing.items():
+        model = correlated.noise.get((place, output))
+        walks = model is not None and model.terms.drifts
+        grows = f"larger where the {output} is, up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
         findings.append(
             Finding(
-                "noise-grows",
-                "info",
-                f"{labels[place]}: the noise of {output} is larger where the {output} is, up to {growth.times:.2g} "
-                "times (Spearman, p < 0.1 %): errors and intervals allow for it",
+                "noise-not-described" if walks else "noise-grows",
+                "warning" if walks else "info",
+                f"{labels[place]}: {output} drifts, and its noise is {grows}: errors and intervals may be too small"
+                if walks
+                else f"{labels[place]}: the noise of {output} is {grows}: errors and intervals allow for it",
                 "look at the residuals in the report; a further branch or stage may help, or another range of the "
                 "converter",
                 channel=output,

@@ -45,7 +45,7 @@ class Uncertainty:
     freedom : float array, shape (n,)
         Degrees of freedom with which each variance is known.
     growing : mapping of (place, output) to Growth
-        Noise that is larger where the answer is, as the covariance allows for.
+        Noise that is larger where the answer is, as the covariance allows for where the noise does not drift.
     """
 
     covariance: FloatArray
@@ -128,15 +128,18 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         kept = np.flatnonzero(~nuisance)
         covariance = plain + correlated.spread.added[np.ix_(kept, kept)]
         freedom = np.minimum(correlated.spread.freedom[kept], freedom)
-    robust = [key for key in coloured if key not in correlated.noise or not correlated.noise[key].terms.drifts]
-    if robust or growing:
+    drifting = {key for key, noise in correlated.noise.items() if noise.terms.drifts}
+    robust = [key for key in coloured if key not in drifting]
+    # What a walk adds is not of the row where it shows: no variance of a row stands for it.
+    uneven = {key: one for key, one in growing.items() if key not in drifting}
+    if robust or uneven:
         beforehand = own[max(piece.stop for piece in pieces.values()) :]
         middle = beforehand.T @ beforehand
         for key, piece in pieces.items():
             if key in robust:
                 middle += long_run(own[piece], evaluation.residual[piece])
             else:
-                variance = growing[key].variance if key in growing else 1.0
+                variance = uneven[key].variance if key in uneven else 1.0
                 middle += (own[piece].T * variance) @ own[piece]
         covariance = covariance + plain @ (middle @ plain - np.eye(asked))
 
