@@ -217,6 +217,33 @@ def test_a_leak_below_its_threshold_says_nothing_of_itself() -> None:
     assert identifiability(leaking, free="electrical,leak", voltage=3.0).is_complete
 
 
+@pytest.mark.parametrize("own", ["observation.offset.current", "observation.drift.current"])
+@pytest.mark.parametrize("free", ["", "electrical"])
+def test_what_a_sensor_adds_counts_as_it_does_in_a_fit(own: str, free: str) -> None:
+    names = [own, *([free] if free else [])]
+    clean = simulate(FRIEND, "step 1 V delay=5 s", duration=30.0, rate=20.0)
+    assert clean.current is not None
+    noise = 1e-5 * np.random.default_rng(SEED).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold=clean.hold)
+    found = identifiability(FRIEND, free=names, outputs="current")
+    assert own in found.free
+    assert found.is_complete
+    assert found.rank == identify(FRIEND, run, free=names).rank
+
+
+def test_an_output_that_is_not_read_says_nothing_of_its_sensor() -> None:
+    names = ["electrical", SHEET, "observation.offset.force", "observation.drift.current"]
+    found = identifiability(FRIEND, free=names, outputs="current")
+    assert (found.rank, len(found.free)) == (6, 8)
+    series, sensor = sorted(found.directions, key=lambda one: abs(one.coefficients["observation.offset.force"]))
+    assert sensor.cures == ("record force",)
+    assert series.cures == identifiability(FRIEND, free=["electrical", SHEET]).directions[0].cures
+    assert identifiability(FRIEND, free="observation.offset.force", outputs=["current", "force"]).is_complete
+    nothing = identifiability(FRIEND, free="observation.drift.displacement", outputs="current")
+    assert (nothing.rank, len(nothing.directions)) == (0, 1)
+    assert "current says nothing of observation.drift.displacement" in str(nothing)
+
+
 @pytest.mark.parametrize(
     ("given", "code"),
     [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,13 +58,18 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     """
     moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > _MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in _MEASURED.items() if name in moved]
-    known = "" if any(name.startswith("coupling.") for name in names) else " (if the coupling is known from elsewhere)"
+    leans = not (any(name.startswith("coupling.") for name in names) or _is_of_sensors(moved))
+    known = " (if the coupling is known from elsewhere)" if leans else ""
     for output in outputs:
         said = f"add a {output} run" if output == outputs[0] else f"a {output} run"
         found.append(Cure(f"record {output}", said + (known if output == outputs[-1] else "")))
     if not found and moved and all(name.startswith("leak.") for name in moved):
         found.append(Cure("raise voltage", "record at several voltages above the threshold of the leak"))
     return tuple(found)
+
+
+def _is_of_sensors(moved: Collection[str]) -> bool:
+    return all(name.startswith("observation.") for name in moved)
 
 
 def measured(name: str) -> str:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.identify.fit import Direction
-from ipmclab.identify.free import parse_free
+from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.observation import READ_OUTPUTS
 from ipmclab.identify.undetermined.closed_form import NOTHING, NOTHING_OF_LAWS, null_space, others, sensitivity
 from ipmclab.identify.undetermined.cures import Cure, cures_of, said_of
@@ -19,6 +20,8 @@ from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator
 
 FloatArray = npt.NDArray[np.float64]
+
+_MOVED: Final = 1e-3  # of a direction of unit length
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,8 @@ def identifiability(
 
     For a linear actuator that is the rank of the derivatives of the transfer function by every free parameter, exact
     at all frequencies that its poles reach; with a leak, or before a laser, of the response to a staircase of voltages.
-    It holds at the actuator's values, and at almost all others.
+    It holds at the actuator's values, and at almost all others. The zero and the slope of a sensor
+    (``observation.offset.current``) show wherever its output is read, in runs that begin at 0 V.
 
     Parameters
     ----------
@@ -109,20 +113,50 @@ def identifiability(
             where="voltage",
             repair="give the largest voltage that the runs apply",
         )
-    names = parse_free(actuator.parameter_values, free).actuator
-    matrix = sensitivity(actuator, names, asked, voltage=voltage)
+    chosen = parse_free(actuator.parameter_values, free)
+    of_strip, of_sensors = chosen.actuator, chosen.observation
+    names = (*of_strip, *of_sensors)
+    matrix = beside_sensors(
+        sensitivity(actuator, of_strip, asked, voltage=voltage) if of_strip else np.zeros((0, 0)),
+        [name.rsplit(".", 1)[1] in asked for name in of_sensors],
+    )
     singular, null = null_space(matrix, nothing=NOTHING if actuator.system.law_ports is None else NOTHING_OF_LAWS)
     found = tuple(
-        direction(names, row, asked, cures_of(names, row, others(actuator, names, asked, row, voltage=voltage)))
+        direction(names, row, asked, cures_of(names, row, _shown_by(actuator, chosen, asked, row, voltage)))
         for row in null
     )
     return Identifiability(names, asked, len(names) - len(null), tuple(map(float, singular)), found)
 
 
+def beside_sensors(matrix: FloatArray, is_read: Sequence[bool]) -> FloatArray:
+    """The sensitivity to parameters of the strip, and beside it to what sensors add to their readings.
+
+    A zero and a slope show while no voltage is applied yet, where no parameter of the strip does: each has a row of its
+    own, which is empty where its output is not read.
+    """
+    rows, columns = matrix.shape
+    found = np.zeros((rows + len(is_read), columns + len(is_read)))
+    found[:rows, :columns] = matrix
+    found[rows:, columns:] = np.diag(np.asarray(is_read, dtype=np.float64))
+    return found
+
+
+def _shown_by(
+    actuator: Actuator, chosen: FreeParameters, asked: Sequence[str], row: FloatArray, voltage: float
+) -> tuple[str, ...]:
+    """Outputs that are not read and would show a combination, which is one of the strip or of a sensor."""
+    count = len(chosen.actuator)
+    if np.any(np.abs(row[:count]) > _MOVED):
+        return others(actuator, chosen.actuator, asked, row[:count], voltage=voltage)
+    return tuple(
+        name.rsplit(".", 1)[1] for name, part in zip(chosen.observation, row[count:], strict=True) if abs(part) > _MOVED
+    )
+
+
 def direction(names: Sequence[str], row: FloatArray, outputs: Sequence[str], cures: Sequence[Cure]) -> Direction:
     """A combination that no reading of some outputs shows."""
     coefficients = dict(zip(names, map(float, row), strict=True))
-    moved = sorted((name for name in names if abs(coefficients[name]) > 1e-3), key=lambda n: -abs(coefficients[n]))
+    moved = sorted((name for name in names if abs(coefficients[name]) > _MOVED), key=lambda n: -abs(coefficients[n]))
     listed = " and ".join(outputs)
     what = (
         f"{listed} says nothing of {moved[0]}"
