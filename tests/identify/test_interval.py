@@ -12,8 +12,10 @@ import pytest
 from ipmclab.identify.problem import Evaluation
 from ipmclab.identify.solve import Solution
 from ipmclab.identify.uncertainty.covariance import Uncertainty
-from ipmclab.identify.uncertainty.interval import _shortest, as_determined
+from ipmclab.identify.uncertainty.interval import _shortest, as_determined, beside_bounds
 from ipmclab.identify.uncertainty.profile import Walk
+from ipmclab.identify.unknowns import actuator_unknown
+from ipmclab.model import load_actuator
 
 SEED = 20261121
 TAILS = (0.025, 0.03, 0.035, 0.04)
@@ -90,3 +92,20 @@ def test_what_its_nearer_side_calls_determined_is_known_as_well_as_that() -> Non
     sharper = as_determined(found, errors, np.array([0.4, 0.5]))
     assert np.sqrt(sharper.covariance.diagonal()) == pytest.approx([0.4, 0.6])
     assert as_determined(found, errors, np.full(2, math.inf)) is found
+
+
+def test_where_the_search_ends_a_side_is_open_and_where_something_is_known_it_is_not() -> None:
+    declared = load_actuator("friend-2+clamp").parameters()
+    resistivity = actuator_unknown(declared["circuit.branches.0.resistivity"], None)
+    ends = resistivity.entry(declared["circuit.branches.0.resistivity"].upper)
+    assert beside_bounds(resistivity, 0.0, ends) == (1.0, math.inf)
+    assert beside_bounds(resistivity, -1000.0, 0.0) == (0.0, 1.0)
+    # A resistance may be nothing, a share everything, and neither is what a search ends at.
+    contact = actuator_unknown(declared["circuit.contact_resistance"], None)
+    assert beside_bounds(contact, -1.0, 2.0) == (0.0, 2.0)
+    assert beside_bounds(contact, 1e-4, 1e9) == (1e-4, math.inf)
+    share = actuator_unknown(declared["clamp.direct_share"], None)
+    assert beside_bounds(share, 5e-4, 2.0) == (5e-4, 1.0)
+    # What is known beforehand ends an interval wherever that is.
+    measured = resistivity.known(2e-6, 1e-7)
+    assert beside_bounds(measured, measured.entry(1e-6), 0.0)[0] == pytest.approx(1e-6)

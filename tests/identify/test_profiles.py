@@ -12,6 +12,7 @@ import scipy.optimize
 
 from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, profile, read_fit, simulate, write_fit
 from ipmclab.identify import Fit
+from ipmclab.identify.uncertainty.profiles import flat_within
 from ipmclab.report.figures.profiles import profiles_figure
 from tests.independent.bounds import ELECTRICAL, log_parameters_of, lsim_current, strip_of
 from tests.independent.thesis import FRIEND_2
@@ -108,6 +109,55 @@ def test_what_a_short_fast_run_does_not_show_is_open_on_both_sides_or_one(tmp_pa
         profile(again)
     assert caught.value.code == "fit-without-readings"
     assert caught.value.repair
+
+
+@pytest.fixture(scope="module")
+def slow_rows() -> Fit:
+    """Of few and noisy rows: other minima are as good, and nothing is altogether open."""
+    clean = simulate(FRIEND, "step 1 V delay=1 s", duration=20.0, rate=5.0)
+    assert clean.current is not None
+    noise = 1e-3 * np.random.default_rng(3).standard_normal(len(clean))
+    rest = RunMetadata(starts_from_rest=True)
+    run = Run.from_arrays(
+        time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero", metadata=rest
+    )
+    return profile(identify(FRIEND, run, free="electrical"))
+
+
+def inside(fit: Fit, name: str) -> list[float]:
+    """Excess of chi-square at the values of a profile that lie well within the interval, as a part of the threshold."""
+    one = fit.profiles[name]
+    low, high = fit.parameters[name].interval
+    values = zip(one.values, one.excess, strict=True)
+    edge = 0.1 * (high - low)
+    return [excess / one.threshold for value, excess in values if low + edge < value < high - edge]
+
+
+def test_other_minima_as_good_do_not_make_every_value_between_as_good(slow_rows: Fit) -> None:
+    open_ones = [
+        name for name, one in slow_rows.parameters.items() if not one.determined and name in slow_rows.profiles
+    ]
+    assert DC in open_ones
+    assert slow_rows.rank == 5
+    assert max(inside(slow_rows, DC)) > 0.25, "halfway the readings are explained noticeably worse"
+    assert not any(flat_within(slow_rows, name) for name in open_ones)
+
+
+def test_along_an_open_direction_every_value_within_the_interval_is_as_good() -> None:
+    six = profile(identify(FRIEND, [record(), record("sine 1 V 0.1 Hz")], free=["electrical", SHEET]), [SHEET, DC])
+    assert flat_within(six, SHEET)
+    assert flat_within(six, DC)
+    assert max(inside(six, SHEET)) < 0.01
+
+
+def test_no_interval_and_no_profile_ends_where_only_the_search_does() -> None:
+    """What a parameter may at most be for the search (1e9 ohm m) is no number that readings gave."""
+    fit = identify(FRIEND, record("sine 1 V 2 Hz", duration=5.0, rate=100.0), free="electrical")
+    declared = FRIEND.parameters()
+    for fitted in (fit, profile(fit)):
+        for name, one in fitted.parameters.items():
+            assert not {declared[name].lower, declared[name].upper} & {*one.interval}, name
+    assert (0.0, np.inf) in [one.interval for one in fit.parameters.values()]
 
 
 def test_under_correlated_noise_the_profile_widens_as_the_error_does() -> None:

@@ -28,6 +28,7 @@ from ipmclab.identify.solve import Solution
 from ipmclab.identify.uncertainty.covariance import Uncertainty, uncertainty
 from ipmclab.identify.uncertainty.interval import (
     as_determined,
+    beside_bounds,
     edges_are_open,
     half_width,
     interval_of,
@@ -113,7 +114,7 @@ def build_fit(
         if unknown.name in beside:
             middle, spread = beside[unknown.name]
             reach = NORMAL_95 * spread
-            ends = unknown.value(middle - reach), unknown.value(middle + reach)
+            ends = beside_bounds(unknown, middle - reach, middle + reach)
             interval = min(interval[0], ends[0]), max(interval[1], ends[1])
             variance = max(variance, spread**2, (middle - float(solution.theta[place])) ** 2)
             size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)

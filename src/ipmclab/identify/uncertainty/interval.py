@@ -28,6 +28,7 @@ _HOPELESS: Final = 1.5  # and above which the interval is open without asking: f
 _DEAR: Final = 0.7  # the same where each run of the model is dear
 _TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
 _SURE_AT_LIMITS: Final = 0.995
+_AT_LIMIT: Final = 1e-3  # of a logarithm: nearer to where the search ends it says no more than that
 _OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the readings leave of it
 _LEFT_OUT: Final = 0.05  # of the probability, beyond both ends together
 _TAILS: Final = (0.025, 0.03, 0.035, 0.04)  # of it beyond the end that lies farther off
@@ -94,7 +95,7 @@ def interval_of(
     reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
     curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
     if not curved or not (unknown.log or unknown.base.startswith(_NONLINEAR)):
-        return Interval(unknown.value(entry - reach), unknown.value(entry + reach))
+        return Interval(*beside_bounds(unknown, entry - reach, entry + reach))
     if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
         return Interval(*beside_bounds(unknown, -math.inf, math.inf))
     plain = float(found.plain[number, number])
@@ -142,9 +143,21 @@ def open_ends(unknown: Unknown) -> tuple[float, float]:
 
 
 def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
-    """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something."""
-    ends = open_ends(unknown)
-    return ends[0] if math.isinf(low) else unknown.value(low), ends[1] if math.isinf(high) else unknown.value(high)
+    """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something.
+
+    How far a fit looks for a parameter (1e9 ohm m) means nothing: an entry there is an open side too. What is known
+    beforehand, and the rows between which an edge lies, do mean something.
+    """
+    open_low, open_high = open_ends(unknown)
+    least, most = unknown.limits
+    if unknown.log:
+        least, most = least + _AT_LIMIT, most - _AT_LIMIT
+    if unknown.prior is not None or unknown.base.startswith("observation."):
+        least, most = -math.inf, math.inf
+    return (
+        open_low if low <= least else unknown.value(low),
+        open_high if high >= most else unknown.value(high),
+    )
 
 
 def edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:

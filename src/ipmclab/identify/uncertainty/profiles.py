@@ -138,6 +138,7 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
     are such, the interval stays open. The other fits as good that are known lie along the direction, or widen it.
     """
     from ipmclab.identify.order import Order
+    from ipmclab.identify.uncertainty.interval import beside_bounds
 
     estimate = solved(fit)
     problem, theta = estimate.problem, estimate.solution.theta
@@ -154,21 +155,23 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
         low, high = found[name].interval
         for rival in rivals:
             entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
-            low, high = min(low, unknown.value(entry - reach)), max(high, unknown.value(entry + reach))
+            least, most = beside_bounds(unknown, entry - reach, entry + reach)
+            low, high = min(low, least), max(high, most)
         ended[name] = replace(ended[name], interval=(low, high))
     return ended
 
 
 def flat_within(fit: Fit, name: str) -> bool:
-    """Whether every value within the interval of a parameter explains the readings about as well as every other."""
+    """Whether every value within the interval of a parameter explains the readings about as well as every other.
+
+    So it is along a direction of which the readings say nothing at all. Where other minima are as good, or a parameter
+    went to its bound, the readings still tell the values between from each other.
+    """
     one = fit.parameters[name]
     least = -math.inf if one.interval[0] == 0.0 else one.interval[0]
-    if one.determined or not (math.isfinite(least) or math.isfinite(one.interval[1])):
+    if one.determined or fit.practical is None or not (math.isfinite(least) or math.isfinite(one.interval[1])):
         return False
-    return any(
-        math.isinf(direction.error) and abs(direction.coefficients.get(name, 0.0)) > 1e-3
-        for direction in fit.undetermined
-    )
+    return math.isinf(fit.practical.collinearity.get(name, 0.0))
 
 
 def solved(fit: Fit) -> Estimate:
