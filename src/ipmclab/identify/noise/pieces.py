@@ -136,7 +136,11 @@ class System:
 
 
 def choose_noise(system: System) -> dict[Key, Shape]:
-    """Terms and values of the noise of every piece, each given all others: they share the free parameters."""
+    """Terms and values of the noise of every piece, each given all others: they share the free parameters.
+
+    Each is chosen beside the rough noise of all others, never beside what was just chosen for some: where runs disagree
+    the terms of one decide those of the next, and the answer would hang on the order in which the runs were given.
+    """
     shapes: dict[Key, Shape] = {}
     parts: dict[Key, FloatArray] = {}
     several = len(system.pieces) > 1
@@ -147,7 +151,6 @@ def choose_noise(system: System) -> dict[Key, Shape]:
     for key, piece in system.pieces.items():
         best = choose_terms(system.columns[key], system.others(parts, key), piece.allowed)
         shapes[key] = Shape(best.terms, best.entries, best.likelihood.variance)
-        parts[key] = best.likelihood.products
     return shapes
 
 
