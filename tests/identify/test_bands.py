@@ -111,3 +111,14 @@ def test_messages() -> None:
     assert caught.value.code == "not-a-fit"
     with pytest.raises(InputError, match=r"read_run"):
         prediction_bands(fit, "step.nc")  # type: ignore[arg-type]
+
+
+def test_a_table_that_is_none_has_no_band_and_validate_says_why() -> None:
+    generator = np.random.default_rng(SEED)
+    fit = identify(FRIEND, noisy(generator, "step 1 V"))
+    table = {**(fit.actuator.fit_table or {}), "rank": -3}
+    told = validate(replace(fit.actuator, fit_table=table), noisy(generator, "sine 1 V 0.4 Hz"))
+    assert told.scores["current"].inside_band is None
+    (finding,) = [one for one in told.findings if one.code == "bad-fit"]
+    assert "fit.rank" in finding.message
+    assert finding.message.endswith("there is no 95 % band")

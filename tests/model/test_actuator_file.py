@@ -262,3 +262,9 @@ def test_exports_agree_in_frequency_response(friend_2: Actuator, monkeypatch: py
     monkeypatch.setattr(builtins, "__import__", without_control)
     with pytest.raises(InputError, match="python-control is not installed; install it with"):
         friend_2.to_control()
+
+
+def test_a_name_longer_than_a_file_system_knows_is_no_actuator() -> None:
+    for name in ("a" * 300, "a" * 300 + "+leak.cubic"):
+        with pytest.raises(InputError):
+            load_actuator(name)

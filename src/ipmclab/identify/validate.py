@@ -179,20 +179,18 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
         raise InputError("there is no run to predict", code="no-runs", where="runs", repair="give at least one run")
     for place, run in enumerate(given):
         need_run(run, where=f"runs[{place}]")
-    fit = _fit_of(actuator)
+    fit, wrong = _fit_of(actuator)
     known: dict[str, Mapping[str, Any]] = {sha256: {} for sha256 in used} | fitted_runs(actuator.fit_table)
     done: list[RunValidation] = []
     findings: list[Finding] = []
-    if fit is not None and (why := why_changed(fit)):
+    if wrong is not None:
+        said = f"{wrong.where}: {wrong.message}: there is no 95 % band"
+        findings.append(Finding(wrong.code, "warning", said, wrong.repair))
+    elif fit is not None and (why := why_changed(fit)):
         fit = None
-        findings.append(
-            Finding(
-                "changed-since-fit",
-                "warning",
-                f"{why}: how sure it was says nothing of this actuator, and there is no 95 % band",
-                "identify again with these values, or take the file as identify wrote it",
-            )
-        )
+        said = f"{why}: how sure it was says nothing of this actuator, and there is no 95 % band"
+        repair = "identify again with these values, or take the file as identify wrote it"
+        findings.append(Finding("changed-since-fit", "warning", said, repair))
     for place, (run, label) in enumerate(zip(given, run_labels(given), strict=True)):
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         done.append(one)
@@ -208,12 +206,12 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
     return Validation(actuator, tuple(done), pooled, tuple(findings))
 
 
-def _fit_of(actuator: Actuator) -> Fit | None:
-    """The fit that an actuator carries; None where its table was written by hand and is none."""
+def _fit_of(actuator: Actuator) -> tuple[Fit | None, InputError | None]:
+    """The fit that an actuator carries, or what is wrong with its table; neither where it was not fitted."""
     try:
-        return fit_of(actuator, where=actuator.name) if actuator.fit_table is not None else None
-    except InputError:
-        return None
+        return (fit_of(actuator, where=actuator.name) if actuator.fit_table is not None else None), None
+    except InputError as error:
+        return None, error
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from importlib import resources
+from os.path import exists, isfile  # False, where those of Path raise for a name that is too long
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,7 +67,7 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
         text = (_LIBRARY / f"{name_or_path}.toml").read_text(encoding="utf-8")
         return actuator_from_text(text, where=name_or_path)
     path = Path(name_or_path)
-    if isinstance(name_or_path, str) and "+" in name_or_path and not path.exists():
+    if isinstance(name_or_path, str) and "+" in name_or_path and not exists(path):
         base, stages = stages_after(name_or_path)
         return with_stages(load_actuator(base), *stages)
     _refuse_a_run(path)
@@ -99,12 +100,12 @@ def stages_after(name: str) -> tuple[str, list[str]]:
     >>> stages_after("friend-2 + leak.cubic+clamp")
     ('friend-2', ['leak.cubic', 'clamp'])
     """
-    if Path(name).is_file():
+    if isfile(name):
         return name, []
     parts = name.split("+")
     for count in range(1, len(parts)):
         base = "+".join(parts[:count]).strip()
-        if base in library_names() or Path(base).is_file():
+        if base in library_names() or isfile(base):
             return base, [stage.strip() for stage in parts[count:]]
     return parts[0].strip(), [stage.strip() for stage in parts[1:]]
 
