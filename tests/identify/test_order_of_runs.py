@@ -11,14 +11,19 @@ from tests.identify.many import FRIEND, noisy
 LEAK = "circuit.dc_resistivity"
 
 
-@pytest.fixture(scope="module")
-def fits() -> dict[str, Fit]:
+@pytest.fixture(
+    scope="module",
+    params=[((30.0, 40.0, 55.0), "square 1 V 0.05 Hz"), ((40.0, 42.0, 44.0), "square 0.1 V 0.05 Hz")],
+    ids=["far apart", "hardly apart"],
+)
+def fits(request: pytest.FixtureRequest) -> dict[str, Fit]:
     """Of three runs that disagree, in every order: what one leaves takes up what another would."""
     generator = np.random.default_rng(3)
     runs = {}
-    for name, leak in (("a", 30.0), ("b", 40.0), ("c", 55.0)):
+    leaks, signal = request.param
+    for name, leak in zip("abc", leaks, strict=True):
         strip = FRIEND.replace(**{LEAK: leak})
-        runs[name] = noisy(generator, "square 1 V 0.05 Hz", strip=strip, duration=20.0, rate=50.0, mounting=name)
+        runs[name] = noisy(generator, signal, strip=strip, duration=20.0, rate=50.0, mounting=name)
     orders = ("abc", "acb", "bac", "bca", "cab", "cba")
     return {order: leave_one_run_out(identify(FRIEND, [runs[name] for name in order], free=LEAK)) for order in orders}
 

@@ -175,11 +175,16 @@ def with_constants(system: System, chosen: Mapping[Key, Shape], drifting: Collec
 
 
 def refine_noise(system: System, shapes: Mapping[Key, Shape]) -> dict[Key, Shape]:
-    """The values that make the readings most likely, the terms being chosen."""
+    """The values that make the readings most likely, the terms being chosen.
+
+    What leaves most comes first, in whatever order the runs were given: where runs disagree, the first takes up more.
+    """
     found = dict(shapes)
     parts = {key: system.part(key, shape) for key, shape in shapes.items()}
+    powers = {key: float(np.mean(np.square(system.columns[key].matrix[:, -1]))) for key in shapes}
+    sequence = sorted(shapes, key=powers.__getitem__, reverse=True)
     for _ in range(2 if len(shapes) > 1 else 1):
-        for key in shapes:
+        for key in sequence:
             best = refine(system.columns[key], system.others(parts, key), found[key].terms, [found[key].entries])
             found[key] = Shape(best.terms, best.entries, best.likelihood.variance)
             parts[key] = best.likelihood.products
