@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -22,6 +22,8 @@ _STAGES: Final[Mapping[str, str]] = {
     "clamp": "clamp",
 }
 """Stages that are a group each, and what adds one to an actuator."""
+
+_GROUPS: Final = ("electrical", "coupling", *_STAGES)
 
 _BY_NAME_ONLY: Final = frozenset({"leak.cubic.linear"})
 """Not in its group: it lies in parallel with R_dc, and no reading tells the two apart."""
@@ -151,11 +153,6 @@ def parse_free(
 def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> set[str]:
     """The dotted names that groups, names and comma lists of them stand for; ``where`` is what messages name."""
     names = list(known)
-    groups = {
-        "electrical": [n for n in names if n == "circuit.dc_resistivity" or n.startswith("circuit.branches.")],
-        "coupling": [n for n in names if n.startswith("coupling.")],
-        **{stage: [n for n in names if n.startswith(f"{stage}.") and n not in _BY_NAME_ONLY] for stage in _STAGES},
-    }
     texts = [given] if isinstance(given, str) else list(given)
     found: set[str] = set()
     for text in texts:
@@ -170,15 +167,16 @@ def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> se
             name = word.strip()
             if not name:
                 continue
-            if name in _STAGES and not groups[name]:
+            group = _group(name, names)
+            if name in _STAGES and not group:
                 raise InputError(
                     f"this actuator has no {name}",
                     code="unknown-parameter",
                     where=where,
                     repair=f"add the stage to its name, such as friend-2+{_STAGES[name]}",
                 )
-            if name in groups:
-                found.update(groups[name])
+            if group is not None:
+                found.update(group)
             elif name in names or name in OBSERVATION_NAMES:
                 found.add(name)
             elif _of_sensors(name):
@@ -209,9 +207,18 @@ def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> se
                     f"no parameter or group is called {name!r}",
                     code="unknown-parameter",
                     where=where,
-                    repair=suggest(name, [*(group for group, members in groups.items() if members), *names]),
+                    repair=suggest(name, [*(each for each in _GROUPS if _group(each, names)), *names]),
                 )
     return found
+
+
+def _group(name: str, names: Sequence[str]) -> list[str] | None:
+    """The parameters of a group; None where it is none."""
+    if name not in _GROUPS:
+        return None
+    if name == "electrical":
+        return [one for one in names if one == "circuit.dc_resistivity" or one.startswith("circuit.branches.")]
+    return [one for one in names if one.startswith(f"{name}.") and one not in _BY_NAME_ONLY]
 
 
 def _of_sensors(name: str) -> str:

@@ -172,13 +172,18 @@ class Record:
         """Edges at the rows, give or take half a row (a rectangular distribution)."""
         return EdgeDelay(0.0, self.period / math.sqrt(12.0))
 
+    @cached_property
+    def resting(self) -> int:
+        """Rows at 0 V before the voltage first moves."""
+        return rest_rows(self.run)
+
     @property
     def zero_is_open(self) -> bool:
         """Whether nothing has shown the zero of the current: the record begins with the voltage on."""
         return (
             "current" in self.readings
             and self.run.metadata.origin != "simulated"
-            and rest_rows(self.run) < _SHOWS_ZERO
+            and self.resting < _SHOWS_ZERO
             and ("offset", "current") not in self.unsettled
         )
 

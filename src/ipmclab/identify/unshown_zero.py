@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.many_runs.as_fitted import listed
 from ipmclab.identify.noise.problem import CorrelatedProblem
-from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.problem import Problem
 from ipmclab.identify.solve import Solution
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 OFFSET: Final = "observation.offset.current"
 _LARGEST: Final = 0.01  # of the largest current: a larger zero is seen by who looks at the readings
-_NOTHING: Final = 1e-9  # of a column
+_NOTHING: Final = 1e-5  # of a column: below it a difference of squares is rounding
 
 
 def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
@@ -38,31 +38,38 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     """
     jacobian = solution.evaluation.jacobian
     free = [k for k, unknown in enumerate(problem.unknowns) if unknown.log and not unknown.nuisance]
-    inverse = np.linalg.pinv(jacobian)
+    records = [record for record in problem.records if record.zero_is_open and not _is_free(problem, record.place)]
+    if not free or not records:
+        return []
+    # Of its triangle, which is small.
+    inverse = np.linalg.pinv(solution.evaluation.triangle[: len(problem.unknowns), : len(problem.unknowns)])
     errors = np.sqrt((inverse * inverse).sum(axis=1))
     found = []
-    for record in problem.records:
-        told = any(unknown.base == OFFSET and unknown.belongs_to(record.place) for unknown in problem.unknowns)
-        if told or not free or not record.zero_is_open:
-            continue
-        column = _of_a_zero(problem, record.place, len(jacobian))
-        moved = inverse @ column
+    for record in records:
+        column = _of_a_zero(problem, (record.place, "current"))
+        along = inverse.T @ (column @ jacobian[problem.pieces[record.place, "current"]])
+        moved = inverse @ along
         # What neither the parameters nor the noise imitate of it.
-        seen = float(np.linalg.norm(column - jacobian @ moved))
+        power = float(column @ column)
+        seen = math.sqrt(max(power - float(along @ along), 0.0))
         zero = _LARGEST * float(np.abs(record.readings["current"].measured).max(initial=0.0))
-        zero = min(zero, NORMAL_95 / seen) if seen > _NOTHING * float(np.linalg.norm(column)) else zero
+        zero = min(zero, NORMAL_95 / seen) if seen > _NOTHING * math.sqrt(power) else zero
         away = {problem.unknowns[k].name: abs(float(moved[k])) * zero for k in free if abs(moved[k]) * zero > errors[k]}
         if away:
             found.append(_finding(record.label, zero, away))
     return found
 
 
-def _of_a_zero(problem: Problem, place: int, rows: int) -> FloatArray:
-    """What a zero of the current of a run adds to the residuals [1/A], those of priors among them."""
-    column = np.zeros((1, rows))
-    column[0, problem.pieces[place, "current"]] = 1.0 / problem.noise[place, "current"]
-    seen = problem.whiten(Evaluation(column)).rows if isinstance(problem, CorrelatedProblem) else column
-    return np.asarray(seen[0])
+def _is_free(problem: Problem, place: int) -> bool:
+    return any(unknown.base == OFFSET and unknown.belongs_to(place) for unknown in problem.unknowns)
+
+
+def _of_a_zero(problem: Problem, key: tuple[int, str]) -> FloatArray:
+    """What a zero of a sensor adds to its residuals [per SI unit]."""
+    piece = problem.pieces[key]
+    column = np.full((1, piece.stop - piece.start), 1.0 / problem.noise[key])
+    whitening = problem.whitenings.get(key) if isinstance(problem, CorrelatedProblem) else None
+    return np.asarray((column if whitening is None else whitening.apply(column))[0])
 
 
 def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:

@@ -49,6 +49,7 @@ def output_diagnosis(
         voltage = through.apply(voltage) if through is not None else voltage
         own = basis[piece]
         voltage -= (voltage @ own) @ own.T
+    whitened = _correlations(white, rows)
     return OutputDiagnosis(
         label=record.label,
         output=output,
@@ -56,8 +57,8 @@ def output_diagnosis(
         rms=float(np.sqrt(np.mean(raw * raw))) if len(raw) else 0.0,
         scatter=record.readings[output].noise,
         lags=tuple(float(lag / record.run.rate) for lag in rows),
-        autocorrelation=_correlations(raw, rows),
-        whitened=_correlations(white, rows),
+        autocorrelation=_correlations(raw, rows) if key in correlated.noise else whitened,
+        whitened=whitened,
         with_voltage=_with(white, _of_rows(voltage, inside)),
         band=NORMAL_95 / max(len(white), 1) ** 0.5,
     )

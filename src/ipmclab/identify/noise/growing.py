@@ -49,9 +49,6 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     correlated : Correlated
     key : (place, output)
     """
-    from scipy.optimize import nnls
-    from scipy.special import ndtr
-
     problem, piece = correlated.problem, correlated.problem.pieces[key]
     record = next(one for one in problem.records if one.place == key[0])
     inside = measured_rows(record, key[1])
@@ -60,12 +57,15 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     # Of the model: a reading is large where its own noise is.
     answer = np.abs(reading + problem.noise[key] * correlated.plain.residual[piece])[inside]
     size = np.abs(residual[inside])
-    if len(size) < _FEWEST or not np.ptp(answer) or not np.ptp(size) or problem.noise[key] <= problem.floors[key]:
+    if len(size) < _FEWEST:
         return None
     scatter = 1.0 / math.sqrt(len(size) - 1.0)
     # Ranks take as long as the rest of a short fit, and where sizes have nothing in common ranks have not.
     if _together(answer, size) < _SOME * scatter:
         return None
+    from scipy.optimize import nnls
+    from scipy.special import ndtr
+
     if ndtr(-_together(_ranks(answer), _ranks(size)) / scatter) > _REJECT:
         return None
     answer = answer / answer.max()
@@ -82,7 +82,9 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
 
 
 def _together(one: FloatArray, other: FloatArray) -> float:
-    return float(np.corrcoef(one, other)[0, 1])
+    one, other = one - one.mean(), other - other.mean()
+    size = math.sqrt(float(one @ one) * float(other @ other))
+    return float(one @ other) / size if size else 0.0
 
 
 def _ranks(values: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.noise.problem import CorrelatedProblem
-from ipmclab.identify.observation import rest_rows
 from ipmclab.identify.problem import Evaluation, Problem
 from ipmclab.quality.noise import quantum_of
 
@@ -36,7 +35,7 @@ def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
     """
     found = []
     for record in problem.records:
-        resting = rest_rows(record.run)
+        resting = record.resting
         for output, reading in record.readings.items():
             step = quantum_of(np.diff(reading.measured)) if resting else 0.0
             if not step or not np.std(record.run.channels[output][:resting]) < _DITHERED * step:

@@ -34,6 +34,8 @@ def stated_covariance(actuator: Actuator, names: Sequence[str]) -> dict[str, dic
     -------
     covariance : mapping of name to mapping of name to float
     """
+    if not names:
+        return {}
     stated = np.array([actuator.standard_uncertainties[name] for name in names])
     found = np.diag(stated**2)
     together = _of_earlier_fit(actuator, names)
