@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from ipmclab.identify.fit import Fit
+from ipmclab.run import Finding
 
 
 def fit_to_table(fit: Fit) -> dict[str, Any]:
@@ -73,26 +75,39 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
             }
             for run in fit.observations
         ],
-        "findings": [
-            {
-                "code": finding.code,
-                "severity": finding.severity,
-                "message": finding.message,
-                "repair": finding.repair,
-                "channel": finding.channel or "",
-                "samples": [list(pair) for pair in finding.samples],
-                "effect": finding.effect,
-                "values": {key: value for key, value in finding.values.items() if value is not None},
-            }
-            for finding in fit.findings
-        ],
+        "findings": _findings(fit.findings),
     }
+
+
+def _findings(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    return [
+        {
+            "code": finding.code,
+            "severity": finding.severity,
+            "message": finding.message,
+            "repair": finding.repair,
+            "channel": finding.channel or "",
+            "samples": [list(pair) for pair in finding.samples],
+            "effect": finding.effect,
+            "values": {key: value for key, value in finding.values.items() if value is not None},
+        }
+        for finding in findings
+    ]
 
 
 def changed(fit: Fit, **changes: Any) -> Fit:
     """A fit with some changes, which the table in its actuator follows."""
     other = replace(fit, **changes)
     return replace(other, actuator=replace(other.actuator, fit_table=fit_to_table(other)))
+
+
+def with_findings(fit: Fit, more: Sequence[Finding]) -> Fit:
+    """A fit with further findings: nothing else in its table is written again."""
+    if not more:
+        return fit
+    findings = (*fit.findings, *more)
+    table = {**(fit.actuator.fit_table or {}), "findings": _findings(findings)}
+    return replace(fit, findings=findings, actuator=replace(fit.actuator, fit_table=table))
 
 
 def _pair(name: str, values: tuple[float, float] | None) -> dict[str, list[float]]:

@@ -14,7 +14,7 @@ from ipmclab.identify.consistency.of_fit import with_cross_checks
 from ipmclab.identify.diagnostics.diagnose import diagnose
 from ipmclab.identify.estimate import estimate
 from ipmclab.identify.fit import Fit
-from ipmclab.identify.fit_table import changed
+from ipmclab.identify.fit_table import with_findings
 from ipmclab.identify.free import FreeParameters, parse_free
 from ipmclab.identify.many_runs.mountings import differ, each_mounting, places_of_mountings, with_mountings
 from ipmclab.identify.observation import (
@@ -179,7 +179,7 @@ def _identify(
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
         beyond += prior_findings(actuator, names.priors, fit, alone)
-    return changed(fit, findings=(*fit.findings, *beyond)) if beyond else fit
+    return with_findings(fit, beyond)
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:

@@ -13,7 +13,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.many_runs.as_fitted import listed
 from ipmclab.identify.noise.problem import CorrelatedProblem
 from ipmclab.identify.problem import Problem
-from ipmclab.identify.solve import Solution
+from ipmclab.identify.solve import STRUCTURAL, Solution
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 
@@ -41,8 +41,9 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     records = [record for record in problem.records if record.zero_is_open and not _is_free(problem, record.place)]
     if not free or not records:
         return []
-    # Of its triangle, which is small.
-    inverse = np.linalg.pinv(solution.evaluation.triangle[: len(problem.unknowns), : len(problem.unknowns)])
+    singular, directions = solution.evaluation.spectrum
+    shown = singular > STRUCTURAL * singular[0]
+    inverse = directions[shown].T / singular[shown]
     errors = np.sqrt((inverse * inverse).sum(axis=1))
     found = []
     for record in records:

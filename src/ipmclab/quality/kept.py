@@ -31,8 +31,7 @@ def kept(run: Run, name: str, find: Callable[[], Found]) -> Found:
         Of what is found.
     find : callable
     """
-    columns = (getattr(run, column, None) for column in _COLUMNS)
-    readings = tuple(0 if one is None else _print_of(one) for one in columns)
+    readings = tuple([_print_of(one) for column in _COLUMNS if (one := getattr(run, column)) is not None])
     store: dict[str, tuple[tuple[int, ...], Any]] = run.__dict__.setdefault(_PLACE, {})
     if name not in store or store[name][0] != readings:
         store[name] = readings, find()
