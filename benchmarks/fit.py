@@ -1,6 +1,6 @@
 """The electrical fit of two 2,000-sample runs from no start, against what users write with SciPy.
 
-Run ``python -m benchmarks.fit [--rounds 25] [--gate] [--record]``. The data: friend-2, a 1 V step and a 1 V
+Run ``python -m benchmarks.fit [--rounds 61] [--gate] [--record]``. The data: friend-2, a 1 V step and a 1 V
 0.1 Hz sine at 50 S/s, zero-order hold, 0.1 mA of noise, seed 20261121; the sheet resistance is known.
 Ours is the whole Python call of ``identify``, diagnosis, covariance and intervals included. The other is
 ``scipy.optimize.least_squares`` with bounds and finite differences on log parameters over
@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=25)
+    parser.add_argument("--rounds", type=int, default=61)
     parser.add_argument("--gate", action="store_true", help="exit 1 when a ratio is missed")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/fit.md")
     options = parser.parse_args()

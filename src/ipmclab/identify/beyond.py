@@ -35,7 +35,8 @@ def beyond_findings(fit: Fit, records: Sequence[Record]) -> list[Finding]:
     found = []
     for record, observation in zip(records, fit.observations, strict=True):
         entry = of_runs[observation.content_sha256]
-        model = seen_from_sensor(fit.actuator.replace(**entry["parameters"]), record.series_resistance)
+        own = entry["parameters"]
+        model = seen_from_sensor(fit.actuator.replace(**own) if own else fit.actuator, record.series_resistance)
         for finding in validity(model, _answer(model, record, entry), record.run.metadata.signal):
             if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
                 continue

@@ -67,7 +67,10 @@ class Left:
         }
         # An offset and a slope of the noise need three readings to say anything of it.
         records = [record for record in records if len(residuals[record.place]) > 2]
-        pieces = tuple(Piece.of(record, output, problem.unknowns) for record in records)
+        known = {piece.key: piece for piece in correlated.pieces}
+        pieces = tuple(
+            known.get((record.place, output)) or Piece.of(record, output, problem.unknowns) for record in records
+        )
         white = Shape(Terms(), np.zeros(0), 1.0)
         shapes = {piece.key: correlated.shapes.get(piece.key, white) for piece in pieces}
         coloured = frozenset(

@@ -64,6 +64,8 @@ class Correlated:
         allows: the model lacks something there. Their noise counts as white.
     shapes : mapping of (place, output) to Shape
         What ``noise`` says, in units of the problem's noise.
+    pieces : tuple of Piece
+        Outputs that were looked at, as they were before any noise was found.
     """
 
     problem: Problem
@@ -77,6 +79,7 @@ class Correlated:
     contradicted: Set[str] = frozenset()
     shapes: Mapping[Key, Shape] = field(default_factory=dict)
     blind: Mapping[str, Blind] = field(default_factory=dict)
+    pieces: tuple[Piece, ...] = ()
 
 
 def correlate(
@@ -105,7 +108,7 @@ def correlate(
     blind = blind_outputs(System(problem, plain, every), every)
     drifting = {output for output, one in blind.items() if one.allowed}
     pieces = [piece for piece in every if piece.key[1] in coloured | drifting]
-    given = Correlated(problem, solution, plain, blind=blind)
+    given = Correlated(problem, solution, plain, blind=blind, pieces=tuple(every))
     if not pieces:
         return given
     searched = {piece.key for piece in pieces}
