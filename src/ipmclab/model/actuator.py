@@ -119,6 +119,10 @@ class Actuator:
 
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by dotted name, in the order of the file."""
+        return dict(self._parameters)
+
+    @cached_property
+    def _parameters(self) -> dict[str, Parameter]:
         return {
             name: Parameter(
                 name=name,
