@@ -217,6 +217,14 @@ class Problem:
     def _places(self) -> dict[int, _Place]:
         return {record.place: _Place.of(record, self.unknowns, self.base) for record in self.records}
 
+    def record_at(self, place: int) -> Record:
+        """The run of a place."""
+        return next(record for record in self.records if record.place == place)
+
+    def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:  # noqa: ARG002 - white noise is left alone
+        """Rows of one output of one run, shape (n, n_readings), as the noise of this problem weighs them."""
+        return rows
+
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them."""
         found = dict(self.base)

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.many_runs.as_fitted import listed
-from ipmclab.identify.noise.problem import CorrelatedProblem
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.solve import STRUCTURAL, Solution
 from ipmclab.run import Finding
@@ -69,8 +68,7 @@ def _of_a_zero(problem: Problem, key: tuple[int, str]) -> FloatArray:
     """What a zero of a sensor adds to its residuals [per SI unit]."""
     piece = problem.pieces[key]
     column = np.full((1, piece.stop - piece.start), 1.0 / problem.noise[key])
-    whitening = problem.whitenings.get(key) if isinstance(problem, CorrelatedProblem) else None
-    return np.asarray((column if whitening is None else whitening.apply(column))[0])
+    return np.asarray(problem.whitened(key, column)[0])
 
 
 def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:

@@ -100,7 +100,7 @@ class Left:
         """Weighted squares that the scatter of neighbouring readings accounts for."""
         found = 0.0
         for piece in self.pieces:
-            record = next(one for one in self.problem.records if one.place == piece.key[0])
+            record = self.problem.record_at(piece.key[0])
             found += len(piece.time) * (record.readings[self.output].noise / self.problem.noise[piece.key]) ** 2
         return found
 

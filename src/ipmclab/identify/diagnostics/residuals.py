@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.diagnostics.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identify.noise.correlate import Correlated
-from ipmclab.identify.noise.problem import CorrelatedProblem, measured_rows
+from ipmclab.identify.noise.problem import measured_rows
 from ipmclab.identify.observation import Record
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,10 +43,9 @@ def output_diagnosis(
     # The residual is model less reading; the noise's constants are what the sensor adds to a reading.
     raw = raw + correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
     rows = _lags(len(white))
-    through = problem.whitenings.get(key) if isinstance(problem, CorrelatedProblem) else None
     voltage = _of_rows(_earlier(record, rows), record.readings[output].used)
     if len(rows):
-        voltage = through.apply(voltage) if through is not None else voltage
+        voltage = problem.whitened(key, voltage)
         own = basis[piece]
         voltage -= (voltage @ own) @ own.T
     whitened = _correlations(white, rows)

@@ -165,7 +165,7 @@ def _told(
         answer = list(-unit * whitening.constants(residual)[0]) if shape.terms.constants else []
         level = float(answer.pop(0)) if shape.terms.offset else 0.0
         slope = float(answer.pop(0)) / half if shape.terms.trend else 0.0
-        start = next(float(record.run.time[0]) for record in problem.records if record.place == key[0])
+        start = float(problem.record_at(key[0]).run.time[0])
         if shape.terms.trend:
             drift[key] = slope
         if shape.terms.constants:

@@ -50,7 +50,7 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     key : (place, output)
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
-    record = next(one for one in problem.records if one.place == key[0])
+    record = problem.record_at(key[0])
     inside = measured_rows(record, key[1])
     residual = correlated.solution.evaluation.residual[piece]
     reading = record.readings[key[1]].values[record.readings[key[1]].used]

@@ -42,7 +42,7 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
     key : (place, output)
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
-    record = next(one for one in problem.records if one.place == key[0])
+    record = problem.record_at(key[0])
     reading = record.readings[key[1]]
     inside = measured_rows(record, key[1])
     rows = np.flatnonzero(reading.used)[inside]

@@ -110,9 +110,14 @@ class CorrelatedProblem(Problem):
     def whiten(self, here: Evaluation) -> Evaluation:
         """An evaluation of the plain problem, whitened."""
         rows = here.rows.copy()
-        for key, whitening in self.whitenings.items():
-            rows[:, self.pieces[key]] = whitening.apply(rows[:, self.pieces[key]])
+        for key in self.whitenings:
+            rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
         return Evaluation(rows)
+
+    def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+        """Rows of one output of one run, whitened where its noise is not white."""
+        whitening = self.whitenings.get(key)
+        return rows if whitening is None else whitening.apply(rows)
 
     def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
         """Whitened derivatives of the residuals with respect to fixed parameters [per SI unit]."""

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identify.noise.problem import CorrelatedProblem
-from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.problem import Problem
 from ipmclab.quality.noise import quantum_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,10 +39,10 @@ def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
             step = quantum_of(np.diff(reading.measured)) if resting else 0.0
             if not step or not np.std(record.run.channels[output][:resting]) < _DITHERED * step:
                 continue
-            column = np.zeros((1, rows))
-            after = np.flatnonzero(reading.used) >= resting
             key = record.place, output
-            column[0, problem.pieces[key]] = after * step / math.sqrt(12.0) / problem.noise[key]
-            whole = problem.whiten(Evaluation(column)).rows if isinstance(problem, CorrelatedProblem) else column
-            found.append(whole[0])
+            after = np.flatnonzero(reading.used) >= resting
+            column = np.zeros(rows)
+            size = step / math.sqrt(12.0) / problem.noise[key]
+            column[problem.pieces[key]] = problem.whitened(key, np.where(after, size, 0.0)[None])[0]
+            found.append(column)
     return np.array(found).reshape(len(found), rows).T
