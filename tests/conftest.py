@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -33,3 +34,13 @@ def require() -> Callable[[str, object], None]:
         pytest.skip(f"{tool} was not found")
 
     return check
+
+
+@pytest.fixture(scope="module", autouse=True)
+def brief_collections() -> None:
+    """Let the garbage collector pass over all that was imported: looking at it stops every thread for half a second.
+
+    Chassis, guard and guardian of these tests run in real time in one process with the whole suite; no user's does.
+    """
+    gc.collect()
+    gc.freeze()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -356,6 +358,42 @@ def test_it_records_in_any_thread(strip: Actuator) -> None:
     thread.start()
     thread.join()
     assert len(runs[0]) == 50
+
+
+class Ring:
+    """What only the garbage collector can take away."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+
+@pytest.fixture
+def thawed() -> Iterator[None]:
+    """As in a process that has frozen nothing."""
+    gc.unfreeze()
+    yield
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.mark.usefixtures("thawed")
+def test_the_garbage_collector_looks_only_at_what_is_new(strip: Actuator) -> None:
+    """In a large process it would stop the guard and the heartbeat for half a second."""
+    old = weakref.ref(Ring())
+    seen = []
+
+    def on_block(rows: Rows) -> None:
+        new = weakref.ref(Ring())
+        gc.collect()
+        seen.append((old() is not None, new() is None))
+
+    assert capture(VirtualBench(strip), "step 1 V", duration=1.0, rate=50.0, on_block=on_block).state == "complete"
+    assert set(seen) == {(True, True)}
+    gc.collect()
+    assert old() is None
+    gc.freeze()  # the caller's own stays
+    record(VirtualBench(strip), "step 1 V", duration=1.0, rate=50.0)
+    assert gc.get_freeze_count() > 0
 
 
 def test_a_gap_is_a_mark_and_a_finding_and_the_rows_keep_their_times(strip: Actuator) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -246,8 +247,25 @@ def capture(
             return Outcome("aborted", str(ended), metadata or RunMetadata(), 0)
         about = recording.prepare(rest, tares, metadata or RunMetadata(), str(commanded), limits)
         recording.keep_in(journal, about)
-        outcome = recording.run(commanded, rows, about, zero_after, finish)
+        with _brief_collections():
+            outcome = recording.run(commanded, rows, about, zero_after, finish)
     return outcome if outcome.error or not closed else replace(outcome, error=closed[0])
+
+
+@contextmanager
+def _brief_collections() -> Iterator[None]:
+    """Let the garbage collector pass over what was there before.
+
+    In a large process, such as a notebook's, it would stop every thread for longer than the guardian waits.
+    """
+    if gc.get_freeze_count():  # somebody else's, who will thaw it
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 @contextmanager
