@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -162,6 +163,10 @@ def test_one_reading_that_makes_a_density_impossible_is_named() -> None:
     assert finding.repair == "write it again; is its unit right?"
 
 
+PULLS = '[modulus]\ndisplacement = ["0 mm", "1 mm", "2 mm", "3 mm"]\nforce = ["0 mN", "-1 mN", "-2 mN", "-3 mN"]\n'
+"""A strip that does not push back."""
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -229,8 +234,7 @@ def test_what_no_strip_can_have_goes_no_further(folder: Path) -> None:
 
 
 def test_the_steps_before_one_that_fails_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    push = '[modulus]\ndisplacement = ["0 mm", "1 mm", "2 mm", "3 mm"]\nforce = ["0 mN", "-1 mN", "-2 mN", "-3 mN"]\n'
-    Path("p.toml").write_text(text_of() + push, encoding="utf-8")
+    Path("p.toml").write_text(text_of() + PULLS, encoding="utf-8")
     assert run(["procedure", "p.toml", "--out", "fitted.toml"]) == 2
     shown = capsys.readouterr()
     assert "1. sheet resistance by four probes" in shown.out
@@ -274,3 +278,26 @@ def test_each_step_is_told_as_it_is_done(folder: Path) -> None:
     found = follow_procedure(read_procedure("p.toml"), step_done=lambda step: told.append(step.name))
     assert told[:2] == ["sheet_resistance", "dc_resistance"]
     assert set(told) >= {step.name for step in found.steps if step.done}
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "status", "said"),
+    [
+        ("name = ", (), 2, "cannot be read"),
+        (text_of() + PULLS, (), 2, "a strip that does not push back"),
+        (text_of(mass='"145.7 g"'), (), 2, "no strip can have"),
+        (text_of(), ("--out", "fitted.toml"), 1, "when there is `--out` and a step is missing"),
+        (text_of(), (), 0, "else 0"),
+    ],
+)
+def test_the_manual_names_the_exit_status(
+    text: str, words: tuple[str, ...], status: int, said: str, folder: Path
+) -> None:
+    Path("p.toml").write_text(text, encoding="utf-8")
+    assert run(["procedure", "p.toml", *words]) == status
+    manual = (Path(__file__).parents[3] / "docs" / "commands.md").read_text(encoding="utf-8")
+    section = manual.partition("\n## procedure\n")[2].partition("\n## ")[0]
+    found = re.search(r"Exit status (\d) ([^;]*); (\d) ([^;]*); (else \d)", " ".join(section.split()))
+    assert found is not None
+    told = {int(found[1]): found[2], int(found[3]): found[4], 0: found[5]}
+    assert said in told[status]
