@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from ipmclab import InputError, identify, prediction_bands, read_fit, simulate, validate, write_fit
+from ipmclab import (
+    InputError,
+    identify,
+    leave_one_run_out,
+    prediction_bands,
+    read_fit,
+    simulate,
+    validate,
+    write_fit,
+)
+from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.identify.many_runs.mountings import why_unknown
 from ipmclab.identify.remarks import averages
+from ipmclab.report.many_runs import left_out_rows, many_runs_part
 from ipmclab.report.tables import parameter_rows
 from ipmclab.run import Run
 from tests.identify.many import CONTACT, ELECTRICAL, FRIEND, mounted, noisy
@@ -190,6 +201,45 @@ def test_a_band_says_when_it_does_not_know_of_another_mounting() -> None:
     said = [finding for finding in validate(fit.actuator, [new]).findings if finding.code == "another-mounting"]
     assert [finding.severity for finding in said] == ["warning"]
     assert "cannot be known" in said[0].message
+
+
+def test_a_run_that_is_predicted_from_mountings_that_differ_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    """Whatever shows a run left out says of its prediction what the table says of the parameters."""
+    generator = np.random.default_rng(SEED)
+    strips = [FRIEND.replace(**{"circuit.dc_resistivity": leak}) for leak in (40.0, 44.0)]
+    runs = [
+        noisy(generator, signal, strip=strip, mounting=mounting)
+        for strip, mounting in zip(strips, "ab", strict=True)
+        for signal in ("step 1 V", "square 1 V 0.1 Hz")
+    ]
+    average = "from an average of mountings that differ: its band holds for none of them"
+    other = "from another mounting, and mountings differ: its band does not hold for this one"
+    for given, said in (
+        (runs, [average] * 4),
+        ([*runs[:2], runs[3]], [average, average, other]),  # without the third, the first two are of one mounting
+        ([runs[0], runs[3]], [other, other]),
+        (runs[:2], ["", ""]),
+    ):
+        fit = leave_one_run_out(identify(FRIEND, given, free=["circuit.dc_resistivity"]))
+        assert bool(averages(fit)) == any(said)
+        assert [row.remark for row in left_out_rows(fit)] == said  # of the report, and of the page
+        assert [one["remark"] for one in many_runs_document(fit)["left_out"]] == said
+        shown = str(many_runs_part(fit))
+        print_many_runs(fit)
+        printed = " ".join(capsys.readouterr().out.split())
+        for sentence in (average, other):
+            assert shown.count(f"<td>{sentence}</td>") == printed.count(sentence) == said.count(sentence)
+
+
+def test_what_the_others_lack_stands_before_what_their_mountings_do() -> None:
+    generator = np.random.default_rng(SEED)
+    strips = [FRIEND.replace(**{"circuit.dc_resistivity": leak}) for leak in (40.0, 44.0)]
+    runs = [noisy(generator, "step 1 V", strip=strip, mounting=name) for strip, name in zip(strips, "ab", strict=True)]
+    free = ["circuit.dc_resistivity"]
+    fit = leave_one_run_out(identify(FRIEND, runs, free=free, per_mounting=CONTACT))
+    for row in left_out_rows(fit):
+        assert row.remark.startswith(f"the others do not determine {CONTACT}[mounting ")
+        assert "; from another mounting, and mountings differ" in row.remark
 
 
 def test_messages() -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 def print_many_runs(fit: Fit) -> None:
     """Print how far mountings differ, and each run as the others predict it."""
     from ipmclab.identify.many_runs.mountings import why_unknown
+    from ipmclab.identify.remarks import left_out_remarks
 
     why = why_unknown(fit)
     if why:
@@ -30,7 +31,7 @@ def print_many_runs(fit: Fit) -> None:
         for name, reason in fit.mountings.unknown.items():
             print_paragraph(f"The next mounting's {name} {reason}.")
     rows = []
-    for one in fit.left_out:
+    for one, remark in zip(fit.left_out, left_out_remarks(fit), strict=True):
         most = max(one.shifts, key=lambda name: abs(one.shifts[name]), default=None)
         change = "-" if most is None else f"{most}, {significant(one.shifts[most], 2)} of its errors"
         outputs = list(one.rmse) or ["-"]
@@ -44,7 +45,7 @@ def print_many_runs(fit: Fit) -> None:
                     read(one.rmse[output], CHANNELS[output], digits=3) if output in one.rmse else "-",
                     "-" if inside is None else f"{100.0 * inside:.0f} %",
                     change if output == outputs[0] else "",
-                    one.lacking if output == outputs[0] else "",
+                    remark if output == outputs[0] else "",
                 ]
             )
     if rows:
@@ -54,9 +55,11 @@ def print_many_runs(fit: Fit) -> None:
 def many_runs_document(fit: Fit) -> dict[str, Any]:
     """The same as it stands in a JSON document."""
     from ipmclab.identify.many_runs.mountings import why_unknown
+    from ipmclab.identify.remarks import left_out_remarks
 
+    remarks = left_out_remarks(fit)
     return {
         "mountings": None if fit.mountings is None else fit.mountings.to_table(),
         "next_mounting_unknown": why_unknown(fit) or None,
-        "left_out": [one.to_table() for one in fit.left_out],
+        "left_out": [{**one.to_table(), "remark": said} for one, said in zip(fit.left_out, remarks, strict=True)],
     }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from ipmclab.identify.many_runs.mountings import why_unknown
+from ipmclab.identify.remarks import left_out_remarks
 from ipmclab.report.figures.mountings import fit_of_each, mountings_figure
 from ipmclab.report.page_file import render
 from ipmclab.report.svg import inline_svg
@@ -47,6 +48,7 @@ def many_runs_part(fit: Fit) -> Markup:
     """A section of the report: of each mounting by itself, and of each run as the others predict it."""
     told = fit.mountings
     why = why_unknown(fit)
+    left_out = left_out_rows(fit)
     return Markup(
         render(
             "many_runs.html.j2",
@@ -59,8 +61,8 @@ def many_runs_part(fit: Fit) -> Markup:
             unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()]
             if told and not why
             else [],
-            left_out=left_out_rows(fit),
-            remarks=any(one.undetermined for one in fit.left_out),
+            left_out=left_out,
+            remarks=any(row.remark for row in left_out),
         )
     )
 
@@ -99,13 +101,13 @@ def _size(fit: Fit, name: str) -> str:
 
 def left_out_rows(fit: Fit) -> list[LeftOutRow]:
     """Each output of each run, as the other runs predict it."""
-    return [row for one in fit.left_out for row in _left_out(one)]
+    said = zip(fit.left_out, left_out_remarks(fit), strict=True)
+    return [row for one, remark in said for row in _left_out(one, remark)]
 
 
-def _left_out(one: LeftOut) -> list[LeftOutRow]:
+def _left_out(one: LeftOut, remark: str) -> list[LeftOutRow]:
     most = max(one.shifts, key=lambda name: abs(one.shifts[name]), default=None)
     change = "–" if most is None else f"{most}: {plain(one.shifts[most], 2)} of its errors"
-    remark = one.lacking
     if not one.rmse:
         return [LeftOutRow(one.label, "–", "–", "–", "–", change, remark)]
     return [
