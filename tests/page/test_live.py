@@ -317,6 +317,24 @@ def test_that_a_run_is_being_ended_is_known_to_all(recorder: Recorder, bench: Be
     assert bench.document("anna")["ending"] is None
 
 
+def test_a_limit_that_ends_a_run_is_known_until_the_experiment_has_ended() -> None:
+    """A limit that warns ends nothing; what is asked while the strip discharges takes nothing back but by an abort."""
+    state = State()
+    state.take(Message("run", RUN))
+    state.take(Message("event", {"event": "limit", "time": 2.0, "text": "the energy is 26 J"}))
+    state.asked_here("limit")  # nobody can ask for that
+    assert state.document()["ending"] is None
+    state.take(Message("event", {"event": "limit", "time": 4.0, "text": "the current is 0.3 A", "ending": "limit"}))
+    limit = {"how": "limit", "at_zero": True}
+    assert state.document()["ending"] == limit
+    state.asked_here("stop")
+    assert state.document()["ending"] == limit
+    state.asked_here("abort")
+    assert state.document()["ending"] == {"how": "abort", "at_zero": True}
+    state.take(Message("ended", {"how": "abort", "error": None}))
+    assert state.document()["ending"] is None
+
+
 def test_what_is_known_of_a_long_run_stays_bounded() -> None:
     """A browser is sent all of it at each event."""
     state = State()

@@ -266,6 +266,25 @@ def test_how_many_rows_a_run_that_is_ended_will_have_is_told_at_once(tmp_path: P
     assert len(run) < 33 * 50
 
 
+def test_a_limit_that_ends_a_run_is_told_with_the_rows_the_run_will_have(tmp_path: Path) -> None:
+    """One that only warns is told before it, and ends nothing."""
+    desk = Desk()
+    limits = {"mean_current": "20 mA", "energy": "0.1 mJ"}
+    session = make(tmp_path, desk, duration="30 s", limits=limits)
+    (run,) = runs_of(session.run())
+    told = [one for one in desk.told if one.kind in ("event", "progress")]
+    events = [place for place, one in enumerate(told) if one.kind == "event"]
+    assert ["the energy" in told[place].values["text"] for place in events[:2]] == [True, False]
+    assert [told[place].values.get("ending") for place in events[:2]] == [None, "limit"]
+    assert {told[place].values.get("ending") for place in events[2:]} <= {None}
+    place = events[1]
+    assert "the mean current" in told[place].values["text"]
+    assert {one.values["of"] for one in told[:place] if one.kind == "progress"} == {32 * 50}
+    assert {one.values["of"] for one in told[place:] if one.kind == "progress"} == {len(run)}
+    # Five seconds at 0 V, from the end of the block in which it was passed.
+    assert len(run) - told[place].values["time"] * 50 == pytest.approx(5.0 * 50, abs=3)
+
+
 def test_a_limit_ends_the_experiment(tmp_path: Path) -> None:
     session = make(tmp_path, Desk(), repeats=2, limits={"current": {"most": "20 mA", "duration": "0 s"}}, pause="0 s")
     (recorded,) = session.run()

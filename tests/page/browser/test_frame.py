@@ -119,6 +119,26 @@ def test_every_browser_sees_that_a_run_is_being_ended(tmp_path: Path, open_page)
         recorder.hub.close()
 
 
+def test_what_is_left_of_a_run_that_a_limit_ended_is_its_discharge(tmp_path: Path, open_page) -> None:
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/run")
+        recorder = Recorder(tmp_path)
+        recorder.tell("run", **RUN)
+        recorder.tell("progress", rows=40, acknowledged=30, of=100)
+        says(page, "recording", "6 s left", "6 s left, 30 of 100 rows on disk")
+        passed = "the current is 300 mA, beyond its limit of 100 mA"
+        recorder.tell("event", event="limit", time=4.0, text=passed, ending="limit")
+        recorder.tell("progress", rows=44, acknowledged=30, of=94)
+        says(page, "limit passed", "discharging at 0 V, 5 s left", "at 0 V, 5 s left, 30 of 94 rows on disk")
+        recorder.tell("progress", rows=74, acknowledged=70, of=94)
+        says(page, "limit passed", "discharging at 0 V, 2 s left", "at 0 V, 2 s left, 70 of 94 rows on disk")
+        recorder.tell("recorded", path="a.nc", state="aborted", signal="step 1 V", purpose="signal", findings=[])
+        says(page, "limit passed", "until the recorder has ended", "")
+        recorder.tell("ended", how="abort", error=None)
+        says(page, "ended", "output at 0 V", "")
+        recorder.hub.close()
+
+
 def says(page, word: str, text: str, line: str) -> None:
     """Wait until the header and the line of a run say something."""
     page.wait_for_function(

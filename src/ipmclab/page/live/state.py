@@ -25,8 +25,8 @@ WORDS: Final = {
 """What the bench may be doing, and how that is said."""
 
 
-ENDINGS: Final = ("stop", "abort", "zero")
-"""How an operator may end a run, what is more urgent later."""
+ENDINGS: Final = ("stop", "limit", "abort", "zero")
+"""How an operator, or a limit, may end a run, what is more urgent later."""
 
 
 class State:
@@ -127,7 +127,7 @@ class State:
     def asked_here(self, how: str) -> None:
         """A recorder that is at work took in that it shall end; that the output is at 0 V only it can say."""
         with self._lock:
-            if how in ENDINGS and self._told["bench"] not in ("idle", "ended", "lost"):
+            if how in ENDINGS and how != "limit" and self._told["bench"] not in ("idle", "ended", "lost"):
                 self._ends(how, at_zero=False)
 
     def _ends(self, how: str, *, at_zero: bool) -> None:

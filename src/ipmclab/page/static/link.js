@@ -118,7 +118,7 @@ const WORDS = {
   recording: "recording", ended: "ended", lost: "recorder lost",
 };
 
-const ENDINGS = { stop: "stopping", zero: "to 0 V", abort: "aborting" };
+const ENDINGS = { stop: "stopping", limit: "limit passed", zero: "to 0 V", abort: "aborting" };
 
 const isBusy = (state) => !["idle", "ended", "lost"].includes(state.bench);
 

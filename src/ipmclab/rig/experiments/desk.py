@@ -50,7 +50,7 @@ class Live:
         self._desk.tell(Message("air", {"time": air.time, **known}))
 
     def mark(self, mark: Mark, ending: str | None = None, rows: int = 0) -> None:
-        """Something happened; where the operator is ``ending`` the run by it, it will have so many rows."""
+        """Something happened; where an operator, or a limit, is ``ending`` the run by it, it will have so many rows."""
         told = {"event": mark.kind, "time": mark.time, "text": mark.text}
         if ending is None:
             self._desk.tell(Message("event", told))

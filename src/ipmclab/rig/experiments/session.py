@@ -24,7 +24,7 @@ from ipmclab.rig.experiments.steps import FINGERPRINT, MOST_DRIFT, PlannedRun, P
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import State
-from ipmclab.rig.recording.recorder import DISCHARGE_TIME, capture
+from ipmclab.rig.recording.recorder import capture
 from ipmclab.rig.recording.recording import Heartbeat
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
 from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
@@ -377,13 +377,8 @@ class Session:
         kept: list[Journal] = []
         live = Live(self._desk, rows)
 
-        def on_mark(mark: Mark) -> None:
-            if mark.kind != "stop":
-                live.mark(mark)
-                return
-            how = self._ending or "abort"
-            more = {"stop": planned.rest_after, "zero": DISCHARGE_TIME, "abort": 0.0}[how]  # recorded at 0 V
-            live.mark(mark, how, round((mark.time + more) * planned.rate))
+        def on_end(mark: Mark, rows: int) -> None:
+            live.mark(mark, "limit" if mark.kind == "limit" else self._ending or "abort", rows)
 
         def make_journal(header: JournalHeader) -> Journal:
             journal = Journal.create(self._laboratory, header, on_commit=live.committed)
@@ -410,13 +405,14 @@ class Session:
                 control=control,
                 heartbeat=self._guardian,
                 on_block=live.block,
-                on_mark=on_mark,
+                on_mark=live.mark,
                 tares=() if short else self._tares,
                 zero_time=planned.zero_before,
                 zero_after=planned.zero_after,
                 most_drift=MOST_DRIFT if force else None,
                 on_preload=self._tell_preload,
                 on_air=live.air,
+                on_end=on_end,
                 finish=self._tare_again if force and self._tares else None,
             )
         except BaseException:

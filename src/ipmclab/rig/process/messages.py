@@ -27,8 +27,9 @@ to the clients
 ``block``      ``first_row`` and an array for each channel [SI]
 ``air``        ``time``, and ``temperature`` and ``relative_humidity`` as far as they are read
 ``progress``   ``rows`` read and ``acknowledged`` (on disk), ``of`` as many as the run will have
-``event``      something happened in a run: ``event``, ``time``, ``text``; with ``ending`` (``stop``, ``abort`` or
-               ``zero``) the output is at 0 V, as an operator wanted, and only what follows it is still recorded
+``event``      something happened in a run: ``event``, ``time``, ``text``; with ``ending`` the output is at 0 V, as an
+               operator wanted (``stop``, ``abort`` or ``zero``) or because a limit was passed (``limit``), and only
+               what follows it is still recorded
 ``note``       something to know: ``text``
 ``recorded``   a run stands on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
 ``ended``      the last message: ``status``, and ``error`` where it failed

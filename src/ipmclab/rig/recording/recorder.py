@@ -173,6 +173,7 @@ def capture(
     longest_wait: float = LONGEST_WAIT,
     on_preload: Callable[[ZeroReading], None] | None = None,
     on_air: Callable[[Air], None] | None = None,
+    on_end: Callable[[Mark, int], None] | None = None,
     finish: Callable[[Bench], Sequence[ZeroReading]] | None = None,
     discharge: float = DISCHARGE_TIME,
 ) -> Outcome:
@@ -193,6 +194,9 @@ def capture(
         Called with each reading of the preload.
     on_air : callable of Air, optional
         Called with what the air around the strip is like, once a second.
+    on_end : callable of Mark and int, optional
+        Called, in the place of ``on_mark``, with what ended the signal early once the output is at 0 V: an operator or
+        a limit; and with how many rows the run will have.
     finish : callable of Bench, optional
         Called with the output at 0 V after the zeros are read again; gives further readings, such as the tare.
     discharge : float [s]
@@ -226,6 +230,7 @@ def capture(
     recording.rest_rows = round(rest_after * rate)
     recording.discharge_rows = round(discharge * rate)
     recording.on_air = on_air
+    recording.on_end = on_end
     with told_to_end(bench.zero), _closing(guarded) as closed:
         guarded.open(names, rate)
         try:

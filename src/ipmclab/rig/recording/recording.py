@@ -133,6 +133,7 @@ class Recording:
         self.rest_rows = 0
         self.discharge_rows = 0
         self.on_air: Callable[[Air], None] | None = None
+        self.on_end: Callable[[Mark, int], None] | None = None
         self.read = 0
         self._rows = 0
         self._next_row = 0
@@ -341,11 +342,12 @@ class Recording:
     def _alarm(self, alarm: Alarm) -> None:
         if alarm.kind == "stuck":
             raise BenchError(str(alarm), code="output-stuck", where="voltage", repair="switch the output amplifier off")
-        if alarm.action == "zero" and not self._guard.is_zeroed:
+        is_end = alarm.action == "zero" and not self._guard.is_zeroed
+        if is_end:
             self.alarm = alarm
             self._fail(str(alarm))
             self._zero_and_go_on(self.discharge_rows)
-        self._mark(Mark(alarm.time, str(alarm), "limit"))
+        self._mark(Mark(alarm.time, str(alarm), "limit"), is_end=is_end)
 
     def _ask(self, kind: str, text: str) -> None:
         if kind == "mark":
@@ -364,7 +366,7 @@ class Recording:
         else:
             self.reason = f"stopped by the operator at {self._time:.6g} s"
             self._zero_and_go_on(self.rest_rows)
-        self._mark(Mark(self._time, self.reason, "stop"))
+        self._mark(Mark(self._time, self.reason, "stop"), is_end=True)
 
     def _zero_and_go_on(self, more: int) -> None:
         """Bring the output to 0 V, and record so many rows more."""
@@ -379,9 +381,12 @@ class Recording:
         if self.state == "complete":
             self.state, self.reason = "aborted", reason
 
-    def _mark(self, mark: Mark) -> None:
+    def _mark(self, mark: Mark, *, is_end: bool = False) -> None:
+        """Keep what happened, and tell it: what ended the signal, with the rows that the run will have."""
         self._keeper.mark(mark)
-        if self._on_mark is not None:
+        if is_end and self.on_end is not None:
+            self.on_end(mark, self._stop)
+        elif self._on_mark is not None:
             self._on_mark(mark)
 
     def _hold(self, seconds: float) -> None:
