@@ -76,6 +76,39 @@ def test_where_both_disagree_the_fit_says_so() -> None:
     assert said.values["deviations"] > 10.0
 
 
+@pytest.mark.parametrize("part", [3e-10, 1e-12])
+def test_a_prior_however_sharp_is_an_exact_value(part: float) -> None:
+    """It takes nothing from what the readings say of the rest, though they know nothing nearly as well."""
+    run = measured(1)
+    exact = identify(FRIEND, [run], free="electrical")
+    strip = known(circuit__sheet_resistance=part * FRIEND[SERIES])
+    fit = identify(strip, [run], free=["electrical", SERIES], prior=SERIES)
+    assert (fit.rank, fit.undetermined) == (6, ())
+    for name, one in exact.parameters.items():
+        found = fit.parameters[name]
+        assert found.determined
+        assert found.value == pytest.approx(one.value, rel=1e-6)
+        assert found.interval == pytest.approx(one.interval, rel=1e-6)
+        assert fit.practical.collinearity[name] == pytest.approx(exact.practical.collinearity[name], rel=1e-6)
+    assert fit.parameters[SERIES].standard_error == pytest.approx(part * FRIEND[SERIES], rel=1e-6)
+
+
+def test_what_the_readings_leave_open_stays_open_beside_a_sharp_prior() -> None:
+    """The current says nothing of the contact against the branches, however well the sheet resistance is known."""
+    contact = "circuit.contact_resistance"
+    strip = FRIEND.replace(**{contact: 1.0})
+    run = measured(1, strip)
+    exact = identify(strip, [run], free=["electrical", contact])
+    fit = identify(
+        known(strip, circuit__sheet_resistance=1e-11), [run], free=["electrical", contact, SERIES], prior=SERIES
+    )
+    assert (exact.rank, fit.rank) == (5, 6)
+    for name, one in exact.parameters.items():
+        assert fit.parameters[name].determined == one.determined
+        assert fit.parameters[name].interval == pytest.approx(one.interval, rel=1e-5)
+    assert fit.parameters[SERIES].determined
+
+
 def test_each_run_has_the_prior_of_a_parameter_of_its_own() -> None:
     contact = "circuit.contact_resistance"
     strip = known(FRIEND.replace(**{contact: 1.0}), circuit__contact_resistance=0.5)

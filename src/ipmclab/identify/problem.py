@@ -35,9 +35,12 @@ class Evaluation:
     ----------
     rows : float array, shape (n_unknown + 1, n_residual)
         The derivative with respect to each unknown, and last the residual.
+    beforehand : int
+        How many of the residuals, the last ones, are of what was known beforehand.
     """
 
     rows: FloatArray
+    beforehand: int = 0
 
     @property
     def residual(self) -> FloatArray:
@@ -190,7 +193,7 @@ class Problem:
         rows = here.rows.copy()
         for key, piece in self.pieces.items():
             rows[:, piece] *= self.noise[key] / noise[key]
-        return Evaluation(rows)
+        return Evaluation(rows, here.beforehand)
 
     @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
@@ -253,7 +256,7 @@ class Problem:
                 self._fill(rows, record, theta)
         rows[:-1, readings:] = self._prior_jacobian.T
         rows[-1, readings:] = self._from_beforehand(theta)
-        return Evaluation(rows)
+        return Evaluation(rows, len(self._prior_places))
 
     def residuals(self, theta: FloatArray) -> dict[tuple[int, str], FloatArray]:
         """Weighted residuals of the readings of each run and output, without derivatives, not whitened."""

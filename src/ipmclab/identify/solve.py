@@ -15,6 +15,9 @@ FloatArray = npt.NDArray[np.float64]
 STRUCTURAL: Final = 1e-7
 """A singular value below this part of the largest is a direction that no amount of such data determines."""
 
+_SHARP: Final = 1e5
+"""What is known that well is as good as exact: ``STRUCTURAL`` times as well is to within a factor of e^100."""
+
 NEGLIGIBLE: Final = 1e-6
 """A decrease of the cost that moves no parameter by a thousandth of its standard error."""
 
@@ -47,7 +50,7 @@ class Pinned:
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
         full = self._problem.evaluate(np.insert(theta, self._place, self._entry))
-        return Evaluation(np.delete(full.rows, self._place, axis=0))
+        return Evaluation(np.delete(full.rows, self._place, axis=0), full.beforehand)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +158,24 @@ def _distance(theta: FloatArray, reference: FloatArray) -> float:
 def null_directions(here: Evaluation) -> FloatArray:
     """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
     singular, directions = here.spectrum
-    found: FloatArray = directions[singular <= STRUCTURAL * singular[0]]
+    found: FloatArray = directions[singular <= least_seen(here, singular[0])]
     return found
+
+
+def least_seen(here: Evaluation, largest: float) -> float:
+    """The singular value up to which a direction is one of which the readings say nothing.
+
+    That is a part of the largest, unless that is of something that was known beforehand, far better than the readings
+    know anything: then they are held against what they themselves know best.
+    """
+    if largest <= _SHARP or not here.beforehand:
+        return STRUCTURAL * largest
+    known, read = here.rows[:-1, -here.beforehand :], here.rows[:-1, : -here.beforehand]
+    if np.abs(known).max(initial=0.0) <= 0.5 * largest:
+        return STRUCTURAL * largest
+    best = float(np.sqrt((read * read).sum(axis=1).max(initial=0.0)))
+    rounding = len(read) * float(np.finfo(np.float64).eps) * largest
+    return max(STRUCTURAL * max(best, _SHARP), rounding)
 
 
 def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, tolerance: float = 1e-10) -> Solution:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.identify.many_runs.as_fitted import listed
 from ipmclab.identify.problem import Problem
-from ipmclab.identify.solve import STRUCTURAL, Solution
+from ipmclab.identify.solve import Solution, least_seen
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 
@@ -41,7 +41,7 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     if not free or not records:
         return []
     singular, directions = solution.evaluation.spectrum
-    shown = singular > STRUCTURAL * singular[0]
+    shown = singular > least_seen(solution.evaluation, singular[0])
     inverse = directions[shown].T / singular[shown]
     errors = np.sqrt((inverse * inverse).sum(axis=1))
     found = []

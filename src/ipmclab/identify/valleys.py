@@ -133,9 +133,10 @@ class Tied:
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
-        rows = self._problem.evaluate(self.full(theta)).rows.copy()
+        whole = self._problem.evaluate(self.full(theta))
+        rows = whole.rows.copy()
         rows[self._free] -= rows[self._tied]
-        return Evaluation(np.delete(rows, self._tied, axis=0))
+        return Evaluation(np.delete(rows, self._tied, axis=0), whole.beforehand)
 
     def errors(self, there: Solution) -> FloatArray:
         """Standard error of each entry of the whole problem at a minimum of this one."""

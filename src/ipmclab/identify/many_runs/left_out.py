@@ -323,7 +323,7 @@ class _Held:
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of what is moved."""
         here = self._problem.evaluate(self.full(theta))
-        return Evaluation(here.rows[[*self._moved, -1]])
+        return Evaluation(here.rows[[*self._moved, -1]], here.beforehand)
 
 
 def _found_on_itself(whole: Problem, theta: FloatArray, theirs: _Theirs, kept: list[int], record: Record) -> _Itself:

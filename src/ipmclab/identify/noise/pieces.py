@@ -16,7 +16,7 @@ from ipmclab.identify.noise.search import choose_terms, refine, rough_noise
 from ipmclab.identify.noise.terms import Terms
 from ipmclab.identify.observation import Record
 from ipmclab.identify.problem import Evaluation, Problem
-from ipmclab.identify.solve import STRUCTURAL
+from ipmclab.identify.solve import least_seen
 from ipmclab.identify.unknowns import Unknown
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,7 +83,8 @@ class Piece:
 def directions_of(here: Evaluation) -> FloatArray:
     """Combinations of the unknowns that the readings know, each to a standard error of 1 under white noise."""
     singular, directions = here.spectrum
-    seen = singular > STRUCTURAL * singular[0] if len(singular) and singular[0] > 0 else np.zeros(0, dtype=bool)
+    some = len(singular) and singular[0] > 0
+    seen = singular > least_seen(here, singular[0]) if some else np.zeros(0, dtype=bool)
     return np.asarray(directions[: len(seen)][seen].T / singular[seen])
 
 

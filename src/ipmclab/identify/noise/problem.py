@@ -112,7 +112,7 @@ class CorrelatedProblem(Problem):
         rows = here.rows.copy()
         for key in self.whitenings:
             rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
-        return Evaluation(rows)
+        return Evaluation(rows, here.beforehand)
 
     def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
         """Rows of one output of one run, whitened where its noise is not white."""

@@ -135,7 +135,7 @@ class Drawn:
         """An evaluation of the problem itself, as one of this."""
         rows = there.rows.copy()
         rows[-1] += self._shift
-        return Evaluation(rows)
+        return Evaluation(rows, there.beforehand)
 
 
 def _draws(

@@ -13,7 +13,7 @@ from ipmclab.identify.noise.correlate import Correlated
 from ipmclab.identify.noise.growing import Growth, growth
 from ipmclab.identify.noise.robust import long_run
 from ipmclab.identify.problem import Evaluation
-from ipmclab.identify.solve import STRUCTURAL
+from ipmclab.identify.solve import least_seen
 from ipmclab.identify.uncertainty.rounding import hidden_zeros
 
 FloatArray = npt.NDArray[np.float64]
@@ -108,7 +108,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         )
     singular, directions = _of_the_asked(evaluation, nuisance)
     asked = len(directions)
-    seen = singular > STRUCTURAL * singular[0] if singular[0] > 0 else np.zeros(asked, dtype=bool)
+    seen = singular > least_seen(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
     inverse = directions[seen].T / singular[seen]
     plain = inverse @ inverse.T
 

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.order import Order
-from ipmclab.identify.problem import Problem
-from ipmclab.identify.solve import STRUCTURAL, Solution
+from ipmclab.identify.problem import Evaluation, Problem
+from ipmclab.identify.solve import STRUCTURAL, Solution, least_seen
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -85,11 +85,11 @@ class Practical:
         columns = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
         first = int(np.count_nonzero(nuisance))
         block = np.asarray(np.linalg.qr(solution.evaluation.triangle[:, columns], mode="r"))[first:, first:] * size
-        return cls.from_sensitivity([order(unknown.name) for unknown in asked], block)
+        return cls.from_sensitivity([order(unknown.name) for unknown in asked], block, solution.evaluation)
 
     @classmethod
-    def from_sensitivity(cls, names: list[str], sensitivity: FloatArray) -> Practical:
-        """From weighted relative sensitivities, shape (n_rows, n_names).
+    def from_sensitivity(cls, names: list[str], sensitivity: FloatArray, here: Evaluation | None = None) -> Practical:
+        """From weighted relative sensitivities, shape (n_rows, n_names), of the evaluation where they were taken.
 
         Examples
         --------
@@ -100,7 +100,7 @@ class Practical:
         count = len(names)
         _, singular, directions = np.linalg.svd(sensitivity, full_matrices=True)
         singular = np.concatenate([singular, np.zeros(count - len(singular))])
-        seen = singular > STRUCTURAL * singular[0]
+        seen = singular > (STRUCTURAL * singular[0] if here is None else least_seen(here, singular[0]))
         errors = np.where(seen, 1.0 / np.where(seen, singular, 1.0), inf)
         found = tuple(
             Combination(
