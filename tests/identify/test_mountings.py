@@ -242,6 +242,16 @@ def test_what_the_others_lack_stands_before_what_their_mountings_do() -> None:
         assert "; from another mounting, and mountings differ" in row.remark
 
 
+def test_a_contact_that_no_mounting_determines_is_said_to_be_unknown() -> None:
+    """The current alone leaves the contact open against the branches, in every mounting."""
+    generator = np.random.default_rng(SEED)
+    runs = [noisy(generator, signal, mounting=name) for name, signal in (("a", "step 1 V"), ("b", "sine 1 V 0.1 Hz"))]
+    fit = identify(FRIEND, runs, free="electrical", per_mounting=CONTACT)
+    assert not any(one.determined for name, one in fit.parameters.items() if name.startswith(CONTACT))
+    assert fit.mountings is not None
+    assert "cannot be known" in fit.mountings.unknown[CONTACT]
+
+
 def test_messages() -> None:
     generator = np.random.default_rng(SEED)
     run = noisy(generator, "step 1 V")

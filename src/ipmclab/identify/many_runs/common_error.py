@@ -107,7 +107,7 @@ def loadings_of_joint(fit: Fit, names: Sequence[str]) -> FloatArray:
     """
     table = fit.covariance
     causes = [name for name in table if "[" not in name]
-    between = np.array([[table[name][cause] for cause in causes] for name in names]).reshape(len(names), -1)
+    between = np.array([[table[name][cause] for cause in causes] for name in names]).reshape(len(names), len(causes))
     moved = np.zeros((len(names), 0))
     if causes:
         shared = np.array([[table[one][other] for other in causes] for one in causes])
