@@ -59,6 +59,7 @@ def test_what_the_forms_say_outlives_the_server(tmp_path: Path, open_page) -> No
         identify.get_by_text("One by one").click()
         identify.get_by_label("coupling.zero is", exact=True).select_option("free per run")
         identify.get_by_text("--free leak --per-run coupling.zero").first.wait_for()
+        model(identify, "friend-7-measured").check()
 
         over = identify.context.new_page()
         over.goto(f"{address}/simulate?run=runs/one.nc")
@@ -79,6 +80,7 @@ def test_what_the_forms_say_outlives_the_server(tmp_path: Path, open_page) -> No
     # Nobody hears it now but the browser.
     field(identify, "Name of the fit").fill("mine")
     identify.get_by_label("Fit: runs/one.nc").check()
+    model(identify, "friend-2").check()
     number(sliders, "zero").fill("3")
     field(sliders, "Save changed actuator as").fill("softer")
     sliders.get_by_role("button", name="Load").click()
@@ -96,6 +98,7 @@ def test_what_the_forms_say_outlives_the_server(tmp_path: Path, open_page) -> No
         assert identify.get_by_label("Predict: runs/three.nc").is_checked()
         assert field(identify, "Actuator, also").input_value() == "friend-2+leak.cubic"
         assert field(identify, "Name of the fit").input_value() == "mine"
+        has_models(identify, "friend-2", "friend-7-measured")
 
         sliders.get_by_text("'coupling.zero': 3").wait_for(timeout=LONG)
         sliders.get_by_text("sine 1 V 0.2 Hz").first.wait_for()
@@ -115,6 +118,72 @@ def test_what_the_forms_say_outlives_the_server(tmp_path: Path, open_page) -> No
     sliders.get_by_role("link", name="Runs", exact=True).click()
     told = sliders.get_by_role("alert").filter(has_text="Not done: the connection is lost. Press again")
     told.wait_for()  # and nothing is promised that the browser does not keep
+
+
+def test_what_is_said_beside_a_fit_stays_over_a_reload(tmp_path: Path, open_page) -> None:
+    """Of a fit that came while nobody looked the box is ticked, as ever; of one that was unticked it is not."""
+    (tmp_path / "runs").mkdir()
+    run = simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0)
+    write_run(run, tmp_path / "runs" / "one.nc")
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/identify?run=runs/one.nc")
+        page.get_by_text("1 to identify from").wait_for()
+        page.get_by_role("button", name="Identify").click()
+        page.get_by_role("heading", name="fit 1").wait_for(timeout=LONG)
+        has_models(page, "fit 1")
+        model(page, "friend-2").check()
+        model(page, "fit 1").uncheck()
+        has_name(page, "fit-1")
+        page.get_by_label("Save as an actuator").fill("softer")
+        page.reload()
+        page.get_by_role("heading", name="fit 1").wait_for(timeout=LONG)
+        has_name(page, "softer")
+        has_models(page, "friend-2")
+
+        page.get_by_text("1 to identify from").wait_for()
+        page.get_by_role("button", name="Identify").click()
+        page.get_by_role("button", name="Cancel").wait_for()
+        page.reload()
+        page.get_by_text("1 to identify from").wait_for()
+        page.locator(".lab-job").filter(has_text="fit 2").get_by_role("button", name="Show").wait_for(timeout=LONG)
+        page.reload()
+        page.get_by_role("heading", name="fit 2").wait_for(timeout=LONG)
+        has_name(page, "fit-2")
+        has_models(page, "fit 2", "friend-2")
+        page.reload()  # nothing was said since
+        page.get_by_role("heading", name="fit 2").wait_for(timeout=LONG)
+        has_models(page, "fit 2", "friend-2")
+        page.locator(".lab-job").filter(has_text="fit 1").get_by_role("button", name="Show").click()
+        page.get_by_role("heading", name="fit 1").wait_for()
+        has_name(page, "softer")
+        has_models(page, "fit 1", "fit 2", "friend-2")
+
+        page.get_by_role("link", name="Identify", exact=True).click()  # who comes anew begins anew
+        page.get_by_role("heading", name="fit 2").wait_for(timeout=LONG)
+        has_models(page, "fit 2")
+
+
+def model(page, name: str):
+    """The box of a model that can be put beside a fit."""
+    return page.get_by_role("group", name="Models").get_by_label(name, exact=True)
+
+
+def has_models(page, *names: str) -> None:
+    """Wait until these models are chosen, and no other."""
+    page.wait_for_function(
+        """(names) => {
+          const boxes = [...document.querySelectorAll(".lab-checks input:checked")];
+          return boxes.map((box) => box.closest("label").innerText.trim()).sort().join() === names.sort().join();
+        }""",
+        arg=list(names),
+    )
+
+
+def has_name(page, name: str) -> None:
+    """Wait until the fit that is shown would be saved by this name."""
+    page.wait_for_function(
+        "name => document.querySelector('[aria-label=\"Save as an actuator\"]')?.value === name", arg=name
+    )
 
 
 def field(page, label: str):

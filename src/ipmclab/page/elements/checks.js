@@ -1,4 +1,4 @@
-// Some of a list, by boxes.
+// Some of a list, by boxes. "said" tells, at every change, what is chosen and of what.
 export default {
   template: `
     <fieldset class="lab-checks"><legend>{{ options.label }}</legend>
@@ -11,13 +11,18 @@ export default {
     return { mine: [...this.chosen] };
   },
   watch: {
-    chosen: { deep: true, handler(now) { this.mine = [...now]; } },
+    chosen: { deep: true, handler(now) { this.mine = [...now]; this.say(); } },
+    options: { deep: true, handler() { this.say(); } },
   },
   methods: {
     pick(name, on) {
       this.mine = this.mine.filter((one) => one !== name);
       if (on) this.mine.push(name);
       this.$emit("chosen", this.mine);
+      this.say();
+    },
+    say() {
+      this.$emit("said", { chosen: this.mine, offered: Object.keys(this.options.choices) });
     },
   },
 };

@@ -11,6 +11,7 @@ from nicegui import ui
 from ipmclab.errors import IpmclabError
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
+from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, download, fail_at, finding_list, plain_table, step_view, text
 from ipmclab.page.workshop import FitCard, Workshop
 
@@ -54,6 +55,9 @@ _PLACES: Final = {
 _MAY_LACK: Final = {"profiles": "profiles", "left-out": "left_out"}
 """Of these, what not every fit has, and where it would stand."""
 
+_NAME: Final = "name of "
+"""What a browser keeps begins so, where it is the name that a fit is to be saved by."""
+
 
 class FitView:
     """A fit in full.
@@ -61,13 +65,17 @@ class FitView:
     Parameters
     ----------
     workshop : Workshop
+    kept : Kept
+        What the browser keeps of the section.
     on_saved : callable
         Called when it was saved.
     """
 
-    def __init__(self, workshop: Workshop, on_saved: Callable[[], None]) -> None:
+    def __init__(self, workshop: Workshop, kept: Kept, on_saved: Callable[[], None]) -> None:
         self._workshop = workshop
+        self._kept = kept
         self._on_saved = on_saved
+        self._names: dict[str, str] = {}  # what was written to save a fit by, of those that were shown
         self._curves: str | None = None
 
     def build(self) -> None:
@@ -79,6 +87,11 @@ class FitView:
     def forget(self) -> None:
         """Its curves are shown no more."""
         self._workshop.curves.forget(self._curves)
+
+    def go_on(self, kept: Mapping[str, Any]) -> None:
+        """The names that this window had written to save fits by."""
+        said = {key.removeprefix(_NAME): name for key, name in kept.items() if key.startswith(_NAME)}
+        self._names = {key: name for key, name in said.items() if isinstance(name, str)}
 
     def show(self, one: FitCard) -> None:
         """Show a fit that is done."""
@@ -135,9 +148,14 @@ class FitView:
 
     def _build_keep(self, one: FitCard) -> None:
         with ui.element("div").classes("lab-bar"):
-            name = ui.input("Save as an actuator", value=one.asked.name.replace(" ", "-"))
+            name = ui.input(
+                "Save as an actuator",
+                value=self._names.get(one.key, one.asked.name.replace(" ", "-")),
+                on_change=lambda event: self._names.update({one.key: event.value or ""}),
+            )
             name.props("dense outlined suffix=.toml")
             name.classes("lab-wide")
+            self._kept.keep(f"{_NAME}{one.key}", name)
 
             def save() -> None:
                 fail_at(name, None)

@@ -57,9 +57,9 @@ class _View:
                 self._build_jobs()
                 self._build_step()
             with ui.element("div").classes("lab-column"):
-                self._fit = FitView(self._workshop, self._refill)
+                self._fit = FitView(self._workshop, self._kept, self._refill)
                 self._fit.build()
-                self._prediction = PredictionView(self._workshop, lambda: self._table.chosen["held"])
+                self._prediction = PredictionView(self._workshop, self._kept, lambda: self._table.chosen["held"])
                 self._prediction.build()
         for name, field in (("actuator", self._actuator), ("name", self._name)):
             self._kept.keep(name, field)
@@ -108,9 +108,11 @@ class _View:
         self._go_on(kept)
         self._chose(self._table.chosen)
         await self._read_names()
+        self._fit.go_on(kept)
         done = [one for one in self._workshop.fits if one.frame is not None]
         if done:
             self._show(done[-1])
+        self._prediction.go_on(kept)
         await self._workshop.looked()
         await self._read_rows()
         if not self._rows:

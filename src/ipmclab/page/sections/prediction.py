@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from nicegui import ui
@@ -15,6 +15,7 @@ from ipmclab.page.elements.checks import Checks
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import JobCancelled
+from ipmclab.page.sections.kept import Kept, texts
 from ipmclab.page.sections.parts import card, finding_list, plain_table, step_view, text
 from ipmclab.page.workshop import FitCard, Workshop
 
@@ -40,12 +41,15 @@ class PredictionView:
     Parameters
     ----------
     workshop : Workshop
+    kept : Kept
+        What the browser keeps of the section.
     runs : callable
         Gives the runs to predict.
     """
 
-    def __init__(self, workshop: Workshop, runs: Callable[[], Sequence[str]]) -> None:
+    def __init__(self, workshop: Workshop, kept: Kept, runs: Callable[[], Sequence[str]]) -> None:
         self._workshop = workshop
+        self._kept = kept
         self._runs = runs
         self._curves: str | None = None
         self._asked = 0
@@ -56,6 +60,7 @@ class PredictionView:
             with ui.element("div").classes("lab-bar"):
                 self._models = Checks("Models", self._workshop.models())
                 self._models.classes("lab-wide")
+                self._kept.keep("models", self._models, "said")
                 ui.button("Predict", on_click=self._predict).props("unelevated no-caps")
             self._message = text("").props("role=status").classes("lab-quiet")
             self._box = ui.element("div").classes("lab-column")
@@ -63,6 +68,13 @@ class PredictionView:
     def forget(self) -> None:
         """Its curves are shown no more."""
         self._workshop.curves.forget(self._curves)
+
+    def go_on(self, kept: Mapping[str, Any]) -> None:
+        """The models that this window had chosen, beside those that are chosen and that it was not offered then."""
+        said = texts(kept.get("models"), ("chosen", "offered"))
+        if said is not None:
+            new = [key for key in self._models.chosen if key not in said["offered"]]
+            self._models.offer(self._workshop.models(), [*said["chosen"], *new])
 
     def refill(self) -> None:
         """The models may have become more."""
