@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from benchmarks.procedure import SEED, VirtualStrip
 from ipmclab import Run, identify, load_actuator
-from ipmclab.identify.doublet import COUPLING, has_doublet
+from ipmclab.identify.doublet import COUPLING, _loosened, _may_be_off, has_doublet
 
 FRIEND = load_actuator("friend-2")
 STEPS = {
@@ -83,3 +87,29 @@ def test_a_zero_counts_beside_either_pole_and_never_beside_complex_ones() -> Non
     assert near(3.2, (3.0, 0.2))
     assert not near(0.15, (3.0, 0.2))
     assert not near(1.0, (1.0 + 0.5j, 1.0 - 0.5j))
+
+
+@pytest.mark.parametrize("correlation", [0.0, -0.99])
+def test_a_circuit_that_an_earlier_fit_found_is_off_together(correlation: float) -> None:
+    """Least squares with the errors of what is held among the noise, whose covariance is then that of both."""
+    names = ["circuit.sheet_resistance", "circuit.branches.0.resistivity"]
+    deviations = np.array([0.02, 0.5]) * [FRIEND[name] for name in names]
+    together = np.outer(deviations, deviations) * [[1.0, correlation], [correlation, 1.0]]
+    earlier = {
+        "covariance": {"names": names, "rows": together.tolist()},
+        "values": {name: FRIEND[name] for name in names},
+    }
+    stating = dict(zip(names, deviations.tolist(), strict=True))
+    strip = replace(FRIEND, standard_uncertainties=stating, fit_table=earlier)
+    generator = np.random.default_rng(SEED)
+    jacobian, residual = generator.standard_normal((40, 3)), generator.standard_normal(40)
+    moved, variance = generator.standard_normal((40, 2)) / deviations, 0.3
+    here = SimpleNamespace(jacobian=jacobian, residual=residual, cost=float(residual @ residual))
+    problem: Any = SimpleNamespace(fixed_jacobian=lambda *_: moved)
+    solution: Any = SimpleNamespace(theta=None, evaluation=here)
+    off = _may_be_off(strip, {name: FRIEND[name] for name in names})
+    found = _loosened(problem, solution, names, off, variance)
+    root = np.linalg.cholesky(np.eye(40) + moved @ together @ moved.T / variance)
+    columns, right = np.linalg.solve(root, jacobian), np.linalg.solve(root, residual)
+    left = right - columns @ np.linalg.lstsq(columns, right, rcond=None)[0]
+    assert found == pytest.approx(float(left @ left), rel=1e-6)

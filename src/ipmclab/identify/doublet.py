@@ -9,7 +9,7 @@ parameter allows.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,8 +17,9 @@ import numpy.typing as npt
 
 from ipmclab.identify.problem import Problem
 from ipmclab.identify.solve import Solution, entry_errors
+from ipmclab.identify.uncertainty.stated import stated_covariance
 from ipmclab.identify.valleys import SURE, SURELY_SOMEWHERE, Rival
-from ipmclab.model.parameters import Parameter
+from ipmclab.model import Actuator
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,13 +52,11 @@ def has_doublet(values: Mapping[str, float]) -> bool:
     return any(abs(zero - pole) < _BESIDE * pole for pole in (fast, p2 / fast))
 
 
-def without_doublet(
-    problem: Problem, solution: Solution, other: Solution, parameters: Mapping[str, Parameter]
-) -> Rival | None:
+def without_doublet(problem: Problem, solution: Solution, other: Solution, actuator: Actuator) -> Rival | None:
     """Another minimum, where the readings tell the solution from it by a doublet alone that need not be there.
 
-    Both are compared with the circuit that is held moved as far as it may be off: by its stated uncertainty, else by
-    2 %, to first order.
+    Both are compared with the circuit that is held moved as far as it may be off: by its stated uncertainty (together
+    what an earlier fit found together), else by 2 %, to first order.
 
     Parameters
     ----------
@@ -65,30 +64,46 @@ def without_doublet(
     solution : Solution
         The lowest minimum.
     other : Solution
-    parameters : mapping of name to Parameter
+    actuator : Actuator
         With the uncertainties that are stated.
     """
     place = problem.records[0].place
     if not has_doublet(problem.values(solution.theta, place)) or has_doublet(problem.values(other.theta, place)):
         return None
     free = {unknown.base for unknown in problem.unknowns}
+    known = actuator.parameter_values
     held = {
-        name: parameters[name].standard_uncertainty or _HELD * abs(value)
+        name: value
         for name, value in problem.base.items()
-        if name.startswith(_CIRCUIT) and name not in free and value and name in parameters
+        if name.startswith(_CIRCUIT) and name not in free and value and name in known
     }
+    off = _may_be_off(actuator, held)
     variance = solution.evaluation.cost / len(solution.evaluation.residual)
-    costs = [_loosened(problem, one, held, variance) for one in (solution, other)]
+    costs = [_loosened(problem, one, list(held), off, variance) for one in (solution, other)]
     if costs[1] - costs[0] > SURELY_SOMEWHERE * variance:
         return None
     return Rival.of(problem, other.theta, entry_errors(other.evaluation) * math.sqrt(variance * SURE))
 
 
-def _loosened(problem: Problem, solution: Solution, held: Mapping[str, float], variance: float) -> float:
+def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:
+    """By how much each value that is held [SI] is off as each of as many independent causes is one deviation off."""
+    stated = actuator.standard_uncertainties
+    found = np.diag([stated.get(name) or _HELD * abs(value) for name, value in held.items()])
+    told = [number for number, name in enumerate(held) if stated.get(name)]
+    table = stated_covariance(actuator, [name for name in held if stated.get(name)])
+    together = np.array([list(row.values()) for row in table.values()]).reshape(len(told), len(told))
+    if np.count_nonzero(together - np.diag(together.diagonal())):
+        size = np.sqrt(together.diagonal())
+        spread, vectors = np.linalg.eigh(together / np.outer(size, size))
+        found[np.ix_(told, told)] = size[:, None] * vectors * np.sqrt(np.maximum(spread, 0.0))
+    return found
+
+
+def _loosened(problem: Problem, solution: Solution, held: Sequence[str], off: FloatArray, variance: float) -> float:
     """The least cost with what is held free to move about its value, to first order."""
     if not held:
         return solution.evaluation.cost
-    moved = problem.fixed_jacobian(solution.theta, list(held)) * np.array(list(held.values()))
+    moved = problem.fixed_jacobian(solution.theta, held) @ off
     beside = solution.evaluation.jacobian
     columns = np.hstack([beside, moved])
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)

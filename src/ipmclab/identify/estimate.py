@@ -334,7 +334,7 @@ def _search(
     ]
     if set(COUPLING) <= set(names.shared):
         higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
-        rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, parameters)) is not None]
+        rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, actuator)) is not None]
     return problem, solution, tuple(rivals), _allowed(problem, solution, valley)
 
 
