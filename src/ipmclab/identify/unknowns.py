@@ -43,6 +43,8 @@ class Unknown:
         lies, in which every value is as likely as another.
     follows : mapping of name to pair of float
         By how much that centre moves with the entry of another unknown, and the standard deviation of that one.
+    deviation : float, optional
+        Of what is known of the entry, with what it follows; counted from these where those are independent.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Unknown:
     prior: tuple[float, float] | None = None
     places: tuple[int, ...] | None = None
     follows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    deviation: float | None = None
 
     def belongs_to(self, place: int) -> bool:
         """Whether it says something of a run."""
@@ -84,7 +87,9 @@ class Unknown:
         if self.prior is None or self.base == "observation.delay":
             return None
         value = self.value(self.prior[0])
-        deviation = math.hypot(self.prior[1], *(slope * other for slope, other in self.follows.values()))
+        deviation = self.deviation
+        if deviation is None:
+            deviation = math.hypot(self.prior[1], *(slope * other for slope, other in self.follows.values()))
         return value, deviation * self.chain(value)
 
     @property
@@ -96,6 +101,8 @@ class Unknown:
 _FAR: Final = 100.0  # Nyquist rates
 FARTHEST: Final = 6.0
 """Standard uncertainties within which a number is sought that is free merely because it is uncertain."""
+
+_ALIKE: Final = 1e-9  # of a variance, that is left of it beside others: rounding of a covariance leaves no less
 
 # Where a linear parameter's value is zero its own size says nothing about what a large change is.
 _LINEAR_SCALES: Final[Mapping[str, float]] = {
@@ -143,6 +150,39 @@ def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list
         for u in found
     ]
     return [_within(u) if u.base in priors and priors[u.base].merely_uncertain else u for u in tied]
+
+
+def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping[str, float]]) -> list[Unknown]:
+    """Unknowns of which something is known beforehand, each following those before it with which it is wrong together.
+
+    Parameters
+    ----------
+    unknowns : sequence of Unknown
+        With a prior each, of its own standard deviation.
+    covariance : mapping of name to mapping of name to float [SI]
+        Of what is known, by ``base``.
+    """
+    names = [unknown.base for unknown in unknowns]
+    deviations = [unknown.prior[1] if unknown.prior is not None else math.inf for unknown in unknowns]
+    sizes = [math.sqrt(covariance[name][name]) for name in names]
+    together = np.array([[covariance[one][other] for other in names] for one in names]).reshape(len(names), len(names))
+    correlation = together / np.outer(sizes, sizes)
+    found: list[Unknown] = []
+    for place, unknown in enumerate(unknowns):
+        before = np.flatnonzero(correlation[place, :place])
+        if unknown.prior is None or not len(before):
+            found.append(unknown)
+            continue
+        aside = correlation[place, before]
+        weights = np.linalg.pinv(correlation[np.ix_(before, before)], rcond=_ALIKE, hermitian=True) @ aside
+        own = deviations[place] * math.sqrt(max(1.0 - float(weights @ aside), _ALIKE))
+        follows = {
+            names[other]: (float(weight) * deviations[place] / deviations[other], deviations[other])
+            for other, weight in zip(before, weights, strict=True)
+        }
+        centre = unknown.prior[0]
+        found.append(replace(unknown, prior=(centre, own), follows=follows, deviation=deviations[place]))
+    return found
 
 
 def _within(unknown: Unknown) -> Unknown:

@@ -90,6 +90,32 @@ def test_noise_that_hangs_together_is_in_it_and_so_is_a_fixed_value_that_is_not_
     assert_agrees(found, exact, within=0.15)
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.99, -0.99])
+def test_what_an_earlier_fit_found_together_is_known_together(correlation: float) -> None:
+    """Where the current leaves the series resistance open against the first branch, what is known of both decides."""
+    names = [SERIES, FIRST]
+    deviations = np.array([0.004, 0.1]) * [FRIEND[name] for name in names]
+    together = np.outer(deviations, deviations) * [[1.0, correlation], [correlation, 1.0]]
+    earlier = {
+        "covariance": {"names": names, "rows": together.tolist()},
+        "values": {name: FRIEND[name] for name in names},
+    }
+    stated = dict(zip(names, deviations.tolist(), strict=True))
+    fit = identify(replace(FRIEND, standard_uncertainties=stated, fit_table=earlier), [measured()], free=DC)
+    assert fit.estimate is not None
+    solved, theta = fit.estimate.problem, fit.estimate.solution.theta
+    # Where errors are small: the information of the readings, with the inverse of what is known of the two.
+    columns = np.hstack([solved.evaluate(theta).jacobian * FRIEND[DC] ** -1.0, solved.fixed_jacobian(theta, names)])
+    information = columns.T @ columns
+    information[1:, 1:] += np.linalg.inv(together)
+    expected = np.sqrt(np.linalg.inv(information).diagonal())
+    found = sample_posterior(fit).parameters
+    for name, size in zip((DC, *names), expected, strict=True):
+        assert found[name].standard_deviation == pytest.approx(size, rel=0.1)
+    for name, deviation in zip(names, deviations, strict=True):
+        assert found[name].prior == pytest.approx((FRIEND[name], deviation))
+
+
 def equivalent(strip: Strip, series: float) -> Array | None:
     """Logarithms of (rho_1, R_s, rho_dc, eps_1, rho_2, eps_2) that draw the same current behind another resistance.
 

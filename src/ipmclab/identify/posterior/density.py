@@ -19,7 +19,7 @@ from ipmclab.identify.noise.terms import Terms, state_space
 from ipmclab.identify.order import Order
 from ipmclab.identify.posterior.coordinates import WIDEST, Straight, coordinates
 from ipmclab.identify.problem import Problem
-from ipmclab.identify.unknowns import Unknown, actuator_unknown
+from ipmclab.identify.unknowns import Unknown, actuator_unknown, known_together
 from ipmclab.model.parameters import Parameter
 
 FloatArray = npt.NDArray[np.float64]
@@ -96,12 +96,16 @@ class Density:
     estimate : Estimate
     stated : mapping of name to Parameter
         Fixed parameters whose uncertainty is stated.
+    together : mapping of name to mapping of name to float [SI]
+        Their covariance: an earlier fit found some of them together.
     """
 
-    def __init__(self, estimate: Estimate, stated: Mapping[str, Parameter]) -> None:
+    def __init__(
+        self, estimate: Estimate, stated: Mapping[str, Parameter], together: Mapping[str, Mapping[str, float]]
+    ) -> None:
         correlated = estimate.correlated
         solved, theta = correlated.problem, correlated.solution.theta
-        moved = _that_matter(solved, theta, stated)
+        moved = known_together(_that_matter(solved, theta, stated), together)
         self.unknowns: tuple[Unknown, ...] = (*solved.unknowns, *moved)
         self.problem = Problem(solved.base, solved.records, self.unknowns, solved.responder, solved.noise)
         whole = (

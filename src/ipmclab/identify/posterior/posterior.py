@@ -25,6 +25,7 @@ from ipmclab.identify.posterior.packages import bayes_package
 from ipmclab.identify.posterior.sampling import LEAST_STEPS, Chains, sample
 from ipmclab.identify.progress import Tell, part, stage, telling
 from ipmclab.identify.remarks import averages
+from ipmclab.identify.uncertainty.stated import stated_covariance
 from ipmclab.identify.unknowns import Unknown
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
@@ -208,8 +209,8 @@ def _sample(fit: Fit, estimate: Estimate, seed: int, steps: int) -> Posterior:
     stage("looking for the valley that the readings leave open", 0.0, 0.05, 300)
     free = {unknown.base for unknown in estimate.problem.unknowns}
     stated = {n: p for n, p in estimate.parameters.items() if p.standard_uncertainty > 0.0 and n not in free}
-    density = Density(estimate, stated)
     order = Order(estimate.problem.values(estimate.solution.theta, estimate.problem.records[0].place))
+    density = Density(estimate, stated, _together(fit, stated, order))
     names = [order(unknown.name) for unknown in density.unknowns]
     others = [_place(rival, density) for rival in estimate.rivals] if isinstance(density.coordinates, Straight) else []
     with part("", 0.05, 1.0):
@@ -217,6 +218,17 @@ def _sample(fit: Fit, estimate: Estimate, seed: int, steps: int) -> Posterior:
     if not chains.judgement.agrees:
         raise _not_converged(chains.judgement, steps)
     return _told(fit, density, chains, names, seed)
+
+
+def _together(fit: Fit, stated: Mapping[str, Parameter], order: Order) -> dict[str, dict[str, float]]:
+    """Covariance [SI] of what is stated of fixed parameters, by the names that they have in the problem."""
+    found = {one: dict.fromkeys(stated, 0.0) for one in stated}
+    for name, parameter in stated.items():
+        found[name][name] = parameter.standard_uncertainty**2
+    now = {order(name): name for name in stated if order(name) in fit.actuator.standard_uncertainties}
+    for one, row in stated_covariance(fit.actuator, list(now)).items():
+        found[now[one]] |= {now[other]: value for other, value in row.items()}
+    return found
 
 
 def _place(rival: Rival, density: Density) -> FloatArray:
