@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from ipmclab.page.replay import Replay
+from ipmclab.signals import Samples
+
 
 @dataclass(frozen=True)
 class Step:
@@ -41,7 +44,7 @@ def in_order(steps: Sequence[Step], *, note: str) -> Step:
     ipmclab validate mine.toml b.nc
     """
     commands = [step.command for step in steps]
-    python = _IMPORT + "\n".join(step.python.removeprefix(_IMPORT) for step in steps)
+    python = _IMPORT + "\n".join(step.python.replace(_IMPORT, "", 1) for step in steps)
     return Step(
         " &&\n".join(commands) if all(commands) else "",
         python,
@@ -112,33 +115,46 @@ def simulate_step(
     signal: str = "",
     duration: float = 40.0,
     rate: float = 50.0,
-    run: str | None = None,
+    run: Replay | None = None,
     is_fit: bool = False,
 ) -> Step:
-    """Simulate; the command needs a file where parameters were changed, the Python does not.
+    """Simulate a signal, or over a run; the command needs a file where parameters were changed, the Python does not.
 
-    Of a fit that was left as it is the command tells how sure it is, and the Python has it as ``bands``.
+    Of a fit that was left as it is the command tells how sure it is, and the Python has it as ``bands``. Over a run
+    that no command can repeat there is none, and the note says why.
 
     Examples
     --------
     >>> simulate_step("friend-2", {}, signal="step 1 V").command
     "ipmclab simulate friend-2 --signal 'step 1 V' --duration '40 s' --rate '50 Hz' --out run.nc"
+    >>> simulate_step("friend-2", {}, run=Replay("a.nc", 40.0, 50.0, "first")).command
+    "ipmclab simulate friend-2 --signal 'file a.nc' --duration '40 s' --rate '50 Hz' --hold first --out simulated.nc"
     """
     name = "changed.toml" if changes else actuator
-    times = ["--duration", f"{_exact(duration)} s", "--rate", f"{_exact(rate)} Hz"]
-    command = shlex.join(["ipmclab", "simulate", name, "--signal", signal, *times, "--out", "run.nc"])
-    note = ""
-    lines = ["import ipmclab", "", f"actuator = ipmclab.load_actuator({actuator!r})"]
+    note, hold, out = "", [], "run.nc"
+    if run is not None:
+        signal = str(Samples([0.0, 1.0], [0.0, 0.0], path=run.key))  # quoted as a signal's text has it
+        duration, rate, out = run.duration, run.rate, "simulated.nc"
+        hold = ["--hold", run.hold] if run.hold != "zero" else []
+    times = ["--duration", f"{_exact(duration)} s", "--rate", f"{_exact(rate)} Hz", *hold]
+    command = shlex.join(["ipmclab", "simulate", name, "--signal", signal, *times, "--out", out])
+    assumes = run is not None and run.is_assumed
+    lines = [*(["import dataclasses", ""] if assumes else []), "import ipmclab", ""]
+    lines.append(f"actuator = ipmclab.load_actuator({actuator!r})")
     if changes:
         lines.append(f"actuator = actuator.replace(**{dict(changes)!r})")
         lines.append(f"ipmclab.write_actuator(actuator, {name!r})")
         note = f"The command takes {name}: save the changed actuator by this name, or let the Python write it."
     if run is not None:
-        lines.append(f"run = ipmclab.simulate(actuator, ipmclab.read_run({run!r}))")
-        command = note = ""
+        lines.append(f"measured = ipmclab.read_run({run.key!r})")
+        if assumes:  # the page takes it so, and says it
+            lines.append(f"measured = dataclasses.replace(measured, hold={run.hold!r})")
+        lines.append("run = ipmclab.simulate(actuator, measured)")
+        if run.why_no_command:
+            command, note = "", f"No command does this: {run.why_no_command}."
     else:
         lines.append(f"run = ipmclab.simulate(actuator, {signal!r}, duration={duration!r}, rate={rate!r})")
-        lines.append("ipmclab.write_run(run, 'run.nc')")
+    lines.append(f"ipmclab.write_run(run, {out!r})")
     if is_fit and not changes:
         lines.append(f"bands = ipmclab.prediction_bands(ipmclab.read_fit({actuator!r}), run)")
     return Step(command, "\n".join(lines) + "\n", note)

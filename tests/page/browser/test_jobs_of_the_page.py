@@ -250,6 +250,7 @@ def test_sliders_move_the_response_the_strip_and_the_frequency_response(address:
     page.get_by_role("button", name="Reset all").click()
     page.get_by_label("Over a run").select_option("runs/square.nc")
     page.get_by_role("list", name="Curves").first.get_by_text("measured").wait_for()
+    page.get_by_text("--signal 'file runs/square.nc' --duration '40 s' --rate '50 Hz' --out simulated.nc").wait_for()
     page.get_by_label("Save changed actuator as").fill("softer")
     page.get_by_role("button", name="Save", exact=True).click()
     page.get_by_text("wrote softer.toml").wait_for()

@@ -36,7 +36,7 @@ class Simulator(Element, component="simulator.js"):
     stamp : str
         What changes when the actuator's file does, as it was before that was loaded.
     on_asked : callable, optional
-        Called with what was asked: changes and signal.
+        Called with what was asked: changes and signal; also a coroutine function.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Simulator(Element, component="simulator.js"):
         runs: Sequence[tuple[str, str]] = (),
         run: str | None = None,
         stamp: str = "0",
-        on_asked: Callable[[dict[str, Any]], None] | None = None,
+        on_asked: Callable[[dict[str, Any]], Any] | None = None,
     ) -> None:
         super().__init__()
         known, notes = actuator.parameters().values(), left_open(actuator)
@@ -61,8 +61,10 @@ class Simulator(Element, component="simulator.js"):
         }
         if on_asked is not None:
 
-            def asked(event: GenericEventArguments) -> None:
-                on_asked(event.args)
+            async def asked(event: GenericEventArguments) -> None:
+                result = on_asked(event.args)
+                if result is not None:
+                    await result
 
             self.on("asked", asked, throttle=0.5)
 

@@ -13,6 +13,7 @@ from ipmclab.page.commands import simulate_step
 from ipmclab.page.context import Context
 from ipmclab.page.elements.simulator import Simulator
 from ipmclab.page.jobs.tasks.simulate import stamp
+from ipmclab.page.replay import Replay
 from ipmclab.page.run_table import told_runs
 from ipmclab.page.sections.kept import Kept
 from ipmclab.page.sections.parts import card, fail_at, step_view, text
@@ -30,6 +31,7 @@ class _View:
         self._workshop = context.workshop
         self._kept = Kept(context)
         self._loaded: tuple[str, Actuator, Simulator] | None = None
+        self._told = 0
 
     def build(self) -> None:
         asked = ui.context.client.request.query_params
@@ -117,23 +119,32 @@ class _View:
         known = told_runs(await asyncio.to_thread(self._workshop.rows))
         return [(key, f"{words} – {key}" if words else key) for key, words in known.items()]
 
-    def _tell(self, question: dict[str, Any]) -> None:
+    async def _tell(self, question: dict[str, Any]) -> None:
         if self._loaded is None:
             return
-        name = self._loaded[0]
+        name, loaded, _ = self._loaded
+        self._told += 1
+        told = self._told
         try:
+            over = await asyncio.to_thread(self._replay, question["run"]) if question["run"] else None
+            if told != self._told:
+                return  # something newer is told
             step = simulate_step(
                 self._workshop.file_name(name),
                 question["changes"],
                 signal=question["signal"],
                 duration=float(question["duration"] or 0.0),
                 rate=float(question["rate"] or 0.0),
-                run=question["run"] or None,
-                is_fit=self._loaded[1].fit_table is not None,
+                run=over,
+                is_fit=loaded.fit_table is not None,
             )
-        except ValueError:
-            return
+        except (ValueError, IpmclabError):
+            return  # the view says what is wrong
         self._step(self._workshop.repeatable(step, [name]))
+
+    def _replay(self, key: str) -> Replay:
+        """What a step over a run has to know of it. May take as long as to read it."""
+        return Replay.of(key, self._workshop.read_run(key))
 
     async def _save(self) -> None:
         fail_at(self._name, None)

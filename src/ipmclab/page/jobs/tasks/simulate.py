@@ -11,6 +11,7 @@ import numpy as np
 
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.lab import files_of
+from ipmclab.page.replay import ASSUMED_HOLD
 from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def answered(arguments: dict[str, Any]) -> tuple[Run, Run | None, Actuator, str 
         if measured.hold == "unknown":
             from dataclasses import replace
 
-            measured, assumed_hold = replace(measured, hold="zero-before"), "zero-before"
+            measured, assumed_hold = replace(measured, hold=ASSUMED_HOLD), ASSUMED_HOLD
         return simulate(changed, measured), measured, changed, assumed_hold
     duration, rate = float(arguments.get("duration", 40.0)), float(arguments.get("rate", 50.0))
     if duration * rate > MOST_ROWS:
