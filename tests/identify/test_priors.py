@@ -192,6 +192,34 @@ def test_what_follows_a_dimension_moves_with_it() -> None:
         assert (unknown.lower, unknown.upper) == pytest.approx((middle - 6 * uncertainty, middle + 6 * uncertainty))
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.99, -0.99])
+def test_what_an_earlier_fit_found_together_is_known_together(correlation: float) -> None:
+    """The information of the readings, which leave a valley, with the inverse of what is known of all three."""
+    names = [SERIES, DC, "circuit.branches.0.resistivity"]
+    deviations = np.array([0.004, 0.05, 0.1]) * [FRIEND[name] for name in names]
+    together = np.outer(deviations, deviations) * [[1.0, 0.1, correlation], [0.1, 1.0, 0.0], [correlation, 0.0, 1.0]]
+    earlier = {
+        "covariance": {"names": names, "rows": together.tolist()},
+        "values": {name: FRIEND[name] for name in names},
+    }
+    stated = dict(zip(names, deviations.tolist(), strict=True))
+    strip = replace(FRIEND, standard_uncertainties=stated, fit_table=earlier)
+    fit = identify(strip, [measured(noise=1e-3)], free=names, prior=names)
+    assert fit.estimate is not None
+    problem, solution = fit.estimate.problem, fit.estimate.solution
+    readings = max(piece.stop for piece in problem.pieces.values())
+    order = [[unknown.name for unknown in problem.unknowns].index(name) for name in names]
+    values = np.array([fit.parameters[name].value for name in names])
+    columns = solution.evaluation.jacobian[:readings, order] / values  # all three are moved as logarithms
+    expected = np.linalg.inv(columns.T @ columns + np.linalg.inv(together))
+    found = [[fit.covariance[one][other] for other in names] for one in names]
+    np.testing.assert_allclose(
+        found / np.outer(deviations, deviations), expected / np.outer(deviations, deviations), atol=0.02
+    )
+    for name, deviation in zip(names, deviations, strict=True):
+        assert fit.parameters[name].prior == pytest.approx((FRIEND[name], deviation))
+
+
 def test_a_dimension_that_the_readings_contradict_is_told() -> None:
     """A strip 10 % wider than was measured, within 1 %, while all else is known."""
     run = measured(3, FRIEND.replace(**{"geometry.width": 5.5e-3}))

@@ -68,6 +68,8 @@ class FreeParameters:
     observation : tuple of str
         Offsets and drifts of the readings, one for each run.
     priors : mapping of name to Prior
+    together : mapping of name to mapping of name to float [SI]
+        Covariance of the priors of shared parameters that an earlier fit found together.
     """
 
     shared: tuple[str, ...]
@@ -75,6 +77,7 @@ class FreeParameters:
     per_mounting: tuple[str, ...] = ()
     observation: tuple[str, ...] = ()
     priors: Mapping[str, Prior] = field(default_factory=dict)
+    together: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def actuator(self) -> tuple[str, ...]:
@@ -85,7 +88,7 @@ class FreeParameters:
     def without_priors(self) -> FreeParameters:
         """What is free where the readings are asked alone."""
         held = {name for name, prior in self.priors.items() if prior.merely_uncertain}
-        return replace(self, shared=tuple(name for name in self.shared if name not in held), priors={})
+        return replace(self, shared=tuple(name for name in self.shared if name not in held), priors={}, together={})
 
 
 def parse_free(

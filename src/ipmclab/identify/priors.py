@@ -10,6 +10,7 @@ from typing import Final
 from ipmclab.errors import InputError
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.free import FreeParameters, Prior, names_of
+from ipmclab.identify.uncertainty.stated import stated_covariance
 from ipmclab.identify.unknowns import actuator_unknown
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
@@ -28,8 +29,8 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
     Parameters
     ----------
     actuator : Actuator
-        Its value and standard uncertainty are what is known; where it states no uncertainty, the range that strips
-        have (``Declaration.likely``), as 95 %.
+        Its value and standard uncertainty are what is known, together where an earlier fit found them together; where
+        it states no uncertainty, the range that strips have (``Declaration.likely``), as 95 %.
     names : FreeParameters
     prior : str or iterable of str
         Groups, dotted names or comma lists of them, all of them free.
@@ -65,7 +66,12 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
                 repair="free it too; the stated uncertainty of a parameter that is not free counts without being named",
             )
         found[name] = Prior(*_known(actuator, parameters[name]))
-    return replace(names, priors={name: found[name] for name in names.actuator if name in found})
+    stated = [name for name in names.shared if name in found and parameters[name].standard_uncertainty > 0.0]
+    return replace(
+        names,
+        priors={name: found[name] for name in names.actuator if name in found},
+        together=stated_covariance(actuator, stated),
+    )
 
 
 def _known(actuator: Actuator, parameter: Parameter) -> tuple[float, float]:

@@ -173,7 +173,8 @@ class Problem:
         for row, (place, _, deviation) in enumerate(priors):
             self._prior_jacobian[row, place] = 1.0 / deviation
             for other, (slope, _) in self.unknowns[place].follows.items():
-                self._prior_jacobian[row, places[other]] = -slope / deviation
+                if other in places:  # else it is held
+                    self._prior_jacobian[row, places[other]] = -slope / deviation
         limits = np.array([unknown.limits for unknown in self.unknowns]).reshape(-1, 2)
         self.lower, self.upper = limits[:, 0], limits[:, 1]
 

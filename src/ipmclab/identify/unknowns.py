@@ -230,6 +230,9 @@ def unknowns_of(
             shared = actuator_unknown(parameters[name], None)
             found.append(replace(shared, name=f"{name}[mounting {mounting}]", places=places))
     found = with_known(found, free.priors)
+    if free.together:
+        tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
+        found = [tied.get(u.name, u) for u in found]
     for record in records:
         if record.delay_is_free:
             reach = LONGEST_DELAY * record.period
