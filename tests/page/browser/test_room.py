@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ipmclab import load_actuator, simulate, write_run
@@ -82,12 +84,70 @@ def test_the_numbers_beside_a_plot_are_whole_and_where_they_say(address: str, op
             assert float(one["text"]) == pytest.approx(one["value"], abs=1e-2 * panel["span"])
 
 
+@pytest.mark.parametrize(
+    ("middle", "swing"), [(0.0, 1.0), (1e5, 0.05), (12345678.0, 1e7), (-0.12345, 2e-7), (2e-7, 2e-7)]
+)
+def test_the_numbers_of_a_saved_figure_are_whole_and_where_they_say(
+    address: str, open_page, middle: float, swing: float
+) -> None:
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page.evaluate(WIDE_FIGURE, [middle, swing])
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save the figure as it is shown: wide").click()
+    picture = page.context.new_page()
+    picture.set_content(f"<body style='margin: 0'>{Path(saved.value.path()).read_text('utf-8')}</body>")
+    drawn = picture.evaluate(NUMBERS_OF_FIGURE)
+    assert len(drawn["panels"]) == 2
+    for (low, high), numbers in zip(((middle - swing, middle + swing), (-1.0, 1.0)), drawn["panels"], strict=True):
+        assert len({one["text"] for one in numbers}) == len(numbers) >= 3
+        for one in numbers:
+            assert drawn["names"] <= one["left"], one  # beside the name of the panel, not over it
+            assert low - 0.1 * (high - low) <= float(one["text"]) <= high + 0.1 * (high - low)
+        values, heights = ([one[what] for one in numbers] for what in ("text", "y"))
+        steps = np.diff([float(value) for value in values]) / np.diff(heights)
+        assert np.allclose(steps, steps[0], rtol=0.05)  # numbers stand as far from each other as they say
+    assert len(drawn["times"]) >= 5
+    for one in drawn["times"]:
+        assert 0.0 <= one["left"] < one["right"] <= drawn["width"], one
+
+
 IS_IN_SIGHT = """(box) => {
   const table = box.closest(".lab-run-table");
   const [row, frame, head] = [box.closest("tr"), table, table.querySelector("th")]
     .map((one) => one.getBoundingClientRect());
   return row.top >= head.bottom - 1 && row.bottom <= frame.bottom + 1;
 }"""
+
+WIDE_FIGURE = """([middle, swing]) => {
+  const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
+  const series = [{ key: "one", label: "one", colour: 0 }];
+  const panels = ["force", "current"].map((key) => ({ key, label: key, unit: "mN", factor: 1, series }));
+  const stack = new LabPlot.Stack(host, { name: "wide", panels });
+  const time = Float64Array.from({ length: 101 }, (_, k) => 100000 + k / 10);
+  stack.show("force", [[time, time.map((_, k) => middle + swing * Math.sin(k / 10))]]);
+  stack.show("current", [[time, time.map((_, k) => Math.sin(k / 10))]]);
+  stack.draw(100000, 100010);
+}"""
+
+NUMBERS_OF_FIGURE = """() => {
+  const box = (one) => {
+    const { left, right, top, bottom } = one.getBoundingClientRect();
+    return { text: one.textContent, left, right, y: (top + bottom) / 2 };
+  };
+  const of = (place) => [...document.querySelectorAll(place)].map(box);
+  const names = of('text[transform]');
+  const beside = of('text[text-anchor=end]');
+  const away = (one, name) => Math.abs(name.y - one.y);
+  const nearest = (one) => names.reduce((best, name) => (away(one, name) < away(one, best) ? name : best));
+  return {
+    width: document.querySelector("svg").clientWidth,
+    names: Math.max(...names.map((one) => one.right)),
+    panels: names.map((name) => beside.filter((one) => nearest(one) === name)),
+    times: of('text[text-anchor=middle]:not([transform])').filter((one) => !one.text.includes("[")),
+  };
+}"""
+"""Of a figure its numbers, and where the names of its panels end."""
 
 NUMBERS_BESIDE = """async (largest) => {
   const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));

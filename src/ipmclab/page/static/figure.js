@@ -5,10 +5,19 @@ const LabFigure = (() => {
   // Of what is marked, as --lab-danger, --lab-warning and --lab-accent of the light theme.
   const MARKS = { error: "#b3261e", warning: "#8a5a00", info: "#00619a" };
 
-  function svg(stack, palette, dashes, number) {
+  // Left of the numbers: the name of their panel, upright.
+  const NAME = 18;
+  const LEAST_RIGHT = 15;
+
+  // numbers: the texts of ticks; roomOf: the room that texts of some widths have to the left of a plot. As on the screen.
+  function svg(stack, palette, dashes, numbers, roomOf) {
     const width = 800;
-    const left = 70;
-    const right = 15;
+    const beside = stack.plots.map(({ scales: { y } }) => ticksOf(y, 5, numbers));
+    const left = NAME + roomOf(beside.flat().map(([, text]) => widthOf(text)));
+    const { power } = stack.options.x;
+    const whole = (values) => (power ? values.filter(Number.isInteger) : values);
+    const below = stack.plots.length ? ticksOf(stack.plots[0].scales.x, 9, (values) => stack.xValues(null, values, true), whole) : [];
+    const right = Math.max(LEAST_RIGHT, ...below.map(([, text]) => Math.ceil(widthOf(text) / 2) + 2));
     const high = 150;
     const gap = 14;
     const parts = [];
@@ -23,14 +32,15 @@ const LabFigure = (() => {
       return `fill="none" stroke="${palette[one.colour % 8]}" ${pen}`;
     };
     const areaOf = (one) => `fill="${palette[one.colour % 8]}" fill-opacity="0.25"`;
-    // A row a curve: names of runs are long.
+    // A row a curve: names of runs are long, and begin where they have room beside the widest numbers too.
+    const legend = NAME + roomOf([]);
     const named = [...stack.named().values()];
     named.forEach((one, row) => {
       const y = 14 + 16 * row;
-      const sample = one.style === "points" ? `M${left + 15} ${y}h0` : `M${left} ${y}h30`;
-      if (isEnd(one)) parts.push(`<rect x="${left}" y="${y - 5}" width="30" height="10" ${areaOf(one)}/>`);
+      const sample = one.style === "points" ? `M${legend + 15} ${y}h0` : `M${legend} ${y}h30`;
+      if (isEnd(one)) parts.push(`<rect x="${legend}" y="${y - 5}" width="30" height="10" ${areaOf(one)}/>`);
       else parts.push(`<path d="${sample}" ${lookOf(one)}/>`);
-      text(left + 38, y + 3.5, shortened(one.label, 105));
+      text(legend + 38, y + 3.5, shortened(one.label, 105));
     });
     const head = 20 + 16 * named.length;
     stack.plots.forEach((plot, place) => {
@@ -50,14 +60,13 @@ const LabFigure = (() => {
             `${rect} height="${high}" opacity="0.2"/>${rect} height="3"/></g>`,
         );
       }
-      for (const value of ticks(y.min, y.max, 5)) {
+      for (const [value, words] of beside[place]) {
         parts.push(`<path d="M${left} ${toY(value).toFixed(1)}H${width - right}" stroke="#d5dadf"/>`);
-        text(left - 6, toY(value) + 3.5, number(value), 'text-anchor="end"');
+        text(left - 6, toY(value) + 3.5, words, 'text-anchor="end"');
       }
-      const { power } = stack.options.x;
-      for (const value of power ? ticks(x.min, x.max, 9).filter(Number.isInteger) : ticks(x.min, x.max, 9)) {
+      for (const [value, words] of below) {
         parts.push(`<path d="M${toX(value).toFixed(1)} ${top}V${top + high}" stroke="#d5dadf"/>`);
-        if (place === count - 1) text(toX(value), top + high + 15, number(power ? 10 ** value : value, 6), 'text-anchor="middle"');
+        if (place === count - 1) text(toX(value), top + high + 15, words, 'text-anchor="middle"');
       }
       parts.push(`${frame} fill="none" stroke="#5f6973"/>`);
       const label = stack.titleOf(panel);
@@ -106,6 +115,21 @@ const LabFigure = (() => {
     };
     const below = stretches(lowTime, low);
     return stretches(highTime, high).map((above, k) => [...above, ...(below[k] ?? []).toReversed()]);
+  }
+
+  const ruler = document.createElement("canvas").getContext("2d");
+
+  // Of a text as the figure has it [px].
+  function widthOf(text) {
+    ruler.font = "11px system-ui, sans-serif";
+    return ruler.measureText(text).width;
+  }
+
+  // Where an axis has its ticks, each with what is written there.
+  function ticksOf({ min, max }, most, textsOf, chosen = (values) => values) {
+    const values = chosen(ticks(min, max, most));
+    const texts = textsOf(values);
+    return values.map((value, k) => [value, texts[k]]);
   }
 
   function ticks(low, high, most) {

@@ -15,6 +15,7 @@ const LabPlot = (() => {
   // What the numbers of an axis have to its left edge and from its ticks [px], and what they have at least altogether.
   const BESIDE = 18;
   const LEAST_ROOM = 52;
+  const roomOf = (widths) => Math.max(LEAST_ROOM, Math.ceil(Math.max(0, ...widths)) + BESIDE);
   const DASHES = { line: [], dashed: [8, 4], dotted: [2, 4] };
   const theme = () => (document.documentElement.dataset.theme === "dark" ? "dark" : "light");
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--lab-${name}`).trim();
@@ -243,9 +244,8 @@ const LabPlot = (() => {
     roomFor(plot, texts) {
       plot.ctx.save();
       plot.ctx.font = `${11 * devicePixelRatio}px system-ui`;
-      const widest = Math.max(0, ...(texts ?? []).map((text) => plot.ctx.measureText(text).width / devicePixelRatio));
+      const needed = roomOf((texts ?? []).map((text) => plot.ctx.measureText(text).width / devicePixelRatio));
       plot.ctx.restore();
-      const needed = Math.ceil(widest) + BESIDE;
       if (needed > this.room) {
         this.room = needed; // it stays: curves that run would jump to and fro
         queueMicrotask(() => this.plots.forEach((one) => one !== plot && one.redraw(false, true)));
@@ -587,7 +587,7 @@ const LabPlot = (() => {
     // ---- saving
 
     saveSvg() {
-      save(new Blob([LabFigure.svg(this, PALETTES.light, DASHES, number)], { type: "image/svg+xml" }), `${fileName(this.options.name)}.svg`);
+      save(new Blob([LabFigure.svg(this, PALETTES.light, DASHES, distinct, roomOf)], { type: "image/svg+xml" }), `${fileName(this.options.name)}.svg`);
     }
 
     saveCsv() {
