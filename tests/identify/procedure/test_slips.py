@@ -15,6 +15,7 @@ from ipmclab.cli.app import run
 from ipmclab.identify.procedure.amounts import Uncertain, exact
 from ipmclab.identify.procedure.four_probe import FourProbes, sheet_resistance
 from ipmclab.identify.procedure.procedure_file import procedure_from_text
+from ipmclab.identify.procedure.step import Step
 from ipmclab.identify.procedure.written import Written
 
 WIDTH = '{ readings = ["5.01 mm", "4.98 mm", "5.02 mm", "4.99 mm", "5.00 mm"], standard_uncertainty = "0.01 mm" }'
@@ -242,6 +243,52 @@ def test_the_steps_before_one_that_fails_are_shown(folder: Path, capsys: pytest.
     assert "a strip pushes back" in shown.err
     assert run(["procedure", "p.toml", "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["code"] == "out-of-range"
+
+
+SHORTED = {"read": '"0.04 ohm"', "zero": '{ value = "0.03 ohm", standard_uncertainty = "0.01 ohm" }'}
+PUSHED = '[modulus]\ndisplacement = ["0 mm", "1 mm", "2 mm", "3 mm"]\nforce = ["0 mN", "3 mN", "6 mN", "9 mN"]\n'
+STEADY = '[dc_resistance]\nvalue = { value = "70.9 ohm", standard_uncertainty = "0.5 ohm" }\n'
+
+
+def test_what_does_not_need_a_step_that_cannot_be_used_is_carried_out(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The meter reads its own offset: the current needs the sheet resistance, mass and push do not."""
+    whole = follow_procedure(procedure_from_text(text_of() + STEADY + PUSHED)).steps
+    Path("p.toml").write_text(text_of(**SHORTED) + STEADY + PUSHED, encoding="utf-8")
+    told: dict[str, Step] = {}
+    with pytest.raises(InputError) as caught:
+        follow_procedure(read_procedure("p.toml"), step_done=lambda step: told.update({step.name: step}))
+    assert caught.value.code == "no-sheet-resistance"
+    first, steady, branches, density, modulus, coupling = (told[step.name] for step in whole)
+    (finding,) = first.findings
+    assert (first.done, finding.code, finding.severity) == (False, "no-sheet-resistance", "error")
+    assert caught.value.message in finding.message
+    assert finding.repair == caught.value.repair
+    assert "waits for the sheet resistance" in steady.how
+    assert "waits for the sheet resistance" in branches.how
+    assert (density.results, modulus.results) == (whole[3].results, whole[4].results)
+    assert coupling.how == "waits for the sheet resistance, the branches"
+    assert run(["procedure", "p.toml"]) == 2
+    shown = capsys.readouterr()
+    assert "1. sheet resistance by four probes: cannot be used\n" in shown.out
+    assert "2. dc resistance from the steady state: waits for the sheet resistance\n" in shown.out
+    assert "4. density from mass and volume\n" in shown.out
+    assert f"beam.modulus {whole[4].results['beam.modulus'].said}" in " ".join(shown.out.split())
+    assert finding.message in " ".join(shown.out.split())
+    assert caught.value.message in shown.err
+    assert "Next" not in shown.out
+
+
+def test_every_step_that_cannot_be_used_is_told_and_the_first_is_the_error(folder: Path) -> None:
+    told: dict[str, Step] = {}
+    text = text_of(**SHORTED) + PULLS
+    with pytest.raises(InputError, match="no more than its own offset"):
+        follow_procedure(procedure_from_text(text), step_done=lambda step: told.update({step.name: step}))
+    unusable = [name for name, step in told.items() if any(one.severity == "error" for one in step.findings)]
+    assert unusable == ["sheet_resistance", "modulus"]
+    assert told["density"].done
+    assert told["coupling"].how == "waits for the sheet resistance, the branches, the modulus"
 
 
 def test_what_was_found_is_shown_before_the_fit_is_written(

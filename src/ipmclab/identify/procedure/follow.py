@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from ipmclab.errors import InputError
 from ipmclab.identify.fit_table import changed
 from ipmclab.identify.procedure import dc
 from ipmclab.identify.procedure import density as density_step
@@ -169,7 +170,7 @@ def follow_procedure(
     progress : function of (str, float), optional
         Told what is being done, and how far it is; what it raises ends the work.
     step_done : function of Step, optional
-        Given each step as it is done, so that it is known also where a later one fails; a step that another one makes
+        Given each step as it is done, so that it is known also where another one fails; a step that another one makes
         better comes twice.
 
     Returns
@@ -179,7 +180,8 @@ def follow_procedure(
     Raises
     ------
     InputError
-        Something that was measured cannot be.
+        Something that was measured cannot be used: the first of it, when all steps that do not need it were carried out
+        and given to ``step_done``, as is what those say that could not be.
     """
     with telling(progress):
         return _follow(procedure, all_at_once, step_done or _nobody)
@@ -199,16 +201,26 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
 
     declared = actuator_of(procedure.name, {}, procedure.branch_count).parameters()
 
+    failed: list[InputError] = []
+
+    def attempt(name: str, carry_out: Callable[[], Step]) -> None:
+        try:
+            step = carry_out()
+        except InputError as error:
+            failed.append(error)
+            step = _unusable(name, error)
+        keep(step)
+
     def keep(step: Step) -> None:
         steps[step.name] = step = looked_over(step, declared)
         known.update(step.amounts)
         step_done(step)
 
     stage("sheet and dc resistance", 0.0, 0.05)
-    keep(_sheet(procedure))
+    attempt("sheet_resistance", lambda: _sheet(procedure))
     if SHEET in known:
         by_hand.append(SHEET)
-        keep(_dc(procedure, known))
+        attempt("dc_resistance", lambda: _dc(procedure, known))
         again = _other_face(steps["sheet_resistance"], procedure, known)
         if again is not None:
             keep(again)
@@ -217,22 +229,27 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
             by_hand.append(dc.NAME)
         if procedure.branches:
             with part("branches", 0.05, 0.15):
-                keep(branches(procedure.name, procedure.branches, known, procedure.branch_count))
-    keep(_density(procedure, known))
-    keep(_modulus(procedure, known))
+                attempt("branches", lambda: branches(procedure.name, procedure.branches, known, procedure.branch_count))
+    attempt("density", lambda: _density(procedure, known))
+    attempt("modulus", lambda: _modulus(procedure, known))
     by_hand.append(push_step.NAME)
     needed = (SHEET, dc.NAME, density_step.NAME, push_step.NAME)
     together: Joint | None = None
     complete = "branches" in steps and steps["branches"].done and all(name in known for name in needed)
     if procedure.coupling and complete:
         with part("coupling", 0.15, 0.35):
-            keep(coupling(procedure.name, procedure.coupling, known, procedure.branch_count))
-        if all_at_once and steps["coupling"].done:
+            attempt("coupling", lambda: coupling(procedure.name, procedure.coupling, known, procedure.branch_count))
+        if all_at_once and steps["coupling"].done and not failed:
             with part("all runs at once", 0.35, 1.0):
                 together = joint(
                     procedure.name, procedure.runs, known, by_hand, procedure.branch_count, procedure.sample
                 )
     ordered = tuple(steps.get(name) or _undone(name, _waits_for(name, steps)) for name in TO_DO)
+    if failed:
+        for step in ordered:
+            if step.name not in steps:
+                step_done(step)
+        raise failed[0]
     found = Characterisation(procedure.name, ordered, known, together)
     if together is None:
         return found
@@ -243,6 +260,12 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
 def _undone(name: str, waits: str = "") -> Step:
     title, what = TO_DO[name]
     return Step(name, title, waits or "not done yet", advice=what, done=False)
+
+
+def _unusable(name: str, error: InputError) -> Step:
+    told = f"{error.where}: {error.message}" if error.where else error.message
+    findings = (Finding(error.code, "error", told, error.repair),)
+    return Step(name, TO_DO[name][0], "cannot be used", findings=findings, done=False)
 
 
 def _waits_for(name: str, steps: Mapping[str, Step]) -> str:
