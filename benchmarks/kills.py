@@ -93,7 +93,7 @@ class Kill:
     energised : bool
         Whether the output was away from 0 V then.
     zero_after : float [s]
-        From the kill to 0 V.
+        From the kill to 0 V; NaN for a recorder that ended before it was killed.
     acknowledged : int
         Rows that it had told to be on the disk.
     sent : mapping of channel to float array [SI]
@@ -181,6 +181,7 @@ def kill(recorder: Recorder, levels: Path, after: float, meanwhile: Callable[[],
         time.sleep(0.01)
     volts, since = level(levels)
     zero_after = max(0.0, since - killed) if volts == 0.0 else float("inf")
+    zero_after = zero_after if killed else float("nan")
     sent = {name: np.concatenate([part[name] for part in parts]) for name in (parts[0] if parts else ())}
     return Kill(uuid, after, energised, zero_after, acknowledged, sent)
 
@@ -199,6 +200,8 @@ def wait_for_end(process: int, patience: float = 30.0) -> None:
 def check(folder: Path, killed: Kill) -> list[str]:
     """What is wrong after a kill, once the folder was recovered."""
     wrong = []
+    if math.isnan(killed.zero_after):
+        return ["the recorder ended before it was killed"]
     if killed.zero_after > WITHIN:
         wrong.append(f"the output was at 0 V after {killed.zero_after:.2f} s")
     seen = len(killed.sent.get("voltage", ()))

@@ -28,7 +28,10 @@ from ipmclab.errors import IpmclabError
 from ipmclab.rig.process.client import Recorder
 from ipmclab.run import Run
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and terminals of POSIX")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="signals and terminals of POSIX"),
+    pytest.mark.real_time,
+]
 
 ZERO_WITHIN = 1.0
 """The bound of the issue [s]: the output is at 0 V so soon after whatever happened."""

@@ -28,6 +28,8 @@ while True:
 """
 """A recorder that does nothing but beat."""
 
+pytestmark = pytest.mark.real_time
+
 LIMIT = 1.0
 """The output must be at 0 V so long [s] after a recorder was killed or stopped."""
 
@@ -99,33 +101,33 @@ def test_the_output_is_at_0_within_a_second_however_the_recorder_ends(tmp_path: 
 
 def test_a_recorder_that_was_stopped_learns_that_the_output_is_at_0(tmp_path: Path) -> None:
     output = tmp_path / "output.txt"
-    with Guardian(Target("file", str(output)), silence=0.2) as guardian:
+    with Guardian(Target("file", str(output)), silence=1.0) as guardian:
         guardian.arm()
-        time.sleep(0.6)
-        assert len(zeroed_at(output)) == 1
-        assert guardian.acted == "the recorder was silent for 0.2 s"
+        assert waited(lambda: guardian.acted)
+        assert waited(lambda: len(zeroed_at(output)) == 1)
+        assert guardian.acted == "the recorder was silent for 1 s"
         with pytest.raises(
             IpmclabError, match="the guardian brought the output to 0 V: the recorder was silent"
         ) as told:
             guardian.beat()
         assert told.value.code == "guardian-acted"
         # It only waited: the chassis did not answer, this computer was free.
-        assert "the chassis gave no readings for 0." in told.value.message
+        assert "the chassis gave no readings for " in told.value.message
         assert "its server answer" in told.value.repair
         guardian.disarm()
         # The next run is watched as this one was.
         guardian.arm()
         guardian.beat()
-        time.sleep(0.6)
-        assert len(zeroed_at(output)) == 2
+        assert waited(lambda: len(zeroed_at(output)) == 2)
 
 
 def test_a_recorder_that_computes_for_too_long_is_told_so(tmp_path: Path) -> None:
     with Guardian(Target("file", str(tmp_path / "output.txt")), silence=0.2) as guardian:
         guardian.arm()
-        while not guardian.acted:
+        began = time.thread_time()
+        while not guardian.acted or time.thread_time() - began < 0.2:
             pass
-        with pytest.raises(IpmclabError, match="this computer held the recording up for 0") as told:
+        with pytest.raises(IpmclabError, match=r"this computer held the recording up for \d") as told:
             guardian.beat()
         assert told.value.repair.startswith("give this computer less to do")
         guardian.disarm()
@@ -133,13 +135,13 @@ def test_a_recorder_that_computes_for_too_long_is_told_so(tmp_path: Path) -> Non
 
 def test_what_is_not_armed_is_left_alone(tmp_path: Path) -> None:
     output = tmp_path / "output.txt"
-    with Guardian(Target("file", str(output)), silence=0.1) as guardian:
+    with Guardian(Target("file", str(output)), silence=0.5) as guardian:
         guardian.wait()
-        time.sleep(0.3)
+        time.sleep(1.0)
         guardian.arm()
         guardian.beat()
         guardian.disarm()
-        time.sleep(0.3)
+        time.sleep(1.0)
     guardian.close()
     assert not output.exists()
     # One that is armed when it is let go of acts.
@@ -151,14 +153,14 @@ def test_what_is_not_armed_is_left_alone(tmp_path: Path) -> None:
 
 def test_blocks_that_are_far_apart_need_no_beats_between_them_but_do_end(tmp_path: Path) -> None:
     output = tmp_path / "output.txt"
-    with Guardian(Target("file", str(output)), silence=0.3) as guardian:
-        guardian.arm(block_time=0.4)
+    with Guardian(Target("file", str(output)), silence=1.0) as guardian:
+        guardian.arm(block_time=1.2)
         for _ in range(3):
-            time.sleep(0.4)
+            time.sleep(1.2)
             guardian.beat()
         assert not output.exists()
         # No block for three of their times: the recorder hangs, though its process lives.
-        assert waited(lambda: zeroed_at(output), 4.0)
+        assert waited(lambda: zeroed_at(output))
 
 
 def test_it_may_be_asked_to_wait_a_little(tmp_path: Path) -> None:
@@ -170,19 +172,17 @@ def test_it_may_be_asked_to_wait_a_little(tmp_path: Path) -> None:
         guardian.beat()
         assert not output.exists()
         guardian.hold(0.4)
-        time.sleep(1.0)
-        assert len(zeroed_at(output)) == 1
+        assert waited(lambda: len(zeroed_at(output)) == 1)
 
 
 def test_it_tries_until_it_succeeds_and_says_so_aloud(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     output, log = tmp_path / "not yet" / "output.txt", tmp_path / "guardian.log"
     with Guardian(Target("file", str(output)), log=log, silence=0.2) as guardian:
         guardian.arm()
-        time.sleep(1.0)
-        assert "it failed: IpmclabError: " in log.read_text()
-        assert waited(lambda: "SWITCH THE AMPLIFIER OFF" in capfd.readouterr().err, 6.0)
+        assert waited(lambda: log.exists() and "it failed: IpmclabError: " in log.read_text())
+        assert waited(lambda: "SWITCH THE AMPLIFIER OFF" in capfd.readouterr().err)
         output.parent.mkdir()
-        assert waited(lambda: zeroed_at(output), 3.0)
+        assert waited(lambda: zeroed_at(output))
         assert "could NOT be brought to 0 V so far" in log.read_text()
 
 
@@ -224,7 +224,7 @@ def test_a_guardian_that_hangs_is_noticed(tmp_path: Path) -> None:
         guardian.arm()
         os.kill(guardian.pid, signal.SIGSTOP)
         try:
-            with pytest.raises(IpmclabError, match="it has given no sign of life for 3"):
+            with pytest.raises(IpmclabError, match=r"it has given no sign of life for \d"):
                 assert waited(beat)
         finally:
             os.kill(guardian.pid, signal.SIGCONT)

@@ -6,7 +6,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,10 @@ from ipmclab.rig.channels import Converter, Output, Rig, Thermometer
 from ipmclab.rig.ni import NiBench, Resetter, reset
 from tests.rig.conformance import joined
 from tests.rig.stand_in import Process, StandIn, serve
+from virtual_cdaq.model.chassis import Chassis
 from virtual_cdaq.model.faults import Fault
+
+pytestmark = pytest.mark.real_time
 
 NAMES = ("voltage", "current")
 RATE = 50.0
@@ -88,12 +91,12 @@ def record_40_s(address: str, rig: Rig, seconds: float = 40.0) -> dict[str, np.n
 
 def test_the_experiment_of_the_thesis_gives_the_same_data_at_every_speed() -> None:
     got = {}
-    for clock, seconds in (("lock-step", 40.0), ("x10", 40.0), ("real", 2.0)):
+    for clock, seconds in (("lock-step", 40.0), ("x10", 10.0), ("real", 2.0)):
         with serve(clock) as stand_in:
             got[clock] = record_40_s(stand_in.address, stand_in.rig, seconds)
     for name in (*NAMES, "force", "output"):
         assert len(got["lock-step"][name]) == 2000
-        assert np.array_equal(got["x10"][name], got["lock-step"][name])
+        assert np.array_equal(got["x10"][name], got["lock-step"][name][:500])
         assert np.array_equal(got["real"][name], got["lock-step"][name][:100])
 
 
@@ -263,6 +266,40 @@ def test_a_guardian_ends_a_run_from_outside(chassis: StandIn, opened: NiBench) -
     guardian.close()
 
 
+def test_a_guardian_gives_a_slow_server_more_time_with_each_attempt(
+    chassis: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that needs longer for a reset than the first attempt allows was never known to be at 0 V."""
+    guardian = Resetter(chassis.rig, within=0.2)
+    guardian.reset()  # what is slow the first time is done
+    at_once = type(chassis.chassis).reset
+
+    def slowly(self: Chassis, devices: Iterable[str]) -> None:
+        time.sleep(0.7)
+        at_once(self, devices)
+
+    monkeypatch.setattr(type(chassis.chassis), "reset", slowly)
+    failed = 0
+    while True:
+        try:
+            guardian.reset()
+            break
+        except BenchError as error:
+            failed += 1
+            assert error.code in ("bench-frozen", "bench-lost")  # noqa: PT017  # each of them
+            assert failed < 12
+    assert failed >= 1
+    # The next alarm is again reacted to at once.
+    monkeypatch.undo()
+    guardian.reset()
+    monkeypatch.setattr(type(chassis.chassis), "reset", slowly)
+    began = time.monotonic()
+    with pytest.raises(BenchError):
+        guardian.reset()
+    assert time.monotonic() - began < 0.6
+    guardian.close()
+
+
 def test_a_reset_frees_what_a_dead_program_left(chassis: StandIn) -> None:
     left = NiBench(chassis.rig)
     left.open(NAMES, RATE)
@@ -325,11 +362,14 @@ def test_zero_may_come_from_a_signal_handler(chassis: StandIn, opened: NiBench) 
             opened.zero()
         zeroed.append(time.monotonic())
 
+    blocks = []
     before = signal.signal(signal.SIGALRM, handle)
     try:
-        # Again and again, so that it also comes while the output is being fed.
-        signal.setitimer(signal.ITIMER_REAL, 0.1, 0.05)
-        blocks = list(opened.apply(signals.Step(1.0), 75))
+        for block in opened.apply(signals.Step(1.0), 300):
+            blocks.append(block)
+            if len(blocks) == 5:
+                # Again and again, so that it also comes while the output is being fed.
+                signal.setitimer(signal.ITIMER_REAL, 0.1, 0.05)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

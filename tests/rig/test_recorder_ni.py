@@ -22,6 +22,8 @@ from ipmclab.rig.safety.guardian import Guardian
 from tests.rig.stand_in import Process, StandIn, serve
 from virtual_cdaq.model.faults import Fault
 
+pytestmark = pytest.mark.real_time
+
 REACTION = 0.1
 """From a reading beyond its limit to an output at 0 V [s]."""
 
@@ -91,14 +93,14 @@ def test_requests_end_a_run_on_the_chassis(chassis: StandIn, how: str) -> None:
     outcome = capture(
         NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), control=control,
         on_block=at_time(0.5, getattr(control, how), 1000.0), zero_time=0.2, zero_after=0.0,
-        rest_after=0.2, discharge=0.4,
+        rest_after=1.0, discharge=1.2,
     )  # fmt: skip
     assert outcome.error is None
     assert outcome.state == ("complete" if how == "stop" else "aborted")
     assert chassis.level == 0.0
     run = outcome.run
     assert run is not None
-    longest = {"stop": 0.2, "abort": 0.0, "zero": 0.4}[how]
+    longest = {"stop": 1.0, "abort": 0.0, "zero": 1.2}[how]
     assert len(run) / 1000.0 == pytest.approx(0.58 + longest, abs=0.06)
     assert np.all(run.raw["output"][:500][1:] == 1.0)
     if how != "abort":

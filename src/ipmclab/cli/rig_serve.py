@@ -67,7 +67,6 @@ def serve(
     need_client()
     name, modules = chassis_of(loaded)
     plant = StripPlant(loaded)
-    plant.advance([0.0], {})  # compiles what it needs, so that the first client does not wait for it
     chassis, server = make_server(plant, name, modules, port=port, clock=clock, faults=fault or [], levels=levels)
     try:
         address = server.start()
@@ -171,6 +170,8 @@ def make_server(
 ) -> tuple[Chassis, Any]:
     """The chassis with a plant behind it, and the server that has not started yet.
 
+    The plant compiles what it needs, so that the first client does not wait for it.
+
     Raises
     ------
     InputError
@@ -183,6 +184,7 @@ def make_server(
     from virtual_cdaq.model.chassis import Chassis
     from virtual_cdaq.server import Server
 
+    plant.advance([0.0], {})
     chassis = Chassis(
         plant,
         _clock(clock),

@@ -44,6 +44,9 @@ _ANSWER_AFTER_FAILURE: Final = 1.5
 _RESET_TIME: Final = 5.0
 """Time [s] for the reset of a module."""
 
+_LONGEST_RESET: Final = 1.2
+"""What a guardian allows a reset at most [s]: it leaves behind what takes 1.5 s."""
+
 _SETTLED: Final = 0.1
 """Time [s] after which a reading of 0 V shows the output, not what came before."""
 
@@ -80,7 +83,8 @@ class Resetter:
     rig : Rig
         Of which only the output and the address are looked at.
     within : float [s]
-        How long a reset may take.
+        How long a reset may take. The next one after a failure may take so much longer, up to 1.2 s: a server that
+        is slow would else never be known to have brought its output to 0 V.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class Resetter:
     def __init__(self, rig: Rig, *, within: float = 0.4) -> None:
         self._rig = rig
         self._within = within
+        self._allowed = within
         self._driver = Driver(client(), rig, wait=_ANSWER)
         self._driver.be_patient(within)
 
@@ -103,8 +108,11 @@ class Resetter:
         """
         if self._driver.lost is not None:
             self._driver.close()
-            self._driver = Driver(client(), self._rig, wait=self._within, patience=self._within)
+            self._allowed = min(self._allowed + self._within, max(_LONGEST_RESET, self._within))
+            self._driver = Driver(client(), self._rig, wait=self._allowed, patience=self._allowed)
         self._driver.reset(self._driver.modules()[:1])
+        self._allowed = self._within
+        self._driver.be_patient(self._within)
 
     def close(self) -> None:
         """Let go of the connection. May be called twice."""
