@@ -248,7 +248,8 @@ const LabPlot = (() => {
       plot.ctx.restore();
       if (needed > this.room) {
         this.room = needed; // it stays: curves that run would jump to and fro
-        queueMicrotask(() => this.plots.forEach((one) => one !== plot && one.redraw(false, true)));
+        // With its paths: they are of where the axis was before.
+        queueMicrotask(() => this.plots.forEach((one) => one !== plot && one.redraw(true, true)));
       }
       return this.room;
     }
