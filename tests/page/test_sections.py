@@ -283,8 +283,13 @@ def test_a_question_that_is_none_is_refused(client: Client, body: bytes) -> None
 
 
 def test_who_still_waits_when_the_server_ends_is_told(workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
-    never = SimpleNamespace(future=Future())
-    monkeypatch.setattr(workshop.jobs, "submit", lambda *_, **__: never)
+    waited_for: list[Future[None]] = []
+
+    def submit(*_: object, **__: object) -> SimpleNamespace:
+        waited_for.append(Future())  # of a job that is never done
+        return SimpleNamespace(future=waited_for[-1])
+
+    monkeypatch.setattr(workshop.jobs, "submit", submit)
     app = FastAPI()
     app.include_router(routes(workshop))
     question = {"actuator": "friend-2", "changes": {}, "signal": "step 1 V", "duration": 1, "rate": 10}
@@ -294,7 +299,9 @@ def test_who_still_waits_when_the_server_ends_is_told(workshop: Workshop, monkey
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
             asked = [client.post("/simulate", json=question), client.get("/runs/export?run=runs/step.nc")]
             waiting = [asyncio.create_task(one) for one in asked]
-            await asyncio.sleep(0.3)
+            async with asyncio.timeout(60.0):
+                while len(waited_for) < len(asked):
+                    await asyncio.sleep(0.01)
             for one in waiting:
                 one.cancel()
             return [(await one).status_code for one in waiting]
