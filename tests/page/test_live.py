@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection, Listener
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import numpy as np
@@ -77,6 +78,11 @@ class Recorder:
 
     def tell(self, kind: str, **values: object) -> None:
         self.hub.tell(Message(kind, values))
+
+    @property
+    def is_listened_to(self) -> bool:
+        """Whether blocks are sent: who comes later is not told those from before."""
+        return any(client.wants_blocks for client in self.hub._clients)
 
 
 @pytest.fixture
@@ -269,12 +275,21 @@ def test_who_ends_a_run_does_not_wait_for_who_held_the_bench(recorder: Recorder,
         wait_until(lambda: [one.kind for one in recorder.asked] == [what])
 
 
-def test_the_time_to_come_back_counts_from_when_the_page_listens(recorder: Recorder) -> None:
-    bench = Bench(Lab.open(recorder.folder), "no.such.program", right=0.5)
-    time.sleep(0.6)  # it takes long to begin
+def test_the_time_to_come_back_counts_from_when_the_page_listens(
+    recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr("ipmclab.page.live.bench.time", SimpleNamespace(monotonic=lambda: now[0]))
+    bench = Bench(Lab.open(recorder.folder), "no.such.program", right=30.0)
+    now[0] += 40.0  # it takes long to begin
     bench.start()
-    with pytest.raises(IpmclabError, match="begun anew"):
-        bench.take("watcher")
+    wait_until(lambda: bench.follower.is_joined)
+    for later in (0.0, 29.0):
+        now[0] += later
+        with pytest.raises(IpmclabError, match="begun anew"):
+            bench.take("watcher")
+    now[0] += 2.0
+    bench.take("watcher")
     bench.follower.close()
 
 
@@ -358,8 +373,7 @@ def test_who_comes_in_the_middle_of_a_run_is_shown_its_beginning(recorder: Recor
     path = journal.end("complete")
     recorder.tell("run", **RUN)
     recorder.tell("begun", uuid="u", journal=str(path))
-    wait_until(lambda: recorder.hub.clients and bench.follower.state.journal)
-    time.sleep(0.2)
+    wait_until(lambda: recorder.is_listened_to and bench.follower.state.journal)
     recorder.hub.tell(block(40, 10))
     wait_until(lambda: bench.follower.columns is not None and len(bench.follower.columns) == 50)
     t, held = bench.follower.columns.snapshot()
@@ -570,8 +584,7 @@ def test_the_link_tells_the_state_and_the_readings(recorder: Recorder, bench: Be
     app.include_router(routes(bench))
     recorder.tell("plan", **PLAN)
     recorder.tell("run", **RUN)
-    wait_until(lambda: bench.follower.is_joined and bench.follower.state.run)
-    time.sleep(0.2)
+    wait_until(lambda: recorder.is_listened_to and bench.follower.state.run)
     recorder.hub.tell(block(0, 30))
     wait_until(lambda: bench.follower.columns is not None)
     client = TestClient(app, cookies={"ipmclab-seat": "anna"})
