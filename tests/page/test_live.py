@@ -34,7 +34,7 @@ from ipmclab.page.live.state import State
 from ipmclab.page.live.view import View
 from ipmclab.page.thin import envelope, thin, within
 from ipmclab.page.wire import pack
-from ipmclab.rig.process.hub import SUFFIX, Hub
+from ipmclab.rig.process.hub import SUFFIX, Hub, hang_up
 from ipmclab.rig.process.messages import Message, decode
 
 PLAN = {"title": "t", "limits": {"voltage": "3.5 V"}, "steps": [], "remarks": [], "rig_proof": ""}
@@ -83,6 +83,25 @@ class Recorder:
     def is_listened_to(self) -> bool:
         """Whether blocks are sent: who comes later is not told those from before."""
         return any(client.wants_blocks for client in self.hub._clients)
+
+
+class Gate:
+    """A lock before which one thread waits until it is let in; others have it meanwhile."""
+
+    def __init__(self, who: str) -> None:
+        self._who = who
+        self._lock = threading.Lock()
+        self.is_reached = threading.Event()
+        self.opened = threading.Event()
+
+    def __enter__(self) -> None:
+        if threading.current_thread().name == self._who:
+            self.is_reached.set()
+            assert self.opened.wait(60.0)
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
 
 
 @pytest.fixture
@@ -423,7 +442,9 @@ def test_an_answer_that_is_none_does_not_reach_the_recorder(recorder: Recorder, 
     assert recorder.hub.clients == 1
 
 
-def test_a_recorder_that_hung_up_and_runs_on_is_joined_again(recorder: Recorder, bench: Bench) -> None:
+def test_a_recorder_that_hung_up_and_runs_on_is_joined_again(
+    recorder: Recorder, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whatever it was that it could not understand: STOP and ZERO reach it, and nobody is told that it is gone."""
     recorder.tell("run", **RUN)
     wait_until(lambda: bench.follower.state.bench == "recording")
@@ -433,7 +454,8 @@ def test_a_recorder_that_hung_up_and_runs_on_is_joined_again(recorder: Recorder,
     wait_until(lambda: bench.follower.state.version > version)  # it has told everything once more
     wait_until(lambda: bench.follower.is_joined and recorder.hub.clients == 1)
     assert bench.follower.state.bench in ("starting", "recording")
-    bench.follower.request("answer", number="x" * 70_000)  # at once again: it is not joined for a moment
+    monkeypatch.setattr("ipmclab.page.live.follower._AGAIN", 60.0)
+    bench.follower.request("answer", number="x" * 70_000)  # again: by itself it is not joined for that long
     wait_until(lambda: not bench.follower.is_joined)
     app = FastAPI()
     app.include_router(routes(bench))
@@ -442,6 +464,52 @@ def test_a_recorder_that_hung_up_and_runs_on_is_joined_again(recorder: Recorder,
     assert anna.post("/bench/stop").status_code == 200
     wait_until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
     wait_until(lambda: bench.follower.state.bench == "recording")
+
+
+@contextlib.contextmanager
+def handed_over(folder: Path) -> Iterator[tuple[Bench, Callable[[], None]]]:
+    """A bench whose recorder was joined by who asks, and is about to be taken over: it is when that is called."""
+    bench = Bench(Lab.open(folder), "no.such.program", right=0.0)
+    gate = Gate("taking over")
+    bench.follower._sending = gate
+    bench.follower.reach()
+    taking = threading.Thread(target=bench.follower._joined, name="taking over", daemon=True)
+    taking.start()
+    assert gate.is_reached.wait(10.0)
+
+    def take_over() -> None:
+        gate.opened.set()
+        taking.join(10.0)
+        assert not taking.is_alive()
+
+    try:
+        yield bench, take_over
+    finally:
+        gate.opened.set()
+        with gate:
+            for one in {bench.follower._recorder, bench.follower._next} - {None}:
+                one.close()
+
+
+def test_what_is_asked_while_a_recorder_is_handed_over_reaches_it(recorder: Recorder) -> None:
+    with handed_over(recorder.folder) as (bench, take_over):
+        assert bench.follower.request("zero")
+        take_over()
+        assert bench.follower.is_joined
+        assert bench.follower.request("stop")
+        wait_until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
+        assert recorder.hub.clients == 1
+
+
+def test_a_recorder_that_was_given_up_while_it_was_handed_over_is_joined_anew(recorder: Recorder) -> None:
+    """Who found that its connection takes nothing in asks once more, and must not be left with the same one."""
+    with handed_over(recorder.folder) as (bench, take_over):
+        hang_up(bench.follower._next._connection)
+        assert not bench.follower.request("zero")
+        take_over()
+        bench.follower.reach()
+        assert bench.follower.request("zero")
+        wait_until(lambda: [one.kind for one in recorder.asked] == ["zero"])
 
 
 def test_who_cannot_reach_a_recorder_does_not_say_that_nothing_drives(

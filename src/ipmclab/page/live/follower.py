@@ -174,14 +174,17 @@ class Follower:
         """The recorder that was started here, else the newest of the folder that answers; requests go to it."""
         with self._joining:
             with self._lock:
-                recorder, self._next = self._next, None
-                if recorder is None and self._launching:
+                waiting = self._next  # requests find it there until it is followed
+                if waiting is None and self._launching:
                     return None  # what is found meanwhile is the one that is coming
-            recorder = recorder or self._searched()
+            recorder = waiting or self._searched()
             if recorder is None:
                 return None
             with self._sending:
-                self._recorder = recorder
+                if self._next is not waiting:  # a request hung up on it meanwhile
+                    recorder.close()
+                    return None
+                self._recorder, self._next = recorder, None
                 self._not_before[recorder.file] = _NEVER
                 self._subscribe(recorder)
             return recorder
