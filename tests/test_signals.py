@@ -14,6 +14,7 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
+import ipmclab
 from ipmclab import signals
 from ipmclab.errors import InputError
 
@@ -209,6 +210,35 @@ def test_a_record_that_would_lose_a_part_of_the_signal_is_refused(text: str, rea
     if reach:
         with pytest.raises(InputError, match="it reaches to"):
             signal.check_fits(0.999 * reach)
+
+
+@pytest.mark.parametrize(
+    ("text", "fastest"),
+    [
+        ("step 1 V", 0.0),
+        ("sine 1 V 5 Hz", 5.0),
+        ("square 1 V 2 Hz", 2.0),
+        ("chirp 1 V 8 Hz 0.1 Hz", 8.0),
+        ("multisine 1 V 0.5 Hz 6 Hz", 6.0),
+        ("prbs 1 V 0.1 s", 5.0),
+        ("random 1 V 0.25 s", 2.0),
+        ("step 1 V for 1 s then sine 1 V 3 Hz", 3.0),
+        ("samples 0 s 1 V 0.001 s 0 V", 0.0),
+    ],
+)
+def test_a_signal_that_rows_cannot_follow_is_refused(text: str, fastest: float) -> None:
+    signal = signals.parse(text)
+    assert signal.fastest == pytest.approx(fastest)
+    signal.check_fits(40.0, 2.0 * fastest + 1e-9)
+    if fastest:
+        with pytest.raises(InputError, match=f"give a rate of {2.0 * fastest:g}"):
+            signal.check_fits(40.0, 1.9 * fastest)
+
+
+def test_what_is_asked_too_fast_is_not_simulated_as_something_slower() -> None:
+    """Rows at 50 Hz would show the zeros of this sine."""
+    with pytest.raises(InputError, match="it goes up to 50 Hz, rows at 50 Hz follow it to 25 Hz"):
+        ipmclab.simulate(ipmclab.load_actuator("friend-2"), "sine 1 V 50 Hz", duration=1.0, rate=50.0)
 
 
 def test_equal_values_make_equal_signals() -> None:

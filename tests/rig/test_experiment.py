@@ -66,7 +66,7 @@ def test_a_sample_comes_from_its_table_or_from_its_actuator() -> None:
         ({"signals": ["step 1 V"]}, "bad-value", "signal", "both given"),
         ({"signal": None, "signals": []}, "bad-value", "signals", "empty"),
         ({"signal": "sien 1 V 0.1 Hz"}, "unknown-waveform", "signal", "did you mean 'sine'"),
-        ({"signal": "step 1 V delay=50 s"}, "signal-too-long", "signal", "longer duration"),
+        ({"signal": "step 1 V delay=50 s"}, "signal-too-long", "signal", "record longer"),
         ({"rate": "50"}, "missing-unit", "rate", "no unit"),
         ({"rate": 50}, "bad-value", "rate", "quotes"),
         ({"rate": "-50 Hz"}, "out-of-range", "rate", "above 0"),

@@ -97,6 +97,8 @@ def test_the_other_polarity(text: str) -> None:
         ({"limits": {"votlage": "2 V"}}, "unknown-key", "limits.votlage", "did you mean 'voltage'"),
         ({"rate": "1 MHz"}, "bad-unit", "rate", "Hz"),
         ({"rate": "1e6 Hz", "duration": "1 h"}, "too-many-rows", "duration", "400000000"),
+        ({"duration": "1e-6 s", "rest_before": "5 s"}, "too-short", "duration", "nothing of it would be applied"),
+        ({"signal": "sine 1 V 50 Hz", "rate": "50 Hz"}, "signal-too-fast", "signal", "give a rate of 100 Hz"),
         ({"bytes_free": 10**6}, "no-room", "", "the disk has"),
         ({"actuator": "friend-2", "limits": {"current": "40 mA"}}, "beyond-limit", "signal", "56.9 mA"),
     ],

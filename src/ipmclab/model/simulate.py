@@ -152,7 +152,7 @@ def simulate(
     check_hold(hold)
     rows, frequency = count_rows(duration, rate)
     time = np.arange(rows) / frequency
-    volts, given = _voltage(signal, time, duration)
+    volts, given = _voltage(signal, time, duration, frequency)
     numbers = None if initial_state is not None else modal_coefficients(actuator, 1.0 / frequency, hold)
     if numbers is not None:
         values = np.empty((len(OUTPUTS), rows))
@@ -332,12 +332,12 @@ def count_rows(duration: Any, rate: Any, *, most: int = MOST_ROWS) -> tuple[int,
     return round(wanted), hertz
 
 
-def _voltage(signal: Any, time: FloatArray, duration: Any) -> tuple[FloatArray, Signal | None]:
+def _voltage(signal: Any, time: FloatArray, duration: Any, rate: float) -> tuple[FloatArray, Signal | None]:
     if isinstance(signal, str):
         from ipmclab.signals import parse
 
         signal = parse(signal)
     if not hasattr(signal, "voltage"):
         return checked_voltage(signal, len(time)), None
-    signal.check_fits(float(duration))
+    signal.check_fits(float(duration), rate)
     return checked_voltage(signal.voltage(time), len(time)), signal

@@ -45,9 +45,6 @@ CODES: Final = (
 )
 """What ``validity`` finds."""
 
-_FREQUENCIES: Final = ("frequency", "start_frequency", "end_frequency", "highest_frequency")
-_TIMES: Final = ("bit_time", "hold_time")
-
 
 def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -> tuple[Finding, ...]:
     """Where a predicted run leaves what its actuator holds for.
@@ -290,9 +287,7 @@ def highest_frequency(signal: Signal | str | None) -> float | None:
     # Voltages from a file or an array have no waveform: they speak for themselves.
     if given is None or any(hasattr(part, "times") for part in parts):
         return None
-    found = [float(getattr(part, name, 0.0)) for part in parts for name in _FREQUENCIES]
-    found += [0.5 / float(getattr(part, name)) for part in parts for name in _TIMES if hasattr(part, name)]
-    return max(found)
+    return float(given.fastest)
 
 
 def _parsed(text: str | None) -> Signal | None:

@@ -62,6 +62,10 @@ class Multisine(Signal):
                 repair="give from 1 to 10000 times the lowest frequency",
             )
 
+    @property
+    def fastest(self) -> float:
+        return self.highest_frequency
+
     @cached_property
     def _coefficients(self) -> npt.NDArray[np.complex128]:
         """Complex amplitude of each harmonic from 0 on; the signal is the real part of their sum."""
@@ -124,6 +128,10 @@ class Prbs(Signal):
     seed: int = 0
     offset: float = 0.0
     delay: float = 0.0
+
+    @property
+    def fastest(self) -> float:
+        return 0.5 / self.bit_time
 
     def _shape(self, time: FloatArray) -> FloatArray:
         bits = _maximum_length_sequence(self.order)
@@ -198,6 +206,10 @@ class Random(Signal):
     seed: int = 0
     offset: float = 0.0
     delay: float = 0.0
+
+    @property
+    def fastest(self) -> float:
+        return 0.5 / self.hold_time
 
     def _shape(self, time: FloatArray) -> FloatArray:
         place = whole_periods(time, self.hold_time)

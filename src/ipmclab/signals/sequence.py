@@ -68,6 +68,10 @@ class Sequence(Signal):
         last = 0.0 if len(self.durations) == len(self.signals) else self.signals[-1].reach
         return math.fsum(self.durations) + last
 
+    @property
+    def fastest(self) -> float:
+        return max((one.fastest for one in self.signals), default=0.0)
+
     def _shape(self, time: FloatArray) -> FloatArray:
         starts = np.concatenate([[0.0], np.cumsum(self.durations[: len(self.signals) - 1])])
         part = np.searchsorted(starts, time + EDGE, side="right") - 1

@@ -183,13 +183,26 @@ class Signal(ABC):
         """Time [s] of the last thing that it states: its start, its last sample, the end of a part."""
         return float(getattr(self, "delay", 0.0))
 
-    def check_fits(self, duration: float) -> None:
-        """Refuse a signal of which a record of this duration [s] would lose a part.
+    @property
+    def fastest(self) -> float:
+        """Highest frequency [Hz] that it states; two bits, or two held values, are a period. 0 when it states none."""
+        return 0.0
+
+    def check_fits(self, duration: float, rate: float = math.inf) -> None:
+        """Refuse a signal of which a record would lose a part.
+
+        Parameters
+        ----------
+        duration : float [s]
+            Of the record.
+        rate : float [Hz], optional
+            Of its rows.
 
         Raises
         ------
         InputError
-            When ``reach`` is later than the end of the record.
+            When ``reach`` is later than the end of the record, or ``fastest`` above half its rate: rows show, and
+            apply, a slower signal then.
 
         Examples
         --------
@@ -206,6 +219,13 @@ class Signal(ABC):
                 code="signal-too-long",
                 where=f"signal {shortened(str(self))!r}",
                 repair="record longer, or shorten the signal",
+            )
+        if 2.0 * self.fastest > rate * (1.0 + 1e-9):
+            raise InputError(
+                f"it goes up to {self.fastest:.9g} Hz, rows at {rate:.9g} Hz follow it to {0.5 * rate:.9g} Hz",
+                code="signal-too-fast",
+                where=f"signal {shortened(str(self))!r}",
+                repair=f"give a rate of {write_value('frequency', 2.0 * self.fastest)} or more, or a slower signal",
             )
 
     @abstractmethod

@@ -47,6 +47,10 @@ class _Periodic(Signal):
     offset: float = 0.0
     delay: float = 0.0
 
+    @property
+    def fastest(self) -> float:
+        return self.frequency
+
     def _cycles(self, time: FloatArray) -> FloatArray:
         return self.frequency * time + self.phase / math.tau
 
@@ -172,6 +176,10 @@ class Chirp(Signal):
     phase: float = 0.0
     offset: float = 0.0
     delay: float = 0.0
+
+    @property
+    def fastest(self) -> float:
+        return max(self.start_frequency, self.end_frequency)
 
     def _shape(self, time: FloatArray) -> FloatArray:
         growth = math.log(self.end_frequency / self.start_frequency) / self.sweep_time

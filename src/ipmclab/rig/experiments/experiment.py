@@ -303,13 +303,12 @@ def experiment_from_table(
 
     signals = _signals(read, folder, place)
     duration = _quantity(read.duration, TIME, place("duration"), above_zero=True)
+    rate = _quantity(read.rate, FREQUENCY, place("rate"), above_zero=True)
     for key, signal in signals:
         try:
-            signal.check_fits(duration)
+            signal.check_fits(duration, rate)
         except InputError as error:
-            raise InputError(
-                error.message, code=error.code, where=place(key), repair="give a longer duration, or shorten the signal"
-            ) from error
+            raise InputError(error.message, code=error.code, where=place(key), repair=error.repair) from error
     if not 1 <= read.repeats <= MOST_REPEATS:
         raise InputError(
             f"repeats is {read.repeats}",
@@ -324,7 +323,7 @@ def experiment_from_table(
         rig=read.rig if read.rig == VIRTUAL else folder / read.rig,
         folder=folder / read.folder,
         signals=tuple(signal for _, signal in signals),
-        rate=_quantity(read.rate, FREQUENCY, place("rate"), above_zero=True),
+        rate=rate,
         duration=duration,
         measured=_measured(read.measured, place("measured")),
         rest_before=_quantity(read.rest_before, TIME, place("rest_before")),

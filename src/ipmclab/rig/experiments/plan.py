@@ -198,6 +198,13 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
             where=f"{where}: duration",
             repair="record at another rate, or for another time",
         )
+    if run.duration * run.rate < 0.5:
+        raise InputError(
+            f"the signal lasts {run.duration:g} s, a row {1.0 / run.rate:g} s: nothing of it would be applied",
+            code="too-short",
+            where=f"{where}: duration",
+            repair="record for longer, or at a higher rate",
+        )
     try:
         check_rate(rig, run.rate)
         check_modules(rig, run.measured, run.rate)

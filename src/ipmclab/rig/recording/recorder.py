@@ -219,7 +219,9 @@ def capture(
             raise InputError(f"{name} is {value:g}", code="out-of-range", where=name, repair="give 0 s or more")
     most = MOST_ROWS if journal is None else MOST_ROWS_IN_JOURNAL
     rows, rate = count_rows(rest_before + duration + rest_after, rate, most=most)
-    commanded = _with_rest(parse(signal) if isinstance(signal, str) else signal, rest_before, duration, rest_after)
+    commanded = _with_rest(
+        parse(signal) if isinstance(signal, str) else signal, rest_before, duration, rest_after, rate
+    )
     limits = limits or Limits()
     check_measured(bench.rig, measured)
     check_rate(bench.rig, rate)
@@ -293,9 +295,9 @@ def _names(rig: Rig, measured: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(["voltage", *measured, *always]))
 
 
-def _with_rest(signal: Signal, before: float, duration: float, after: float) -> Signal:
+def _with_rest(signal: Signal, before: float, duration: float, after: float, rate: float) -> Signal:
     """The signal in the time of the record."""
-    signal.check_fits(duration)
+    signal.check_fits(duration, rate)
     if not before and not after:
         return signal
     parts: tuple[Signal, ...] = (signal,)
