@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 import scipy.signal
 
-from ipmclab import Fit, Run, RunMetadata, identify, simulate
+from ipmclab import Fit, InputError, Run, RunMetadata, identify, simulate
 from ipmclab.model import Actuator
 from tests.identify.many import CONTACT, FRIEND
 
@@ -118,3 +118,19 @@ def test_one_value_for_all_is_not_what_each_run_has(fits: list[Fit]) -> None:
     fit = identify(FRIEND, drawn(np.random.default_rng(SEED)), free=[*SHARED, CONTACT])
     # The step, whose peak shows the contact.
     assert fit.observations[0].noise["current"] > 1.5 * fits[0].observations[0].noise["current"]
+
+
+@pytest.mark.parametrize(
+    ("labels", "where", "words"),
+    [
+        (["a"], "labels", r"1 label\(s\) for 2 run\(s\).*give 2, one for each run"),
+        (["a", "b", "c"], "labels", r"3 label\(s\) for 2 run\(s\)"),
+        ("ab", "labels", r"1 label\(s\) for 2 run\(s\)"),
+        (["a", 2], r"labels[1]", "a label is a text, not a int"),
+    ],
+)
+def test_labels_that_are_not_one_for_each_run_are_refused(labels: list[str], where: str, words: str) -> None:
+    runs = [simulate(FRIEND, signal, duration=2.0, rate=20.0) for signal in ("step 1 V", "sine 1 V 1 Hz")]
+    with pytest.raises(InputError, match=words) as caught:
+        identify(FRIEND, runs, free="circuit.dc_resistivity", labels=labels)
+    assert (caught.value.code, caught.value.where) == ("bad-labels", where)

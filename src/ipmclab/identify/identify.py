@@ -92,8 +92,8 @@ def identify(
     Raises
     ------
     InputError
-        No actuator, an unknown name, no runs, a run without the readings that the free parameters need, more
-        unknowns than readings, a prior of which nothing is known.
+        No actuator, an unknown name, no runs, not one label for each, a run without the readings that the free
+        parameters need, more unknowns than readings, a prior of which nothing is known.
 
     Examples
     --------
@@ -106,11 +106,12 @@ def identify(
     """
     need_actuator(actuator)
     given = _runs(runs)
+    named = _labels(labels, len(given))
     names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
     _need_mountings(given, names)
     _refuse_counts(actuator, names)
     with telling(progress):
-        return identify_freed(actuator, given, with_priors(actuator, names, prior), labels)
+        return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
 
 
 def identify_freed(
@@ -211,6 +212,28 @@ def _runs(runs: Sequence[Run] | Run) -> list[Run]:
         raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
     for place, run in enumerate(given):
         need_run(run, where=f"runs[{place}]")
+    return given
+
+
+def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
+    if labels is None:
+        return None
+    given = [labels] if isinstance(labels, str) else list(labels)
+    if len(given) != runs:
+        raise InputError(
+            f"{len(given)} label(s) for {runs} run(s)",
+            code="bad-labels",
+            where="labels",
+            repair=f"give {runs}, one for each run in the order of the runs, or none",
+        )
+    for place, label in enumerate(given):
+        if not isinstance(label, str):
+            raise InputError(
+                f"a label is a text, not a {type(label).__name__}",
+                code="bad-labels",
+                where=f"labels[{place}]",
+                repair="give each run a short name, or leave labels out",
+            )
     return given
 
 
