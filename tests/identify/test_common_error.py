@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ipmclab import Run, identify, prediction_bands, read_fit, simulate, write_fit
 from ipmclab.identify.free import FreeParameters, Prior
 from ipmclab.identify.identify import identify_freed
-from ipmclab.identify.many_runs.common_error import loadings_of, parted
+from ipmclab.identify.many_runs.common_error import common_covariance, loadings_of, parted
 from ipmclab.identify.many_runs.random_effect import random_effect
 from ipmclab.model import Actuator
 from tests.identify import many
@@ -199,6 +199,38 @@ def test_a_prior_that_follows_a_dimension_is_wrong_by_itself_only_in_what_it_say
         together = sum(one**2 for one in moved.values())
         assert together <= 1.001 * fit.covariance[name][name]
     assert fit.covariance[sheet][width] == pytest.approx(slope * fit.covariance[width][width], rel=0.05)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9, -0.9])
+def test_what_an_earlier_fit_found_together_counts_once(correlation: float) -> None:
+    """Two held numbers that are wrong together move an estimate by what both do, not by the sum of what each does."""
+    names = ["circuit.sheet_resistance", "circuit.branches.0.resistivity"]
+    deviations = np.array([0.01, 0.2]) * [FRIEND[name] for name in names]
+    together = np.outer(deviations, deviations) * [[1.0, correlation], [correlation, 1.0]]
+    earlier = {
+        "covariance": {"names": names, "rows": together.tolist()},
+        "values": {name: FRIEND[name] for name in names},
+    }
+    stated = dict(zip(names, deviations.tolist(), strict=True))
+    strip = replace(FRIEND, standard_uncertainties=stated, fit_table=earlier)
+    free = ["circuit.branches.0.permittivity", RHO]
+    fit = identify(strip, [noisy(np.random.default_rng(SEED), "square 1 V 0.1 Hz")], free=free)
+    loadings = loadings_of(fit)
+    for name in free:
+        beside = [fit.covariance[name][other] for other in names]
+        expected = float(beside @ np.linalg.solve(together, beside))
+        assert sum(moved**2 for moved in loadings[name].values()) == pytest.approx(expected, rel=1e-6)
+        assert expected < fit.covariance[name][name]
+    values = {name: fit.parameters[name].value for name in free}
+    every, covariance = common_covariance(fit, [loadings, loadings], [values, values])
+    order = [every.index(name) for name in (*free, *names)]
+    size = np.sqrt(covariance.diagonal()[order])
+    expected = [[fit.covariance[one][other] for other in names] for one in (*free, *names)]
+    np.testing.assert_allclose(
+        covariance[np.ix_(order, order[2:])] / np.outer(size, size[2:]),
+        np.array(expected) / np.outer(size, size[2:]),
+        atol=1e-6,
+    )
 
 
 def test_mountings_none_of_which_determines_a_parameter_are_compared_in_the_others() -> None:

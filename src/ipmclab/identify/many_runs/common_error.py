@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 
 _NOTHING = 1e-12  # of the largest eigenvalue
+_ALIKE = 1e-8  # of a variance: more than rounding takes from a covariance of numbers that are all but one
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +73,25 @@ def parted(errors: npt.ArrayLike, loadings: npt.ArrayLike) -> Parted:
 def loadings_of(fit: Fit) -> dict[str, dict[str, float]]:
     """By how much each parameter of a fit moves [SI] as what it took from elsewhere moves by its standard uncertainty.
 
-    Elsewhere is a fixed parameter with a stated uncertainty, and what was known beforehand of a free one. A prior of
+    Elsewhere is a fixed parameter with a stated uncertainty, and what was known beforehand of a free one. Of fixed
+    parameters that an earlier fit found together, each counts with what it says beside those before it. A prior of
     standard deviation s about c moves an estimate by covariance/s^2 for each unit of c; one that follows others is
     wrong by itself in what it says beside them.
     """
     table, fitted = fit.covariance, fit.parameters
-    # Stated uncertainties are independent, and their covariance with what was fitted is its leverage.
     stated = {name: math.sqrt(row[name]) for name, row in table.items() if name not in fitted and row[name] > 0.0}
+    # Their covariance with what was fitted is its leverage.
     found = {
         name: {cause: table[name][cause] / deviation for cause, deviation in stated.items()}
         for name in table
         if name in fitted
     }
+    root = _beside_others(fit, list(stated))
+    if root is not None:
+        found = {
+            name: dict(zip(stated, np.linalg.solve(root, list(moved.values())).tolist(), strict=True))
+            for name, moved in found.items()
+        }
     pulls: dict[str, dict[str, float]] = {name: {} for name in found}
     for cause, one in fitted.items():
         if one.prior is None or cause not in found:
@@ -142,6 +150,11 @@ def common_covariance(
     free = [name for name in dict.fromkeys(name for one in loadings for name in one) if name in known]
     names = (*free, *(cause for cause in causes if cause in known))
     columns = np.zeros((len(names), len(causes)))
+    stated = [cause for cause in causes if cause in known]
+    deviations = np.diag([known[cause].standard_uncertainty for cause in stated])
+    root = _beside_others(fit, stated)
+    place = np.ix_(range(len(free), len(names)), [causes.index(cause) for cause in stated])
+    columns[place] = deviations if root is None else deviations @ root
     for row, name in enumerate(names):
         for column, cause in enumerate(causes):
             if name in free:
@@ -152,9 +165,22 @@ def common_covariance(
                     if name in one
                 ]
                 columns[row, column] = sum(moved) / len(moved) * entry.chain(fit.actuator[name])
-            elif name == cause:
-                columns[row, column] = known[name].standard_uncertainty
     return names, columns @ columns.T
+
+
+def _beside_others(fit: Fit, stated: Sequence[str]) -> FloatArray | None:
+    """By how many deviations each stated parameter is off for one of what each says beside those before it.
+
+    None where they are independent.
+    """
+    if not all(name in fit.covariance for name in stated):
+        return None
+    together = np.array([[fit.covariance[one][other] for other in stated] for one in stated])
+    together = together.reshape(len(stated), len(stated))
+    if not np.count_nonzero(together - np.diag(together.diagonal())):
+        return None
+    size = np.sqrt(together.diagonal())
+    return np.asarray(np.linalg.cholesky(together / np.outer(size, size) + _ALIKE * np.eye(len(stated))))
 
 
 def _prior_of(fit: Fit, one: FittedParameter) -> tuple[float, dict[str, float]]:
