@@ -39,6 +39,7 @@ def served(path: Path, *, load: str, clock: str = "real") -> Iterator[None]:
         process.communicate(timeout=20)
 
 
+@pytest.mark.real_time
 def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: Command) -> None:
     path = tmp_path / "rig.toml"
     with served(path, load="dummy"):

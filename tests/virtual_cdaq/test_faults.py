@@ -49,6 +49,7 @@ def test_an_overrun(make_bench):
     assert caught.value.error_code == -200279
 
 
+@pytest.mark.real_time
 def test_a_frozen_chassis_answers_nobody_and_then_goes_on(make_bench):
     bench = make_bench("real", "freeze at 0.05 s for 0.5 s")
     with bench.task() as task:
@@ -59,6 +60,7 @@ def test_a_frozen_chassis_answers_nobody_and_then_goes_on(make_bench):
         assert len(task.read(300, timeout=5.0)) == 300
 
 
+@pytest.mark.real_time
 def test_a_dropped_connection_fails_what_waits_and_keeps_the_tasks(make_bench):
     bench = make_bench("real", "drop at 0.1 s for 0.2 s")
     with bench.task("kept") as task:
