@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,6 +55,43 @@ def target_of(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
             repair="choose another name, or allow overwriting (--force, overwrite=True)",
         )
     return target
+
+
+def keep_what_is_read(
+    path: str | os.PathLike[str], reads: Iterable[str | os.PathLike[str]], *, where: str | None = None
+) -> None:
+    """Refuse to write over a file from which the same work is made: when it ends that file would be gone.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to be.
+    reads : iterable of str or path
+        Files that are read; those that do not exist do not matter.
+    where : str, optional
+        What the message names, if not the path.
+
+    Raises
+    ------
+    InputError
+        ``path`` is one of them: by another spelling, through a link, by another name of the same file.
+    """
+    for one in reads:
+        if _is_same(path, one):
+            raise InputError(
+                f"this is {str(one)!r}, which is read here: its content would be lost",
+                code="output-is-input",
+                where=where or str(path),
+                repair="choose another name; what is read is never replaced, not by --force either",
+            )
+
+
+def _is_same(one: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    try:
+        # The system knows two names of one file, also where capitals do not count.
+        return os.path.samefile(one, other)
+    except (OSError, ValueError):  # one of them is not there: nothing is lost
+        return False
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.options import Force, Json, PerRun, RunFiles
 from ipmclab.cli.output import console, print_json, print_paragraph, print_table, read, significant
 from ipmclab.errors import InputError
@@ -63,9 +63,12 @@ def choose(
     """
     from ipmclab.identify.choosing.choose import choose as choose_model
 
-    for path, suffixes in ((out, (".toml",)), (report, (".html",)), (plot, _FIGURES)):
+    named = [name for listed in models for name in listed.split(",")]
+    reads: list[Path | str] = [*actuator_files(actuator, *named), *runs]
+    outputs = {"--out": (out, (".toml",)), "--report": (report, (".html",)), "--plot": (plot, _FIGURES)}
+    for option, (path, suffixes) in outputs.items():
         if path is not None:
-            check_output(path, force=force, suffixes=suffixes)
+            check_output(path, force=force, suffixes=suffixes, reads=reads, option=option)
     if hold_out not in (None, "runs", "blocks"):
         raise InputError(
             f"{hold_out!r} cannot be held out",

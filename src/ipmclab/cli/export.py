@@ -27,7 +27,7 @@ def export(
     """
     from ipmclab import export_run
 
-    check_output(out, force=force, suffixes=SUFFIXES)
+    check_output(out, force=force, suffixes=SUFFIXES, reads=[run])
     (loaded,) = read_runs([run])
     with progress(f"writing {out.name}"):
         export_run(loaded, out, overwrite=force)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ipmclab.destination import target_of
+from ipmclab.destination import keep_what_is_read, target_of
 from ipmclab.errors import InputError
 from ipmclab.toml_file import glance
 
@@ -15,13 +15,28 @@ if TYPE_CHECKING:
     from ipmclab.run import Run
 
 
-def check_output(path: Path, *, force: bool, suffixes: Sequence[str], option: str = "--out") -> None:
-    """Refuse an output file that could not be written at the end; ``option`` is the one that named it.
+def check_output(
+    path: Path, *, force: bool, suffixes: Sequence[str], reads: Iterable[Path | str], option: str = "--out"
+) -> None:
+    """Refuse an output file that could not be written at the end, or that the command reads.
+
+    Parameters
+    ----------
+    path : Path
+    force : bool
+        Whether a file that exists is replaced.
+    suffixes : sequence of str
+        How its name may end.
+    reads : iterable of Path or str
+        Every file that the command reads, as far as that is known yet; a name that is no file does not matter.
+    option : str
+        The one that named it.
 
     Raises
     ------
     InputError
-        Another kind of file, a folder, a folder that is not there, or a file that exists without ``force``.
+        Another kind of file, a folder, a folder that is not there, a file that is read (even with ``force``), or one
+        that exists without ``force``.
     """
     if path.suffix.lower() not in suffixes and not path.is_dir():
         raise InputError(
@@ -30,7 +45,21 @@ def check_output(path: Path, *, force: bool, suffixes: Sequence[str], option: st
             where=f"{option} {path}",
             repair=f"write for example {path.with_suffix(suffixes[0]).name}",
         )
+    keep_what_is_read(path, reads, where=f"{option} {path}")
     target_of(path, overwrite=force)
+
+
+def actuator_files(*names: str | None) -> list[str]:
+    """Where actuators come from that are named with or without further stages; of the library, no file.
+
+    Examples
+    --------
+    >>> actuator_files("mine.toml+leak.cubic", None)
+    ['mine.toml']
+    """
+    from ipmclab.model.actuator_file import stages_after
+
+    return [stages_after(name)[0] for name in names if name is not None]
 
 
 def read_runs(paths: Sequence[Path]) -> list[Run]:

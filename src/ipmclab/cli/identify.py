@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, print_profiles
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, PerMounting, PerRun, Prior, RunFiles
@@ -58,7 +58,7 @@ def identify(
     from ipmclab.identify.progress import part, telling
     from ipmclab.identify.uncertainty.profiles import profile
 
-    check_output(out, force=force, suffixes=(".toml",))
+    check_output(out, force=force, suffixes=(".toml",), reads=[*actuator_files(actuator), *runs])
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:

@@ -36,7 +36,7 @@ def import_(
     from ipmclab.quality.record import Record
     from ipmclab.store import load_import_map
 
-    check_output(out, force=force, suffixes=(".nc",))
+    check_output(out, force=force, suffixes=(".nc",), reads=[file] if map_file is None else [file, map_file])
     import_map = None if map_file is None else load_import_map(map_file)
     with progress(f"importing {file.name}"):
         run = import_run(file, import_map)

@@ -26,7 +26,7 @@ def plot(
     \b
     ipmclab plot step.nc sine.nc --out runs.svg
     """
-    check_output(out, force=force, suffixes=SUFFIXES)
+    check_output(out, force=force, suffixes=SUFFIXES, reads=runs)
     loaded = read_runs(runs)
     with progress("drawing"):
         from ipmclab.report import plot as plot_runs

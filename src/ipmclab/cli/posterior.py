@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.options import ActuatorName, Force, Json, PerMounting, PerRun, Prior, RunFiles
 from ipmclab.cli.output import (
     finding_document,
@@ -50,9 +50,10 @@ def posterior(
     from ipmclab.identify.posterior.packages import bayes_package
     from ipmclab.identify.posterior.posterior import sample_posterior, write_posterior
 
-    check_output(out, force=force, suffixes=(".nc",))
+    reads: list[Path | str] = [*actuator_files(actuator), *runs]
+    check_output(out, force=force, suffixes=(".nc",), reads=reads)
     if figure is not None:
-        check_output(figure, force=force, suffixes=_FIGURES, option="--figure")
+        check_output(figure, force=force, suffixes=_FIGURES, reads=reads, option="--figure")
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     bayes_package("emcee")  # before the long work

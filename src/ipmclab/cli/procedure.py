@@ -57,10 +57,12 @@ def procedure(
             repair="write one to fill in: ipmclab procedure --template --out mine.toml",
         )
     if out is not None:
-        check_output(out, force=force, suffixes=(".toml",))
+        check_output(out, force=force, suffixes=(".toml",), reads=[file])
     from ipmclab import follow_procedure, read_procedure, write_fit
 
     given = read_procedure(file)
+    if out is not None:
+        check_output(out, force=force, suffixes=(".toml",), reads=given.files)
     steps: dict[str, Step] = {}
     try:
         with progress(f"{given.name}: the procedure") as tell:
@@ -106,7 +108,7 @@ def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json
             repair=f"ipmclab procedure --template --out {file}",
         )
     if out is not None:
-        check_output(out, force=force, suffixes=(".toml",))
+        check_output(out, force=force, suffixes=(".toml",), reads=())
         with replacing(out, overwrite=force) as temporary:
             temporary.write_text(TEMPLATE, encoding="utf-8", newline="\n")
     if as_json:

@@ -30,7 +30,7 @@ def report(
     """
     from ipmclab import read_fit
 
-    check_output(out, force=force, suffixes=(".html",))
+    check_output(out, force=force, suffixes=(".html",), reads=[fitted, *runs, *(validation or [])])
     fit = read_fit(fitted)
     used, unseen = read_runs(runs), read_runs(validation or [])
     with progress("writing the report"):

@@ -98,7 +98,7 @@ def runs(
                 where=f"--out {out}",
                 repair="give --sample ID alone, or ipmclab plot RUN... for records",
             )
-        check_output(out, force=force, suffixes=SUFFIXES)
+        check_output(out, force=force, suffixes=SUFFIXES, reads=())  # which runs it shows is not known yet
     root, is_laboratory = _root(folder)
     known = Catalogue(root, catalogue)
     if folder is not None and known.laboratory:
@@ -164,6 +164,8 @@ def _show_life(
         )
     life = life_of(sample, rows)
     if out is not None:
+        shown = [file for row in rows if (file := catalogue.file_of(row)) is not None]
+        check_output(out, force=force, suffixes=SUFFIXES, reads=[catalogue.where, *shown])
         draw_life(life, out, force=force)
     if as_json:
         print_json({**_about(catalogue, swept, problems), **life_document(life, catalogue), "out": out})

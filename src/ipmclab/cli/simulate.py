@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli.files import check_output
+from ipmclab.cli.files import actuator_files, check_output
 from ipmclab.cli.options import ActuatorName, Force, Json, positive
 from ipmclab.cli.output import (
     print_json,
@@ -57,7 +57,9 @@ def simulate(
     seconds = positive(duration, TIME, option="--duration")
     hertz = positive(rate, FREQUENCY, option="--rate")
     applied = signals.parse(signal)
-    check_output(out, force=force, suffixes=(".nc",))
+    parts = applied.signals if isinstance(applied, signals.Sequence) else (applied,)
+    played = [one.path for one in parts if isinstance(one, signals.Samples)]
+    check_output(out, force=force, suffixes=(".nc",), reads=[*actuator_files(actuator), *played])
     model = load_actuator(actuator)
     with progress(f"simulating {model.name}"):
         run = simulate_actuator(model, applied, duration=seconds, rate=hertz, hold=hold)

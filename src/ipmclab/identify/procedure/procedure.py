@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ipmclab.identify.procedure.amounts import Uncertain, exact
 from ipmclab.identify.procedure.four_probe import FourProbes
@@ -39,6 +40,8 @@ class Procedure:
     push_position : Uncertain [m], optional
         The sensing length where it is left out.
     coupling : Runs, optional
+    files : tuple of Path
+        Where the runs were read, that of a push too.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Procedure:
     modulus: Push | Uncertain | None = None
     push_position: Uncertain | None = None
     coupling: Runs = ()
+    files: tuple[Path, ...] = ()
 
     @property
     def runs(self) -> Runs:

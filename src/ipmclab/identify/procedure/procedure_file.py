@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -110,7 +111,8 @@ def procedure_from_text(text: str, *, where: str = "procedure", folder: Path | N
         raise InputError(
             error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
         ) from error
-    return _procedure(table, _Reader(where, folder or Path()))
+    reader = _Reader(where, folder or Path())
+    return replace(_procedure(table, reader), files=reader.files)
 
 
 class _Reader:
@@ -120,6 +122,10 @@ class _Reader:
         self.where = where
         self._folder = folder
         self._runs: dict[Path, Run] = {}
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return tuple(self._runs)
 
     def at(self, key: str) -> str:
         return f"{self.where}: {key}"
