@@ -6,8 +6,11 @@ export default {
     this.view = new window.LabSimulate.View(this.$el, this.options, (state) => this.$emit("asked", state));
   },
   methods: {
-    changes() {
-      return this.view.changes;
+    told() {
+      return this.view.told();
+    },
+    complain(error) {
+      this.view.complain(error);
     },
     set_runs(runs) {
       this.view.setRuns(runs);

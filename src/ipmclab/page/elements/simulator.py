@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from nicegui.element import Element
 
+from ipmclab.errors import InputError
+
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
+    from ipmclab.errors import IpmclabError
     from ipmclab.model import Actuator
     from ipmclab.model.parameters import Parameter
 
@@ -69,9 +72,25 @@ class Simulator(Element, component="simulator.js"):
             self.on("asked", asked, throttle=0.5)
 
     async def changes(self) -> dict[str, float]:
-        """What the sliders say now, where it is not what was loaded [SI]."""
-        told: dict[str, float] = await self.run_method("changes")
-        return {str(name): float(value) for name, value in told.items()}
+        """What the sliders say now, where it is not what was loaded [SI].
+
+        Raises
+        ------
+        InputError
+            The field of a parameter holds no number, or one that was refused: it says so itself.
+        """
+        told: dict[str, Any] = await self.run_method("told")
+        if told["wrong"]:
+            raise InputError(
+                f"there is no number that can be used at: {', '.join(map(str, told['wrong']))}",
+                code="wrong-fields",
+                repair="correct what is marked",
+            )
+        return {str(name): float(value) for name, value in told["changes"].items()}
+
+    def complain(self, error: IpmclabError) -> None:
+        """Say at the field of a parameter what is wrong with it."""
+        self.run_method("complain", error.as_dict())
 
     def set_runs(self, runs: Sequence[tuple[str, str]]) -> None:
         """Other runs that can be laid over."""

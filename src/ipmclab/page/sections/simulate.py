@@ -153,8 +153,22 @@ class _View:
             if self._loaded is None:
                 raise InputError("no actuator is loaded", code="no-actuator", repair="load one")
             _, actuator, view = self._loaded
-            write_actuator(actuator.replace(**await view.changes()), path)
+            write_actuator(self._changed(actuator, view, await view.changes()), path)
         except IpmclabError as error:
             fail_at(self._name, error)
             return
         ui.notify(f"wrote {path.name}", type="positive")
+
+    @staticmethod
+    def _changed(actuator: Actuator, view: Simulator, changes: dict[str, float]) -> Actuator:
+        """The actuator as the sliders say; what it refuses is said at the field of the parameter too.
+
+        Raises
+        ------
+        InputError
+        """
+        try:
+            return actuator.replace(**changes)
+        except InputError as error:
+            view.complain(error)
+            raise

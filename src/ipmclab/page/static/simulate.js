@@ -13,6 +13,7 @@ const LabSimulate = (() => {
   const KINDS = {
     step: "Step", sine: "Sine", square: "Square", triangle: "Triangle", chirp: "Chirp", written: "As text",
   };
+  const OLD = "not answered: what is shown is from before";
   const PAUSE = 30; // [ms] between two pictures of the strip
   const MAGNIFY = [1, 2, 5, 10, 20, 50];
 
@@ -39,14 +40,19 @@ const LabSimulate = (() => {
 
   // A label, its input, and the place of its message.
   class Field {
-    constructor(label, input, unit = "") {
+    constructor(label, input, unit = "", factor = 1) {
       const id = `lab-field-${++counter}`;
       this.input = input;
+      this.factor = factor; // from SI to what it shows
       input.id = id;
       this.message = make("p", { className: "lab-bad lab-field-message", id: `${id}-m`, hidden: true });
       this.row = make("div", { className: "lab-field" },
         make("label", { htmlFor: id }, label), make("span", { className: "lab-field-input" }, input, unit), this.message);
       input.setAttribute("aria-describedby", `${id}-m`);
+    }
+    get isEmpty() {
+      const { type, value } = this.input;
+      return type === "number" && (value === "" || !Number.isFinite(value / this.factor));
     }
     complain(text) {
       this.message.textContent = text;
@@ -177,7 +183,14 @@ const LabSimulate = (() => {
       this.build();
       if (!View.isBegun) this.goOn();
       View.isBegun = true; // what is loaded later is looked at anew
+      this.unlisten = window.lab.listen(() => this.isBack());
       this.ask();
+    }
+
+    // The link is heard again: what was asked over one that was lost is asked again.
+    isBack() {
+      if (this.isAsking && this.link && this.link !== window.lab.socket) this.asking.abort(); // nobody would answer it
+      if (this.isLost) this.ask();
     }
 
     // The fields of the voltage as they are kept; which run it is over the server knows.
@@ -204,6 +217,7 @@ const LabSimulate = (() => {
     }
 
     destroy() {
+      this.unlisten();
       this.strip.stop();
       this.stack.destroy();
       this.frequency.destroy();
@@ -356,7 +370,7 @@ const LabSimulate = (() => {
       const toValue = (place) =>
         one.log ? one.low * (one.high / one.low) ** (place / STEPS) : one.low + ((one.high - one.low) * place) / STEPS;
       const number = make("input", { type: "number", step: "any", value: digits(one.value * one.factor) });
-      const field = new Field(one.label, number, one.unit);
+      const field = new Field(one.label, number, one.unit, one.factor);
       const slider = make("input", { type: "range", min: 0, max: STEPS, step: 1, value: toSlider(one.value) });
       slider.setAttribute("aria-label", one.label);
       slider.dataset.parameter = one.name;
@@ -394,11 +408,8 @@ const LabSimulate = (() => {
         change(value);
       });
       number.addEventListener("input", () => {
-        const value = number.value === "" ? NaN : Number(number.value) / one.factor;
-        if (!Number.isFinite(value)) {
-          field.complain("Write a number.");
-          return;
-        }
+        if (field.isEmpty) return void this.ask();
+        const value = Number(number.value) / one.factor;
         slider.value = toSlider(value);
         change(value);
       });
@@ -417,11 +428,18 @@ const LabSimulate = (() => {
       };
     }
 
-    // The fields of the voltage that are empty, or hold no number: until they do, there is no question.
+    // The fields that are empty, or hold no number: until they do, there is no question.
     lacking() {
-      if (this.run.value !== "") return [];
       const own = { written: [], step: ["amplitude"] }[this.kind.value] ?? ["amplitude", "frequency"];
-      return [...own, "duration", "rate"].map((name) => this.fields.get(name)).filter((field) => field.input.value === "");
+      const voltage = this.run.value === "" ? [...own, "duration", "rate"] : [];
+      return [...this.setters.keys(), ...voltage].map((name) => this.fields.get(name)).filter((field) => field.isEmpty);
+    }
+
+    // What the sliders changed, and the parameters whose fields say something else: they are in sight then.
+    told() {
+      const wrong = this.options.parameters.filter(({ name }) => !this.fields.get(name).message.hidden);
+      for (const { name } of wrong) this.fields.get(name).row.closest("details").open = true;
+      return { changes: this.changes, wrong: wrong.map(({ label }) => label) };
     }
 
     ask() {
@@ -445,13 +463,18 @@ const LabSimulate = (() => {
         const { since } = this;
         this.since = null;
         const question = this.question();
+        this.link = window.lab.socket;
+        this.asking = new AbortController();
+        this.isLost = false;
         try {
           if (await this.one(question)) this.tell(question);
           this.host.dataset.took = String(performance.now() - since);
-          this.took.textContent = this.host.dataset.error ? "not answered: what is shown is from before"
+          this.took.textContent = this.host.dataset.error ? OLD
             : `answered in ${Math.round(performance.now() - since)} ms`;
         } catch (error) {
+          this.isLost = true;
           this.complain({ message: `the simulation cannot be reached: ${error.message}`, where: "", repair: "it goes on when the link is back" });
+          this.took.textContent = OLD;
         }
       }
       this.isAsking = false;
@@ -461,7 +484,8 @@ const LabSimulate = (() => {
     // Whether it was answered: what is said of it beside the page is that of the last question that was.
     async one(question) {
       const body = JSON.stringify(question);
-      const answer = await fetch("/simulate", { method: "POST", headers: { "content-type": "application/json" }, body });
+      const { signal } = this.asking;
+      const answer = await fetch("/simulate", { method: "POST", headers: { "content-type": "application/json" }, body, signal });
       if (answer.status === 204) return false;
       if (!answer.ok) {
         const told = await answer.json().catch(() => ({ message: `the server answered ${answer.status}`, where: "", repair: "" }));
@@ -480,14 +504,13 @@ const LabSimulate = (() => {
       this.host.dataset.error = error ? error.code ?? "fault" : "";
       this.host.classList.toggle("lab-is-old", Boolean(error));
       // The server tells the first mistake; what can be seen from here is told of every field.
-      const isEmpty = (field) => field.input.type === "number" && field.input.value === "";
-      for (const field of this.fields.values()) if (!field.row.hidden && isEmpty(field)) field.complain("Write a number.");
+      for (const field of this.fields.values()) if (!field.row.hidden && field.isEmpty) field.complain("Write a number.");
       for (const name of ["duration", "rate"])
         if (Number(this.fields.get(name).input.value) < 0) this.fields.get(name).complain("Must be above 0.");
       if (!error?.message) return;
       const text = error.repair ? `${error.message}; ${error.repair}` : error.message;
       const field = this.fields.get(error.where) ?? this.fields.get(this.written(error.where));
-      if (field && !field.row.hidden) field.complain(isEmpty(field) ? "Write a number." : text);
+      if (field && !field.row.hidden) field.complain(field.isEmpty ? "Write a number." : text);
       else {
         this.alert.textContent = text;
         this.alert.hidden = false;

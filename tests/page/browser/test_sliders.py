@@ -1,0 +1,96 @@
+"""Simulate in a real browser: what is saved is what the fields say, and a link that was lost is taken up again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ipmclab import load_actuator
+from tests.page.browser.conftest import LONG, served
+
+pytest.importorskip("playwright")
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("lab")
+
+
+@pytest.fixture(scope="module")
+def address(lab: Path) -> Iterator[str]:
+    with served(lab) as found:
+        yield found
+
+
+@pytest.mark.parametrize("wrong", ["", "1e99"])
+def test_a_parameter_is_not_saved_while_its_field_says_something_else(
+    address: str, open_page, lab: Path, wrong: str
+) -> None:
+    file = lab / f"moved{wrong}.toml"
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    number = page.get_by_label("modulus", exact=True).and_(page.locator("input[type=number]"))
+    usual = float(number.input_value())
+    number.fill(str(2.0 * usual))
+    page.get_by_text("'beam.modulus':").wait_for()
+    number.fill(wrong)
+    field = page.locator(".lab-parameter").filter(has=number)
+    field.get_by_text("outside the allowed" if wrong else "Write a number.").wait_for()
+    before = page.locator("[data-answers]").get_attribute("data-answers")
+    page.get_by_label("Save changed actuator as").fill(file.stem)
+    page.get_by_role("button", name="Save", exact=True).click()
+    name = page.locator(".q-field").filter(has=page.get_by_label("Save changed actuator as"))
+    name.get_by_text("there is no number that can be used at: modulus; correct what is marked").wait_for()
+    assert field.locator("p.lab-bad").is_visible()
+    assert not file.exists()
+    if not wrong:  # nothing is asked about what no field shows, whatever else is moved
+        gain = page.get_by_label("gain", exact=True).and_(page.locator("input[type=range]"))
+        gain.press("PageUp")
+        page.get_by_text("waits for a number").wait_for()
+        assert field.get_by_text("Write a number.").is_visible()
+        assert page.locator("[data-answers]").get_attribute("data-answers") == before
+        page.get_by_role("button", name="Reset all").click()
+        page.get_by_text("answered in").wait_for()
+    number.fill(str(3.0 * usual))
+    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_text(f"wrote {file.name}").wait_for()
+    written = load_actuator(file)["beam.modulus"]
+    assert written == pytest.approx(3.0 * load_actuator("friend-2")["beam.modulus"])
+
+
+@pytest.mark.parametrize("how", ["refused", "unanswered"])
+def test_what_was_asked_while_the_link_was_lost_is_asked_again(address: str, open_page, how: str) -> None:
+    """Over a link that refuses, and over one that only never answers."""
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    before = page.locator("[data-answers]").get_attribute("data-answers")
+    page.evaluate(LOSE, how)
+    page.wait_for_selector("#lab-lost:not([hidden])")
+    page.get_by_label("gain", exact=True).and_(page.locator("input[type=range]")).press("PageUp")
+    if how == "refused":
+        page.get_by_text("it goes on when the link is back").wait_for()
+        page.get_by_text("not answered: what is shown is from before").wait_for()
+    page.evaluate("Object.assign(window, window.real) && undefined")
+    page.wait_for_function(
+        "before => document.querySelector('[data-answers]').dataset.answers !== before", arg=before, timeout=LONG
+    )
+    page.get_by_text("answered in").wait_for()
+    assert page.get_by_text("it goes on when the link is back").filter(visible=True).count() == 0
+
+
+LOSE = """(how) => {
+  window.real = { WebSocket, fetch };
+  window.fetch = (_, { signal }) => new Promise((_, refuse) => {
+    signal?.addEventListener("abort", () => refuse(new Error("aborted")));
+    if (how === "refused") refuse(new Error("no link"));
+  });
+  window.WebSocket = class {
+    constructor() { setTimeout(() => this.onclose(), 10); }
+    send() {}
+    close() {}
+  };
+  lab.socket.close();
+}"""
+"""No link can be had any more."""
