@@ -90,3 +90,23 @@ def test_a_layout_is_corrected_and_what_was_filled_in_stays(address: str, open_p
     assert run.current is not None
     np.testing.assert_allclose(run.current, -np.cos(0.02 * np.arange(500)), atol=1e-8)
     assert tomllib.loads(written.with_suffix(".map.toml").read_text())["file"]["skip_lines"] == 0
+
+
+def test_a_record_that_was_mended_can_be_chosen_again(address: str, open_page, tmp_path: Path) -> None:
+    page = open_page(f"{address}/runs")
+    page.get_by_role("button", name="Import a record").click()
+    label = "or one of this computer"
+    page.get_by_label(label).wait_for()
+    session = page.context.new_cdp_session(page)
+    for rows in (50, 90):
+        table = np.column_stack([np.arange(rows) / 50, np.ones(rows), np.zeros(rows)])
+        np.savetxt(tmp_path / "mine.csv", table, delimiter=",", header="t_s,U_V,I_mA", comments="")
+        chosen = session.send("Runtime.evaluate", {"expression": "document.querySelector('input[type=file]')"})
+        # As a person does: a browser tells of the same file no second time.
+        session.send(
+            "DOM.setFileInputFiles",
+            {"files": [str(tmp_path / "mine.csv")], "objectId": chosen["result"]["objectId"]},
+        )
+        page.get_by_text(f"mine.csv: {rows} rows, 3 columns").wait_for(timeout=LONG)
+    page.locator(".lab-file").get_by_text("mine.csv").wait_for()
+    assert serious(page) == []

@@ -3,16 +3,22 @@ export default {
   template: `
     <div class="lab-field">
       <label :for="id">{{ options.label }}</label>
-      <span class="lab-field-input"><input type="file" :id="id" :accept="options.accept" @change="send($event.target.files[0])"></span>
+      <span class="lab-field-input lab-file"><input type="file" :id="id" :accept="options.accept" @change="take($event.target)"> {{ name }}</span>
       <p v-if="message" role="alert" class="lab-bad lab-field-message">{{ message }}</p>
     </div>`,
   props: { options: Object },
   data() {
-    return { id: `lab-file-${Math.random().toString(36).slice(2)}`, message: "" };
+    return { id: `lab-file-${Math.random().toString(36).slice(2)}`, message: "", name: "" };
   },
   methods: {
-    async send(file) {
+    take(input) {
+      const [file] = input.files;
+      input.value = ""; // so that it can be chosen again when it was mended
       if (!file) return;
+      this.name = file.name;
+      this.send(file);
+    },
+    async send(file) {
       this.message = "";
       if (file.size > this.options.most) {
         this.message = `The file has ${(file.size / 2 ** 20).toFixed(0)} MiB, at most ${this.options.most / 2 ** 20} can be sent; copy it into the folder of this page.`;
