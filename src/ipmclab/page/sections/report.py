@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 from urllib.parse import quote
 
 from nicegui import ui
@@ -116,6 +117,7 @@ class _View:
 
     async def _write(self) -> None:
         self._message.set_text("")
+        self._unseen.complain("")
         fail_at(self._name, None)
         if not self._fit.value:
             fail_at(self._fit, "choose a fit")
@@ -133,10 +135,11 @@ class _View:
         except IpmclabError as error:
             fail_at(self._name, error)
             return
+        found = self._find()
+        if found is None:
+            return
         arguments = {
-            "fit": self._workshop.actuator_path(self._fit.value),
-            "runs": [str(self._workshop.run_path(key)) for key in self._used],
-            "validation": [str(self._workshop.run_path(key)) for key in self._unseen.chosen],
+            **found,
             "out": str(path),
             "command": self._told_step().command,
             "overwrite": bool(self._over.value),
@@ -157,6 +160,27 @@ class _View:
         finally:
             self._make.enable()
         self._show_reports()
+
+    def _find(self) -> dict[str, Any] | None:
+        """The files of the fit and of the runs; None where one of them is gone, which is said where it was chosen."""
+        try:
+            fit = self._workshop.actuator_path(self._fit.value)
+            if not Path(fit).is_file():
+                raise InputError(
+                    f"there is no file {self._fit.value!r} any more",
+                    code="no-such-file",
+                    repair="choose another fit, or put it back",
+                )
+            runs = [str(self._workshop.run_path(key)) for key in self._used]
+        except IpmclabError as error:
+            fail_at(self._fit, error)
+            return None
+        try:
+            validation = [str(self._workshop.run_path(key)) for key in self._unseen.chosen]
+        except IpmclabError as error:
+            self._unseen.complain(f"{error.message}; choose it no longer, or put it back")
+            return None
+        return {"fit": fit, "runs": runs, "validation": validation}
 
     def _show_reports(self) -> None:
         self._list.clear()

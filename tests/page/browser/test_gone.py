@@ -1,0 +1,43 @@
+"""What was chosen and is gone by now, or still at work, in a real browser: it is said, or shown, where it belongs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import identify, load_actuator, simulate, write_fit, write_run
+from tests.page.browser.conftest import LONG, served
+
+pytest.importorskip("playwright")
+
+
+def test_a_report_says_where_it_was_chosen_that_a_run_or_a_fit_is_gone(tmp_path: Path, open_page) -> None:
+    rng = np.random.default_rng(20261122)
+    (tmp_path / "runs").mkdir()
+    made = {}
+    for name, signal in (("step", "step 1 V"), ("sine", "sine 1 V 0.1 Hz")):
+        run = simulate(load_actuator("friend-2"), signal, duration=10.0, rate=50.0)
+        assert run.current is not None
+        made[name] = replace(run, current=run.current + rng.normal(0.0, 1e-4, len(run)))
+        write_run(made[name], tmp_path / "runs" / f"{name}.nc")
+    fit = identify(load_actuator("friend-2"), made["step"], free=["circuit.dc_resistivity"])
+    write_fit(fit, tmp_path / "known.toml")
+    with served(tmp_path) as address:  # which ends without a traceback
+        page = open_page(f"{address}/runs")
+        page.get_by_text("2 of 2 runs").wait_for(timeout=LONG)
+        page.goto(f"{address}/report?fit=known.toml")
+        group = page.get_by_role("group", name="Runs to predict")
+        group.get_by_label("runs/sine.nc").check()
+        (tmp_path / "runs" / "sine.nc").rename(tmp_path / "away.nc")
+        page.get_by_role("button", name="Make the report").click()
+        group.get_by_role("alert").filter(has_text="there is no run 'runs/sine.nc'").wait_for()
+        group.get_by_label("runs/sine.nc").uncheck()
+        (tmp_path / "known.toml").rename(tmp_path / "known.txt")
+        page.get_by_role("button", name="Make the report").click()
+        field = page.locator(".q-field").filter(has=page.get_by_label("Fit", exact=True))
+        field.get_by_text("there is no file 'known.toml' any more").wait_for()
+        assert group.get_by_role("alert").count() == 0
+        assert not list(tmp_path.glob("*.html"))
