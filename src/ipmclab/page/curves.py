@@ -192,13 +192,15 @@ class CurveStore:
 
 
 def answer(panels: Sequence[Panel], begin: float | None, end: float | None, points: int) -> bytes:
-    """The curves from ``begin`` to ``end`` [s], each thinned to so many points."""
+    """The curves from ``begin`` to ``end`` [s], each thinned to so many points; and from when to when they are."""
+    times = [one.time for panel in panels for one in panel.series if len(one.time)]
+    whole = [min(float(time[0]) for time in times), max(float(time[-1]) for time in times)] if times else None
     arrays: dict[str, FloatArray] = {}
     for panel in panels:
         for one in panel.series:
             part = within(one.time, begin, end)
             arrays[f"{one.key}.time"], arrays[f"{one.key}.value"] = thin(one.time[part], one.values[part], points)
-    return pack({"kind": "curves", "panels": [panel.as_dict() for panel in panels]}, arrays)
+    return pack({"kind": "curves", "panels": [panel.as_dict() for panel in panels], "whole": whole}, arrays)
 
 
 def csv_lines(panels: Sequence[Panel]) -> Iterator[str]:

@@ -26,6 +26,73 @@ def test_a_curve_stays_at_its_time_where_another_panel_needs_more_room(address: 
         assert panel["drawn"] == pytest.approx(panel["due"], abs=2), panel["key"]
 
 
+@pytest.mark.parametrize("source", [False, True])
+def test_keys_zoom_around_the_cursor_and_never_out_of_the_curves(address: str, open_page, source: bool) -> None:
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page.evaluate(KEYED, source)
+    panels = page.get_by_role("img", name="keyed: current")
+    panels.focus()
+
+    def shown(*keys: str) -> list[float]:
+        for key in keys:
+            panels.press(key)
+        page.wait_for_timeout(300)  # what is asked of the source has come
+        low, high, at = page.evaluate(WHERE)
+        assert 2.0 - 1e-9 <= low <= at <= high <= 12.0 + 1e-9
+        return [low, high, at]
+
+    assert shown("Home") == pytest.approx([2.0, 12.0, 2.0])
+    assert shown("+") == pytest.approx([2.0, 7.0, 2.0])
+    assert shown("ArrowRight") == pytest.approx([2.0, 7.0, 2.05])
+    assert shown("+") == pytest.approx([2.0, 4.5, 2.05])
+    assert shown("End") == pytest.approx([2.0, 4.5, 4.5])
+    assert shown("-") == pytest.approx([2.0, 7.0, 4.5])
+    assert shown("+") == pytest.approx([3.25, 5.75, 4.5])
+    assert shown("ArrowRight") == pytest.approx([3.25, 5.75, 4.525])
+    assert shown("0") == pytest.approx([2.0, 12.0, 4.525])
+    assert shown("End", "+") == pytest.approx([7.0, 12.0, 12.0])
+    assert shown("ArrowLeft") == pytest.approx([7.0, 12.0, 11.95])
+    assert shown("-", "-") == pytest.approx([2.0, 12.0, 11.95])
+    page.set_viewport_size({"width": 1000, "height": 700})
+    assert shown() == pytest.approx([2.0, 12.0, 11.95])
+    assert page.get_by_role("button", name="Show all of the time: keyed").is_hidden()
+    box = panels.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 3)
+    assert shown()[2] == pytest.approx(7.0, abs=0.5)
+
+
+KEYED = """(source) => {
+  const host = document.querySelector(".lab-content").appendChild(document.createElement("section"));
+  const series = [{ key: "one", label: "one", colour: 0 }];
+  const panels = [{ key: "current", label: "current", unit: "mA", factor: 1, series }];
+  const time = Float64Array.from({ length: 1001 }, (_, k) => 2 + k / 100);
+  const values = time.map((t) => Math.sin(t));
+  window.fetch = async (address) => {
+    const asked = new URL(address, location).searchParams;
+    const [begin, end] = ["begin", "end"].map((name) => asked.get(name));
+    const of = (array) => array.filter((_, k) => begin === null || (time[k] >= begin && time[k] <= end));
+    const arrays = [["one.time", of(time)], ["one.value", of(values)]];
+    const told = { arrays: arrays.map(([name, array]) => [name, array.length]), whole: [2, 12] };
+    const text = JSON.stringify(told);
+    const head = new TextEncoder().encode(text.padEnd(8 * Math.ceil((text.length + 4) / 8) - 4));
+    return new Response(new Blob([Uint32Array.of(head.length), head, ...arrays.map(([, array]) => array)]));
+  };
+  window.keyed = new LabPlot.Stack(host, { name: "keyed", panels, source: source ? "/nowhere" : undefined });
+  host.scrollIntoView();
+  if (source) return;
+  keyed.show("current", [[time, values]]);
+  keyed.draw(2, 12);
+}"""
+
+WHERE = """() => {
+  const [plot] = keyed.plots;
+  const { min, max } = plot.scales.x;
+  if (Math.abs(plot.posToVal(plot.cursor.left, "x") - keyed.at) > 0.02 * (max - min)) throw new Error("astray");
+  return [min, max, keyed.at];
+}"""
+"""What is shown, and where its cursor is."""
+
 EDGES = """async (wide) => {
   const host = document.querySelector(".lab-card").appendChild(document.createElement("div"));
   const series = [{ key: "one", label: "one", colour: 0 }];

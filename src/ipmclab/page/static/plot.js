@@ -142,6 +142,7 @@ const LabPlot = (() => {
       this.panels.tabIndex = 0;
       this.panels.setAttribute("role", "img");
       this.panels.addEventListener("keydown", (event) => this.key(event));
+      this.panels.addEventListener("mousemove", () => (this.isKeyed = false), true);
       this.readout = document.createElement("output");
       this.readout.className = "lab-stack-readout";
       const button = (text, title, act) => {
@@ -229,6 +230,7 @@ const LabPlot = (() => {
           hooks: {
             setSelect: [(plot) => this.selected(plot)],
             setCursor: [(plot) => this.moved(plot)],
+            draw: [(plot) => this.pin(plot)],
             drawAxes: [(plot) => this.drawBands(plot), (plot) => this.drawName(plot, panel)],
           },
         };
@@ -381,6 +383,20 @@ const LabPlot = (() => {
       return begin < end ? [begin, end] : Number.isFinite(begin) ? [begin, begin + 1] : [0, 1];
     }
 
+    // From where to where there is anything at all, also while less is shown.
+    whole() {
+      if (!this.options.live) return (this.options.source && this.source?.whole) || this.extent();
+      return [0, Math.max((this.wholeRun ? this.end : this.time?.held[this.time.end - 1]) ?? 0, 1)];
+    }
+
+    // A zoom as near as there is something to see; null where that is all of it.
+    within(zoom) {
+      const [first, last] = this.whole();
+      if (!zoom || zoom[1] - zoom[0] >= last - first) return null;
+      const by = Math.max(first - zoom[0], 0) - Math.max(zoom[1] - last, 0);
+      return zoom.map((end) => end + by);
+    }
+
     // Ask the source; what was asked last is shown, never an older answer.
     async refresh() {
       const asked = ++this.asked;
@@ -491,8 +507,8 @@ const LabPlot = (() => {
       this.setZoom(zoom);
     }
 
-    setZoom(zoom) {
-      this.zoom = zoom;
+    setZoom(wanted) {
+      const zoom = (this.zoom = this.within(wanted));
       this.all.hidden = zoom === null;
       if (this.options.live) window.lab.view(this.view());
       else if (this.options.source) {
@@ -501,8 +517,17 @@ const LabPlot = (() => {
       } else this.draw(...(zoom ?? this.extent()));
     }
 
+    // Whether the keys put the cursor at a time: there it stays when curves are drawn anew, until the mouse moves it.
+    get isPinned() {
+      return this.isKeyed && !(this.options.live && !this.zoom);
+    }
+
+    pin(plot) {
+      if (this.isPinned) plot.setCursor({ left: plot.valToPos(this.at, "x"), top: 10 }, false);
+    }
+
     moved(plot) {
-      if (plot !== this.plots.find((one) => one.cursor.left >= 0)) return;
+      if (this.isPinned || plot !== this.plots.find((one) => one.cursor.left >= 0)) return;
       this.at = plot.posToVal(plot.cursor.left, "x");
       this.tell();
     }
@@ -533,14 +558,16 @@ const LabPlot = (() => {
       const at = Math.min(Math.max(this.at ?? Math.min(this.extent()[1], max), min), max);
       const span = max - min;
       const steps = { ArrowLeft: -span / 100, ArrowRight: span / 100, PageDown: -span / 10, PageUp: span / 10 };
+      if (!(event.key in steps || ["Home", "End", "+", "=", "-", "0"].includes(event.key))) return;
+      event.preventDefault();
+      this.isKeyed = true;
+      this.at = at;
       if (event.key in steps) this.at = Math.min(Math.max(at + steps[event.key], min), max);
       else if (event.key === "Home") this.at = min;
       else if (event.key === "End") this.at = max;
-      else if (event.key === "+" || event.key === "=") this.setZoom([at - span / 4, at + span / 4]);
       else if (event.key === "-") this.setZoom([at - span, at + span]);
       else if (event.key === "0") this.setZoom(null);
-      else return;
-      event.preventDefault();
+      else this.setZoom([at - span / 4, at + span / 4]);
       const left = plot.valToPos(this.at, "x");
       this.plots.forEach((one) => one.setCursor({ left, top: 10 }, false));
       this.tell();
