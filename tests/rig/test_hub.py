@@ -108,6 +108,13 @@ def test_a_client_that_does_not_read_holds_nothing_up(hub: Hub) -> None:
     client.close()
 
 
+def test_nobody_waits_at_the_door_of_a_hub_that_was_closed(hub: Hub) -> None:
+    """Its thread would go on at the next socket of the same number, and answer with the wrong token."""
+    assert hub._door.is_alive()
+    hub.close()
+    assert not hub._door.is_alive()
+
+
 def test_strangers_are_not_let_in(hub: Hub, asked: list[Message]) -> None:
     told = json.loads(hub.file.read_text())
     host, port = told["address"].split(":")

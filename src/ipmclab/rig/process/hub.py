@@ -96,13 +96,14 @@ class Hub:
         self._closed = False
         self.had_clients = threading.Event()
         self.alone_since = time.monotonic()
-        host, port = self._listener.address
+        self._address = host, port = self._listener.address
         self.file = folder / f"{secrets.token_hex(4)}{SUFFIX}"
         told = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
         new = self.file.with_suffix(".new")  # whoever looks for recorders finds a whole file or none
         write_for_owner_only(new, json.dumps(told) + "\n")
         new.replace(self.file)
-        threading.Thread(target=self._accept, name="recorder door", daemon=True).start()
+        self._door = threading.Thread(target=self._accept, name="recorder door", daemon=True)
+        self._door.start()
 
     @property
     def clients(self) -> int:
@@ -143,14 +144,22 @@ class Hub:
         for client in clients:
             client.sender.join(max(0.0, until - time.monotonic()))
         self.file.unlink(missing_ok=True)
+        # A thread that waits at a socket which is closed meanwhile may wait on at the next one of the same number:
+        # somebody knocks, so that it goes first.
+        with contextlib.suppress(OSError):
+            socket.create_connection(self._address, _LAST_WORDS).close()
+        self._door.join(_LAST_WORDS)
         with contextlib.suppress(OSError):
             self._listener.close()
 
     def _accept(self) -> None:
-        while not self._closed:
+        while True:
             try:
                 connection = self._listener.accept()
             except OSError:
+                return
+            if self._closed:
+                connection.close()
                 return
             with self._lock:
                 crowded = len(self._clients) >= _MOST_CLIENTS
