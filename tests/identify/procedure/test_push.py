@@ -8,6 +8,7 @@ import pytest
 from ipmclab import InputError
 from ipmclab.identify.procedure.amounts import exact
 from ipmclab.identify.procedure.push import Push, modulus, stiffness
+from ipmclab.identify.procedure.push_slips import apart_in
 
 KNOWN = {f"geometry.{name}": exact(value) for name, value in (("width", 5e-3), ("thickness", 0.245e-3))}
 POSITION = exact(21e-3)
@@ -144,3 +145,48 @@ def test_what_is_no_push(travel, force, code) -> None:
         stiffness(Push(np.array(travel), np.array(force)))
     assert error.value.code == code
     assert error.value.repair
+
+
+def test_a_force_that_is_hidden_in_its_scatter_gives_no_modulus() -> None:
+    scatter = np.where(np.arange(22) % 2 == 0, 2e-3, -2e-3)
+    with pytest.raises(InputError, match=r"is not known: \d+ % of its variance is the scatter of the push") as error:
+        modulus(Push(IN_AND_OUT, K * IN_AND_OUT + scatter), POSITION, KNOWN)
+    assert (error.value.code, error.value.where) == ("no-modulus", "modulus")
+
+
+CONTACT = {"at once": 0.0, "after a third": 0.2e-3}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("contact", CONTACT.values(), ids=CONTACT)
+@pytest.mark.parametrize("place", [7, 10, 12])
+@pytest.mark.parametrize("factor", [0.1, 10.0, 1000.0])
+def test_a_force_with_a_wrong_digit_or_unit_lies_apart(factor: float, place: int, contact: float, sign: float) -> None:
+    rng = np.random.default_rng(place)
+    true = K * np.maximum(IN_AND_OUT - contact, 0.0)
+    force = true + 5e-6 * rng.standard_normal(22)
+    force[place] *= factor
+    apart = apart_in(sign * IN_AND_OUT, sign * force)
+    assert apart is not None
+    assert (apart.place, apart.in_displacement) == (place, False)
+    assert apart.expected == pytest.approx(sign * true[place], abs=2e-5)
+
+
+@pytest.mark.parametrize("factor", [10.0, 1000.0])
+def test_a_displacement_with_a_wrong_digit_or_unit_lies_apart(factor: float) -> None:
+    travel = IN_AND_OUT.copy()
+    travel[4] *= factor
+    apart = apart_in(travel, K * IN_AND_OUT + 5e-6 * np.random.default_rng(4).standard_normal(22))
+    assert apart is not None
+    assert (apart.place, apart.in_displacement) == (4, True)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-6, 1e-4])
+def test_readings_that_only_scatter_have_none_that_lies_apart(noise: float) -> None:
+    rng = np.random.default_rng(20261122)
+    loop = np.where(np.arange(22) < 11, 1e-4, -1e-4)
+    found = 0
+    for shape in (IN_AND_OUT, np.maximum(IN_AND_OUT - 0.2e-3, 0.0), IN_AND_OUT + loop / K, IN_AND_OUT + IN_AND_OUT**2):
+        for _ in range(5):
+            found += apart_in(IN_AND_OUT, K * shape + noise * rng.standard_normal(22)) is not None
+    assert found == 0

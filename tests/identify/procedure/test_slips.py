@@ -291,6 +291,51 @@ def test_every_step_that_cannot_be_used_is_told_and_the_first_is_the_error(folde
     assert told["coupling"].how == "waits for the sheet resistance, the branches, the modulus"
 
 
+DISPLACEMENT = ("0 mm", "0.1 mm", "0.2 mm", "0.3 mm", "0.4 mm", "0.3 mm", "0.2 mm", "0.1 mm", "0 mm")
+FORCE = ("0.01 mN", "0.28 mN", "0.57 mN", "0.87 mN", "1.15 mN", "0.87 mN", "0.58 mN", "0.28 mN", "0 mN")
+
+
+def push_of(displacement: tuple[str, ...] = DISPLACEMENT, force: tuple[str, ...] = FORCE) -> str:
+    return f"[modulus]\ndisplacement = {json.dumps(displacement)}\nforce = {json.dumps(force)}\ncalibration = 0.01\n"
+
+
+def test_one_reading_of_a_push_that_hides_the_modulus_is_named() -> None:
+    error = refused(text_of() + push_of(force=(*FORCE[:2], "57 mN", *FORCE[3:])))
+    assert (error.code, error.where) == ("no-modulus", "p.toml: modulus.force[2]")
+    assert error.repair == "write it again; is its unit right?"
+    assert "the slope, " in error.message
+    assert "is not known" in error.message
+    said = '"57 mN" at "0.2 mm", number 3 of 9, lies apart from the line through the others, which has 0.57'
+    assert said in error.message
+
+
+def test_a_slip_by_which_a_strip_seems_not_to_push_back_is_named() -> None:
+    error = refused(text_of() + push_of(force=(*FORCE[:4], "-115 mN", *FORCE[5:])))
+    assert error.where == "p.toml: modulus.force[4]"
+    assert '"-115 mN" at "0.4 mm", number 5 of 9' in error.message
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "said"),
+    [
+        (push_of(force=(*FORCE[:2], "0.75 mN", *FORCE[3:])), "force[2]", '"0.75 mN" at "0.2 mm", number 3 of 9'),
+        (
+            push_of((*DISPLACEMENT[:6], "0.02 mm", *DISPLACEMENT[7:])),
+            "force[6]",
+            '"0.58 mN" at "0.02 mm", number 7 of 9',
+        ),
+    ],
+)
+def test_one_reading_of_a_push_that_lies_apart_is_told_beside_the_modulus(text: str, where: str, said: str) -> None:
+    step = follow_procedure(procedure_from_text(text_of() + text, where="p.toml")).steps[4]
+    (finding,) = [one for one in step.findings if one.code == "reading-apart"]
+    assert finding.severity == "warning"
+    assert f"p.toml: modulus.{where}: {said}" in finding.message
+    assert step.done
+    clean = follow_procedure(procedure_from_text(text_of() + push_of())).steps[4]
+    assert not [one for one in clean.findings if one.severity != "info"]
+
+
 def test_what_was_found_is_shown_before_the_fit_is_written(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

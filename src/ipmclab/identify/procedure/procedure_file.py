@@ -16,7 +16,7 @@ from ipmclab.identify.procedure.hand import read_hand
 from ipmclab.identify.procedure.procedure import Procedure, Runs
 from ipmclab.identify.procedure.push import Push
 from ipmclab.identify.procedure.strip import GEOMETRY
-from ipmclab.identify.procedure.written import REPAIR
+from ipmclab.identify.procedure.written import REPAIR, Written
 from ipmclab.model import geometry
 from ipmclab.run import Run
 from ipmclab.sample import Sample
@@ -363,7 +363,7 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
             )
         both = np.isfinite(run.displacement) & np.isfinite(run.force)
         return Push(run.displacement[both], run.force[both], scales)
-    columns = []
+    columns: list[Written] = []
     for key, texts, quantity in (("displacement", table.displacement, DISPLACEMENT), ("force", table.force, FORCE)):
         if texts is None:
             raise InputError(
@@ -372,19 +372,15 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
                 where=reader.at(f"modulus.{key}"),
                 repair=f'add {key} = ["0 {quantity.display_unit}", ...]',
             )
-        columns.append(
-            np.array(
-                [
-                    parse_quantity(text, quantity, where=reader.at(f"modulus.{key}[{place}]"))
-                    for place, text in enumerate(texts)
-                ]
-            )
-        )
-    if len(columns[0]) != len(columns[1]):
+        where = reader.at(f"modulus.{key}")
+        values = [parse_quantity(text, quantity, where=f"{where}[{place}]") for place, text in enumerate(texts)]
+        columns.append(Written(where, tuple(texts), tuple(values)))
+    displacement, force = columns
+    if len(displacement.values) != len(force.values):
         raise InputError(
-            f"{len(columns[0])} displacements and {len(columns[1])} forces",
+            f"{len(displacement.values)} displacements and {len(force.values)} forces",
             code="unequal-lengths",
             where=reader.at("modulus"),
             repair="give one force for each displacement, in the order in which they were read",
         )
-    return Push(columns[0], columns[1], scales)
+    return Push(np.array(displacement.values), np.array(force.values), scales, (displacement, force))

@@ -10,23 +10,22 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.confidence import wider_for_few
 from ipmclab.errors import InputError
 from ipmclab.identify.procedure.amounts import Uncertain, derived
+from ipmclab.identify.procedure.push_lines import FloatArray, Ways, columns_of, corner_of, line_of, squares, ways_of
+from ipmclab.identify.procedure.push_slips import apart_in
 from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
+from ipmclab.identify.procedure.written import REPAIR, Written
 from ipmclab.run import Finding
 from ipmclab.units import MODULUS, STIFFNESS
 
-FloatArray = npt.NDArray[np.float64]
-
 NAME: Final = "beam.modulus"
+CALIBRATION: Final = "calibration of the push"
 
 _FEWEST: Final = 4  # readings of one way
-_TURN: Final = 0.1  # of the whole travel, by which a push has to go back to have turned
 _SURE: Final = 1e-3
 _BENT: Final = 0.05  # change of the slope over a push from which it counts
 _LOOP: Final = 0.02  # width of the loop, as a part of the force, from which it counts
-_CORNERS: Final = np.linspace(0.04, 0.8, 20)  # of the travel, at which contact is sought
 _EDGE: Final = 0.05  # of the travel in contact, left out where it begins: the corner is known no better
 _CHANCE: Final = 6.0  # variances by which a straight line bends by chance
 _FAR: Final = 0.2  # of the length: beyond it the beam equation no longer holds
@@ -43,11 +42,21 @@ class Push:
     force : float array, shape (n,) [N]
     calibration : float
         Relative standard uncertainty of the scales of force and displacement together.
+    written : pair of Written, optional
+        What stands in a file for displacement and force.
     """
 
     displacement: FloatArray
     force: FloatArray
     calibration: float = 0.0
+    written: tuple[Written, Written] | None = None
+
+    def slip(self) -> tuple[str, str] | None:
+        """The file and key of a reading far from the line through the others, and what is to be said of it."""
+        if self.written is None or not (np.all(np.isfinite(self.displacement)) and np.all(np.isfinite(self.force))):
+            return None
+        apart = apart_in(self.displacement, self.force)
+        return None if apart is None else apart.slip(*self.written)
 
 
 def modulus(push: Push, position: Uncertain, known: Mapping[str, Uncertain]) -> Step:
@@ -64,9 +73,21 @@ def modulus(push: Push, position: Uncertain, known: Mapping[str, Uncertain]) -> 
     Raises
     ------
     InputError
-        Too few readings, no travel, a force that does not rise.
+        Too few readings, no travel, a force that does not rise, or one that is no larger than its uncertainty.
     """
-    slope, findings = stiffness(push)
+    slip = push.slip()
+    try:
+        slope, findings = stiffness(push)
+    except InputError as error:
+        if slip is None or error.code != "out-of-range":
+            raise
+        raise InputError(f"{error.message}; {slip[1]}", code=error.code, where=slip[0], repair=REPAIR) from error
+    if slope.value <= 2.0 * slope.uncertainty:
+        raise _no_modulus(slope, slip)
+    if slip is not None:
+        share = sum(slope.shares.get(source, 0.0) for source in slope.shares if source != CALIBRATION)
+        told = f"{slip[0]}: {slip[1]}: {100.0 * share:.0f} % of the variance of the slope is how far readings lie off"
+        findings = (*findings, Finding("reading-apart", "warning", told, REPAIR))
     far = float(np.ptp(push.displacement)) / position.value
     if far > _FAR:
         findings = (
@@ -96,6 +117,20 @@ def modulus(push: Push, position: Uncertain, known: Mapping[str, Uncertain]) -> 
     )
 
 
+def _no_modulus(slope: Uncertain, slip: tuple[str, str] | None) -> InputError:
+    """Why the slope of a push is no larger than its uncertainty: one reading, or what else is not known."""
+    source, share = next(iter(slope.shares.items()))
+    told = f"the slope, {slope.said('N/m')}, is not known: {100.0 * share:.0f} % of its variance is the {source}"
+    if slip is not None:
+        return InputError(f"{told}: {slip[1]}", code="no-modulus", where=slip[0], repair=REPAIR)
+    return InputError(
+        told,
+        code="no-modulus",
+        where="modulus",
+        repair="push farther and read more often, let the force settle at each position; is every unit right?",
+    )
+
+
 def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
     """The slope of force against displacement [N/m] where the load cell touches, and what is wrong with the push.
 
@@ -116,9 +151,9 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
                 samples=_ranges(~touching),
             )
         )
-    bent = None if perhaps is None else _line(x[perhaps], f[perhaps], ways[perhaps])[0]
+    bent = None if perhaps is None else line_of(x[perhaps], f[perhaps], ways[perhaps])[0]
     x, f, ways = x[touching], f[touching], ways[touching]
-    slope, error, residual = _line(x, f, ways)
+    slope, error, residual = line_of(x, f, ways)
     if not slope > 0.0:
         raise InputError(
             f"the slope of the force is {slope:.3g} N/m: a strip pushes back",
@@ -133,7 +168,7 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
         # Either it touched all the time or it did not: the mean of the two, as far from each.
         parts["where the push touches"] = 0.5 * abs(bent - slope)
         slope = 0.5 * (bent + slope)
-    parts["calibration of the push"] = slope * push.calibration
+    parts[CALIBRATION] = slope * push.calibration
     if loop is not None:
         half, finding = loop
         parts["hysteresis of the push"] = half
@@ -158,7 +193,7 @@ class Contact(NamedTuple):
 
     displacement: FloatArray
     force: FloatArray
-    ways: npt.NDArray[np.intp]
+    ways: Ways
     touching: npt.NDArray[np.bool_]
     perhaps: npt.NDArray[np.bool_] | None
 
@@ -188,47 +223,18 @@ def in_contact(push: Push) -> Contact:
         )
     if -float(np.min(x)) > float(np.max(x)) and -float(np.min(f)) > float(np.max(f)):
         x, f = -x, -f  # a push towards negative: the contact is sought on the far side of the travel
-    ways = _ways(x)
+    ways = ways_of(x)
     return Contact(x, f, ways, *_touching(x, f, ways))
 
 
-def _ways(x: FloatArray) -> npt.NDArray[np.intp]:
-    """The number of the way, in or out, that each reading belongs to: a new one begins where the push has turned."""
-    back = _TURN * float(np.ptp(x))
-    ways = np.zeros(len(x), dtype=np.intp)
-    extreme, direction, number = 0, 0.0, 0
-    for k in range(1, len(x)):
-        if direction == 0.0:
-            if abs(x[k] - x[extreme]) > back:
-                direction, extreme = math.copysign(1.0, x[k] - x[extreme]), k
-        elif (x[k] - x[extreme]) * direction > 0.0:
-            extreme = k
-        elif (x[extreme] - x[k]) * direction > back:
-            number += 1
-            ways[extreme + 1 :] = number
-            direction, extreme = -direction, k
-    return ways
-
-
-def _touching(
-    x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_] | None]:
+def _touching(x: FloatArray, f: FloatArray, ways: Ways) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_] | None]:
     """Which readings were taken in contact, and which perhaps were: before, the force does not depend on the travel.
 
     The bend of a line that is flat at first is sought; it counts where it leaves far less than a straight one, and is
     open where it leaves less than chance would.
     """
-    best, where = _squares(x, f, ways), -math.inf
-    plain = best
-    # A record that rests for long has most of its readings at one place, a table has few over its travel.
-    low, travel = float(np.min(x)), float(np.ptp(x))
-    corners = np.sort(np.concatenate([np.quantile(x, np.linspace(0.05, 0.7, 27)), low + travel * _CORNERS]))
-    for _ in range(2):
-        sums = [_squares(np.maximum(x, corner), f, ways) for corner in corners]
-        place = int(np.argmin(sums))
-        if sums[place] < best:
-            best, where = sums[place], float(corners[place])
-        corners = np.linspace(corners[max(place - 1, 0)], corners[min(place + 1, len(corners) - 1)], 9)
+    plain = squares(x, f, ways)
+    where, best = corner_of(x, f, ways)
     everything = np.ones(len(x), dtype=np.bool_)
     # A straight line that bends by chance does so by a few variances.
     variance, least = best / max(len(x) - 4, 1), 1e-9 * float(np.ptp(f)) ** 2
@@ -240,45 +246,18 @@ def _touching(
     return touching, None
 
 
-def _columns(ways: npt.NDArray[np.intp]) -> FloatArray:
-    """One intercept for each way."""
-    return np.asarray((ways[:, None] == np.unique(ways)).astype(np.float64))
-
-
-def _squares(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> float:
-    columns = np.column_stack([x, _columns(ways)])
-    left = f - columns @ np.linalg.lstsq(columns, f, rcond=None)[0]
-    return float(left @ left)
-
-
-def _line(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> tuple[float, float, FloatArray]:
-    """Slope, its standard error, and what is left."""
-    columns = np.column_stack([x, _columns(ways)])
-    answer = np.linalg.lstsq(columns, f, rcond=None)[0]
-    residual = f - columns @ answer
-    free = max(len(x) - columns.shape[1], 1)
-    inverse = np.linalg.pinv(columns.T @ columns)
-    power = float(residual @ residual)
-    follow = float(residual[1:] @ residual[:-1]) / power if power else 0.0
-    follow = min(max(follow, 0.0), 0.95)
-    # Neighbours that hang together are worth fewer readings.
-    independent = max(free * (1.0 - follow) / (1.0 + follow), 1.0)
-    variance = power / free * (1.0 + follow) / (1.0 - follow)
-    return float(answer[0]), wider_for_few(independent) * math.sqrt(variance * float(inverse[0, 0])), residual
-
-
-def _bent(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> list[Finding]:
+def _bent(x: FloatArray, f: FloatArray, ways: Ways) -> list[Finding]:
     """Whether the force bends over the push: skins that yield, a contact that slides, a strip that bends far."""
     from scipy.special import fdtrc
 
     middle = x - float(np.mean(x))
-    columns = np.column_stack([x, middle**2, _columns(ways)])
+    columns = np.column_stack([x, middle**2, columns_of(ways)])
     answer = np.linalg.lstsq(columns, f, rcond=None)[0]
     left = f - columns @ answer
     free = len(x) - columns.shape[1]
     if free < 2:
         return []
-    straight, bent = _squares(x, f, ways), float(left @ left)
+    straight, bent = squares(x, f, ways), float(left @ left)
     change = abs(2.0 * float(answer[1]) * float(np.ptp(x)) / float(answer[0])) if answer[0] else 0.0
     chance = float(fdtrc(1, free, (straight - bent) / (bent / free))) if bent > 0.0 else 0.0
     if chance > _SURE or change < _BENT:
@@ -295,7 +274,7 @@ def _bent(x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp]) -> list[Find
 
 
 def _loop(
-    x: FloatArray, f: FloatArray, ways: npt.NDArray[np.intp], slope: float, residual: FloatArray
+    x: FloatArray, f: FloatArray, ways: Ways, slope: float, residual: FloatArray
 ) -> tuple[float, Finding | None] | None:
     """What going in and out differ by: half the difference of the slopes, and a finding where the loop is wide."""
     single = [np.flatnonzero(ways == number) for number in np.unique(ways)]
@@ -305,7 +284,7 @@ def _loop(
     slopes, levels, errors = [], [], []
     centre = float(np.mean(x))
     for rows in single:
-        one, error, _ = _line(x[rows], f[rows], np.zeros(len(rows), dtype=np.intp))
+        one, error, _ = line_of(x[rows], f[rows], np.zeros(len(rows), dtype=np.intp))
         slopes.append(one)
         errors.append(error)
         levels.append(float(np.mean(f[rows])) + slope * (centre - float(np.mean(x[rows]))))
