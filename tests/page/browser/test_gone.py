@@ -41,3 +41,27 @@ def test_a_report_says_where_it_was_chosen_that_a_run_or_a_fit_is_gone(tmp_path:
         field.get_by_text("there is no file 'known.toml' any more").wait_for()
         assert group.get_by_role("alert").count() == 0
         assert not list(tmp_path.glob("*.html"))
+
+
+def test_after_a_reload_the_fit_at_work_is_shown_when_it_is_done(tmp_path: Path, open_page) -> None:
+    (tmp_path / "runs").mkdir()
+    run = simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0)
+    write_run(run, tmp_path / "runs" / "one.nc")
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/identify?run=runs/one.nc")
+        page.get_by_text("1 to identify from").wait_for()
+        page.get_by_role("button", name="Identify").click()
+        page.get_by_role("heading", name="fit 1").wait_for(timeout=LONG)
+        page.get_by_role("button", name="Identify").click()
+        page.get_by_role("button", name="Cancel").wait_for()
+        page.reload()
+        page.get_by_text("1 to identify from").wait_for()
+        page.get_by_role("heading", name="fit 2").wait_for(timeout=LONG)
+        page.get_by_role("button", name="Identify").click()
+        page.get_by_role("button", name="Cancel").wait_for()
+        page.locator(".lab-job").filter(has_text="fit 1").get_by_role("button", name="Show").click()
+        page.get_by_role("heading", name="fit 1").wait_for(timeout=LONG)
+        newest = page.locator(".lab-job").filter(has_text="fit 3")
+        newest.get_by_role("button", name="Show").wait_for(timeout=LONG)
+        page.wait_for_timeout(700)  # who looks at another one goes on with it
+        assert page.get_by_role("heading", name="fit 1").is_visible()

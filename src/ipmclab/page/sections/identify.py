@@ -35,7 +35,7 @@ class _View:
     def __init__(self, context: Context) -> None:
         self._workshop = context.workshop
         self._kept = Kept(context)
-        self._shown: FitCard | None = None
+        self._awaited: FitCard | None = None  # is shown once it is over, unless another is shown before
         self._told: dict[str, tuple[Any, ...]] = {}
         self._rows: list[dict[str, Any]] = []
 
@@ -109,9 +109,11 @@ class _View:
         self._chose(self._table.chosen)
         await self._read_names()
         self._fit.go_on(kept)
+        at_work = [one for one in self._workshop.fits if not one.job.is_over]
         done = [one for one in self._workshop.fits if one.frame is not None]
         if done:
             self._show(done[-1])
+        self._awaited = at_work[-1] if at_work else None
         self._prediction.go_on(kept)
         await self._workshop.looked()
         await self._read_rows()
@@ -216,7 +218,7 @@ class _View:
             self._free.complain("Nothing is free: choose a group such as electrical, or parameters.")
             return
         try:
-            self._shown = self._workshop.identify(asked)
+            self._awaited = self._workshop.identify(asked)
         except IpmclabError as error:
             fields = {"name": self._name, "actuator": self._actuator}
             if error.where in fields:
@@ -235,13 +237,12 @@ class _View:
         now = {one.key: (one.job.state if one.job.is_over else "", one.job.is_over, one.saved) for one in fits}
         if now == self._told:
             self._tell_progress()
-            return
-        before, self._told = self._told, now
-        self._offer_name()
-        self._draw_jobs()
-        shown = self._shown
-        if shown is not None and shown.job.is_over and shown.key in before and not before[shown.key][1]:
-            self._show(shown)
+        else:
+            self._told = now
+            self._offer_name()
+            self._draw_jobs()
+        if self._awaited is not None and self._awaited.job.is_over:
+            self._show(self._awaited)
 
     def _draw_jobs(self) -> None:
         self._bars: dict[str, tuple[Any, Any]] = {}
@@ -277,7 +278,7 @@ class _View:
                 label.set_text(f"{waits} ({one.job.seconds:.0f} s)" if waits else "")
 
     def _show(self, one: FitCard) -> None:
-        self._shown = one
+        self._awaited = None
         error = one.job.error
         if error is not None:
             if error.code == "no-mounting":  # whose run says of which it is not, the name tells
