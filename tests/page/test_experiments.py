@@ -90,6 +90,16 @@ def test_the_template_can_be_opened(lab: Lab) -> None:
     assert checked.plan is not None
 
 
+@pytest.mark.parametrize("key", ["sample", "mounting_id"])
+def test_a_name_that_no_list_has_room_for_is_refused_at_its_field(lab: Lab, key: str) -> None:
+    draft = with_values(Draft.new(), sample="strip-1")
+    assert check(lab, with_values(draft, **{key: 80 * "é"})).errors == {}
+    checked = check(lab, with_values(draft, **{key: 81 * "é"}))
+    assert set(checked.errors) == {key}
+    assert "it has 81 letters, at most 80" in checked.errors[key]
+    assert checked.experiment is not None
+
+
 def test_a_new_experiment_needs_a_sample_only(lab: Lab) -> None:
     draft = Draft.new()
     assert set(check(lab, draft).errors) == {"sample"}

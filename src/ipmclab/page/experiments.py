@@ -15,7 +15,7 @@ import numpy as np
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import Panel, Series
-from ipmclab.page.lab import Lab, files_of
+from ipmclab.page.lab import Lab, files_of, plain_name
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.toml_file import glance, parse_table, read_text
@@ -336,7 +336,7 @@ def check(lab: Lab, draft: Draft) -> Checked:
     if is_idle:
         table["environment"] |= _AIR
     damaged = ((key, f"{_DAMAGED}; {_ANEW}") for key in _damaged(draft))
-    for key, value in [*damaged, *_outside(lab, table)]:
+    for key, value in [*damaged, *_too_long(table), *_outside(lab, table)]:
         errors[key] = value
         _repair(table, key)
     # The model of a strip takes a compiler to read; the recorder does that. Here it is enough that there is one.
@@ -422,6 +422,16 @@ def _damaged(draft: Draft) -> list[str]:
     """The fields with half a letter (a lone surrogate of UTF-16), which no file can hold."""
     texts = {key: value for key, value in draft.values.items() if isinstance(value, str)}
     return [key for key, text in texts.items() if any("\ud800" <= letter <= "\udfff" for letter in text)]
+
+
+def _too_long(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The names that no list has room for."""
+    for key in ("sample", "mounting_id"):
+        given = table.get(key)
+        try:
+            plain_name(given if isinstance(given, str) else "", key)
+        except InputError as error:
+            yield key, f"{error.message}; {error.repair}"
 
 
 def _outside(lab: Lab, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

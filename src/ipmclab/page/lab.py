@@ -33,7 +33,8 @@ _MOST_TOLD: Final = 80
 """Letters of a name that an error repeats."""
 
 _DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b", re.IGNORECASE)  # no files to Windows
-_NAME = re.compile(r"[\w][\w .+-]{0,79}")
+_MOST_LETTERS: Final = 80
+_NAME = re.compile(rf"[\w][\w .+-]{{0,{_MOST_LETTERS - 1}}}")
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,30 @@ def _can_be(path: Path) -> bool:
 def _shortened(name: str) -> str:
     """A name as an error says it: of a long one its beginning is enough."""
     return name if len(name) <= _MOST_TOLD else f"{name[:_MOST_TOLD]}…"
+
+
+def plain_name(text: str, where: str) -> str:
+    """What a sample or a mounting is called, as it is written.
+
+    Raises
+    ------
+    InputError
+        Longer than a file may be called, beside whose name it stands in lists.
+
+    Examples
+    --------
+    >>> plain_name(" strip-1 ", "sample")
+    'strip-1'
+    """
+    name = text.strip()
+    if len(name) > _MOST_LETTERS:
+        raise InputError(
+            f"it has {len(name)} letters, at most {_MOST_LETTERS} can be read in a list",
+            code="bad-name",
+            where=where,
+            repair="write a shorter one",
+        )
+    return name
 
 
 def files_of(signal: str) -> list[str]:

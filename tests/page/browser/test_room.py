@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import load_actuator, simulate, write_run
+from ipmclab import Sample, load_actuator, simulate, write_run
 from tests.page.browser.conftest import LONG, serious, served
 
 pytest.importorskip("playwright")
@@ -82,6 +82,37 @@ def test_runs_have_their_findings_in_sight_and_the_one_that_was_asked_for(
             "count => document.querySelectorAll('.lab-run-table tbody tr').length === count", arg=there + 1
         )
         assert box.evaluate("one => one.scrollTop") == 0
+
+
+@pytest.mark.parametrize("width", [820, 1280])
+@pytest.mark.parametrize("section", ["runs", "identify"])
+def test_long_names_of_samples_leave_room_for_all_else(tmp_path: Path, open_page, section: str, width: int) -> None:
+    """Such as another program may have written."""
+    (tmp_path / "runs").mkdir()
+    run = simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0)
+    name = f"begin{290 * 'x'}ending"
+    about = replace(run.metadata, sample=Sample(id=name), mounting_id=f"{name}-2")
+    write_run(replace(run, metadata=about), tmp_path / "runs" / "one.nc")
+    with served(tmp_path) as address:
+        page = open_page(f"{address}/{section}", width=width)
+        page.get_by_text("1 of 1 runs" if section == "runs" else "0 to identify from").wait_for(timeout=LONG)
+        table = page.locator(".lab-run-table")
+        long = table.get_by_title(name, exact=True)
+        long.wait_for(timeout=LONG)
+        assert long.inner_text().splitlines()[0] == "beginxxxxx…xxxxxxending"
+        page.wait_for_function("document.querySelector('.lab-run-table tbody td.lab-is-findings')")
+        frame, row = table.bounding_box(), table.locator("tbody tr").bounding_box()
+        assert row["height"] < 120
+        assert table.evaluate("one => one.scrollWidth - one.clientWidth") <= (0 if section == "runs" else 1), frame
+        assert serious(page) == []
+        whole = long.get_by_text(name)
+        assert whole.bounding_box()["width"] <= 1
+        assert long.bounding_box()["height"] <= row["height"]
+        long.focus()
+        box = whole.bounding_box()
+        assert frame["x"] <= box["x"]
+        assert box["x"] + box["width"] <= frame["x"] + frame["width"] + 1
+        assert whole.evaluate("one => one.scrollWidth <= one.clientWidth + 1")
 
 
 @pytest.mark.parametrize("largest", [12345678.0, 1e9, 1.0, 2.5e-7])

@@ -1,4 +1,6 @@
 // A table of runs that is sorted here; which runs are chosen, and what for, is told to the server.
+const NAME = 24; // letters of a sample or a mounting
+
 export default {
   template: `
     <div class="lab-full"><div ref="box" class="lab-scroll lab-run-table" tabindex="0" role="region" :aria-label="options.caption"
@@ -22,6 +24,8 @@ export default {
               <button v-if="column.name === 'file' && options.opens && row.key" type="button" class="lab-link" @click="open(row)"
                 :title="row.file" :aria-label="row.file">{{ short(row.name) }}</button>
               <span v-else-if="column.name === 'file'" :title="row.file">{{ short(row.name) }}</span>
+              <span v-else-if="isLong(column, row)" class="lab-long" tabindex="0" :title="row[column.field]"><span aria-hidden="true">{{
+                short(row[column.field], NAME) }}</span><span>{{ row[column.field] }}</span></span>
               <template v-else>{{ row[column.field] }}</template>
             </td>
           </tr>
@@ -30,7 +34,7 @@ export default {
     </div><p v-if="hidden" class="lab-quiet lab-run-hidden">{{ hidden }}</p></div>`,
   props: { options: Object, rows: Array, chosen: Object },
   data() {
-    return { by: "recorded", down: true, mine: this.copy(this.chosen), hidden: "" };
+    return { NAME, by: "recorded", down: true, mine: this.copy(this.chosen), hidden: "" };
   },
   watch: {
     chosen: {
@@ -101,10 +105,11 @@ export default {
     copy(chosen) {
       return Object.fromEntries(Object.entries(chosen).map(([role, keys]) => [role, [...keys]]));
     },
-    // Both ends of a long name tell it from others; the whole path is its title.
-    short(name) {
-      return name.length > 36 ? `${name.slice(0, 16)}…${name.slice(-18)}` : name;
+    // Both ends of a long name tell it from others; the whole of it is its title, and shows where it has the focus.
+    short(name, most = 36) {
+      return name.length > most ? `${name.slice(0, most / 2 - 2)}…${name.slice(-most / 2)}` : name;
     },
+    isLong: (column, row) => ["sample", "mounting"].includes(column.name) && row[column.field].length > NAME,
     sorted(column) {
       return this.by !== column.field ? "none" : this.down ? "descending" : "ascending";
     },

@@ -20,6 +20,7 @@ from ipmclab.page.elements.file_choice import FileChoice
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import JobCancelled
+from ipmclab.page.lab import plain_name
 from ipmclab.page.sections.parts import card, fail_at, finding_bands, finding_list, sentence, step_view, text
 from ipmclab.page.workshop import Workshop
 from ipmclab.units import CHANNELS
@@ -27,6 +28,7 @@ from ipmclab.units import CHANNELS
 ENDINGS: Final = (".csv", ".txt", ".dat", ".gz", ".xlsx", ".mat", ".tdms", ".lvm")
 
 _SKIP: Final = "file.skip_lines"
+_MOUNTING: Final = "metadata.mounting_id"
 
 _IN_A_FORM: Final = {
     "no-time": "say which column is the time, or fill in the sampling period",
@@ -247,9 +249,9 @@ class _Import:
             table["sampling_period"] = self._period.value.strip()
         table["channels"] = channel_tables(self._seen["names"], self._columns)
         if self._sample.value:
-            table["sample"] = {"id": self._sample.value.strip()}
+            table["sample"] = {"id": plain_name(self._sample.value, "sample")}
         if self._mounting.value:
-            table["metadata"] = {"mounting_id": self._mounting.value.strip()}
+            table["metadata"] = {"mounting_id": plain_name(self._mounting.value, _MOUNTING)}
         return table
 
     async def _try(self) -> Frame | None:
@@ -318,6 +320,7 @@ class _Import:
         self._map.complain({})
         fail_at(self._period, None)
         fail_at(self._sample, None)
+        fail_at(self._mounting, None)
         if self._layout["format"] == "csv":
             fail_at(self._skip, None)
             self._layout_wrong.set_text("")
@@ -346,5 +349,7 @@ class _Import:
             fail_at(self._period, told)
         elif where.startswith("sample"):
             fail_at(self._sample, told)
+        elif where == _MOUNTING:
+            fail_at(self._mounting, told)
         else:
             self._wrong.set_text(self._named(f"{where}: {told}") if where else told)
