@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from ipmclab import InputError
+from ipmclab import InputError, Run, follow_procedure, write_run
 from ipmclab.identify.procedure.amounts import exact
+from ipmclab.identify.procedure.procedure_file import procedure_from_text
 from ipmclab.identify.procedure.push import Push, modulus, stiffness
 from ipmclab.identify.procedure.push_slips import apart_in
+from ipmclab.identify.procedure.step import Step
 
 KNOWN = {f"geometry.{name}": exact(value) for name, value in (("width", 5e-3), ("thickness", 0.245e-3))}
 POSITION = exact(21e-3)
+MEASURED = """
+name = "strip"
+[geometry]
+free_length = { value = "25 mm", standard_uncertainty = "0.2 mm" }
+clamped_length = { value = "5 mm", standard_uncertainty = "0.2 mm" }
+width = { value = "5 mm", standard_uncertainty = "0 mm" }
+thickness = { value = "0.245 mm", standard_uncertainty = "0 mm" }
+sensing_length = { value = "21 mm", standard_uncertainty = "0 mm" }
+"""
 K = 2.8782  # N/m: that of the thesis's numbers, 1.45e9 x 5e-3 x (0.245e-3)^3 / (4 x (21e-3)^3)
 IN_AND_OUT = np.concatenate([np.linspace(0.0, 0.5e-3, 11), np.linspace(0.5e-3, 0.0, 11)])
 
@@ -190,3 +204,35 @@ def test_readings_that_only_scatter_have_none_that_lies_apart(noise: float) -> N
         for _ in range(5):
             found += apart_in(IN_AND_OUT, K * shape + noise * rng.standard_normal(22)) is not None
     assert found == 0
+
+
+def step_of(table: str) -> Step:
+    return follow_procedure(procedure_from_text(MEASURED + table)).steps[4]
+
+
+@pytest.mark.parametrize("kind", ["a table", "a run"])
+def test_scales_that_nobody_states_are_taken_as_usual_and_that_is_said(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the same run is held against a strip: 3 % of each scale."""
+    monkeypatch.chdir(tmp_path)
+    run = Run.from_arrays(
+        time=np.arange(22.0), voltage=np.zeros(22), displacement=IN_AND_OUT, force=K * IN_AND_OUT, hold="unknown"
+    )
+    write_run(run, "push.nc")
+    lists = {
+        "displacement": [f"{1e3 * x:.3f} mm" for x in IN_AND_OUT],
+        "force": [f"{1e3 * K * x} mN" for x in IN_AND_OUT],
+    }
+    push = '[modulus]\nrun = "push.nc"\n'
+    if kind == "a table":
+        push = "[modulus]\n" + "".join(f"{key} = {json.dumps(texts)}\n" for key, texts in lists.items())
+    step = step_of(push)
+    slope = step.also["f/δ"].amount
+    assert slope.uncertainty / slope.value == pytest.approx(0.03 * np.sqrt(2.0), rel=1e-3)
+    (finding,) = [one for one in step.findings if one.code == "assumed-uncertainty"]
+    assert "calibration of the push" in finding.message
+    assert "calibration = 0.01" in finding.repair
+    stated = step_of(push + "calibration = 0.0\n")
+    assert stated.also["f/δ"].amount.uncertainty < 1e-3 * K
+    assert "assumed-uncertainty" not in {one.code for one in stated.findings}

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
-from ipmclab.identify.consistency.facts import REPEATS, Fact, label_of
+from ipmclab.identify.consistency.facts import Fact, label_of
 from ipmclab.identify.consistency.known import Known
 from ipmclab.identify.consistency.stiffness import NAMES, stiffness
 from ipmclab.quality.kept import kept
@@ -80,7 +80,8 @@ def push_of(run: Run) -> tuple[Uncertain, str] | None:
 
 def _push_of(run: Run) -> tuple[Uncertain, str] | None:
     # The procedure stands on the amounts of this package.
-    from ipmclab.identify.procedure.push import Push, in_contact, stiffness
+    from ipmclab.identify.procedure.push import USUAL_SCALES, Push, in_contact, stiffness
+    from ipmclab.identify.procedure.step import CALIBRATION
 
     record = Record.of(run)
     if record.excited or not {"displacement", "force"} <= record.channels.keys():
@@ -93,7 +94,7 @@ def _push_of(run: Run) -> tuple[Uncertain, str] | None:
     x = x if float(np.max(x)) >= -float(np.min(x)) else -x
     f = f - f[0]
     f = f if float(x @ (f - np.mean(f))) >= 0.0 else -f
-    push = Push(x, f, math.hypot(REPEATS, REPEATS))
+    push = Push(x, f, USUAL_SCALES)
     try:
         slope, findings = stiffness(push)
     except InputError:
@@ -101,7 +102,7 @@ def _push_of(run: Run) -> tuple[Uncertain, str] | None:
     x, f, ways, touching, _ = in_contact(push)
     if not _in_and_out(time[touching], x[touching], ways[touching]) or _explained(x[touching], f[touching]) < _STRAIGHT:
         return None
-    if slope.without({"calibration of the push"}).uncertainty > _KNOWN * slope.value:
+    if slope.without({CALIBRATION}).uncertainty > _KNOWN * slope.value:
         return None
     return slope, "; ".join(finding.message for finding in findings if finding.severity == "warning")
 

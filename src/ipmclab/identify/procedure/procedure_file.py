@@ -14,7 +14,7 @@ from ipmclab.identify.procedure.amounts import Uncertain, exact
 from ipmclab.identify.procedure.four_probe import FourProbes
 from ipmclab.identify.procedure.hand import read_hand
 from ipmclab.identify.procedure.procedure import Procedure, Runs
-from ipmclab.identify.procedure.push import Push
+from ipmclab.identify.procedure.push import USUAL_SCALES, Push
 from ipmclab.identify.procedure.strip import GEOMETRY
 from ipmclab.identify.procedure.written import REPAIR, Written
 from ipmclab.model import geometry
@@ -344,7 +344,8 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
         return reader.hand(
             table.value, MODULUS, "modulus.value", name="beam.modulus", source=f"{_GIVEN} for the modulus"
         )
-    scales = table.calibration
+    assumed = table.calibration is None
+    scales = USUAL_SCALES if table.calibration is None else table.calibration
     if not 0.0 <= scales < 1.0:
         raise InputError(
             f"{scales:g} is not a part from 0 to 1",
@@ -362,7 +363,7 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
                 repair="import them together, or write both as lists",
             )
         both = np.isfinite(run.displacement) & np.isfinite(run.force)
-        return Push(run.displacement[both], run.force[both], scales)
+        return Push(run.displacement[both], run.force[both], scales, assumed=assumed)
     columns: list[Written] = []
     for key, texts, quantity in (("displacement", table.displacement, DISPLACEMENT), ("force", table.force, FORCE)):
         if texts is None:
@@ -383,4 +384,4 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
             where=reader.at("modulus"),
             repair="give one force for each displacement, in the order in which they were read",
         )
-    return Push(np.array(displacement.values), np.array(force.values), scales, (displacement, force))
+    return Push(np.array(displacement.values), np.array(force.values), scales, (displacement, force), assumed)

@@ -11,16 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.identify.consistency.facts import REPEATS
 from ipmclab.identify.procedure.amounts import Uncertain, derived
 from ipmclab.identify.procedure.push_lines import FloatArray, Ways, columns_of, corner_of, line_of, squares, ways_of
 from ipmclab.identify.procedure.push_slips import apart_in
-from ipmclab.identify.procedure.step import Result, Step, advice_for, assumed_finding
+from ipmclab.identify.procedure.step import CALIBRATION, Result, Step, advice_for, assumed_finding
 from ipmclab.identify.procedure.written import REPAIR, Written
 from ipmclab.run import Finding
 from ipmclab.units import MODULUS, STIFFNESS
 
 NAME: Final = "beam.modulus"
-CALIBRATION: Final = "calibration of the push"
+USUAL_SCALES: Final = math.hypot(REPEATS, REPEATS)
+"""Relative standard uncertainty that the scales of force and displacement have where nobody states one."""
 
 _FEWEST: Final = 4  # readings of one way
 _SURE: Final = 1e-3
@@ -44,12 +46,15 @@ class Push:
         Relative standard uncertainty of the scales of force and displacement together.
     written : pair of Written, optional
         What stands in a file for displacement and force.
+    assumed : bool
+        Whether nobody stated ``calibration``.
     """
 
     displacement: FloatArray
     force: FloatArray
     calibration: float = 0.0
     written: tuple[Written, Written] | None = None
+    assumed: bool = False
 
     def slip(self) -> tuple[str, str] | None:
         """The file and key of a reading far from the line through the others, and what is to be said of it."""
@@ -182,7 +187,8 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
                 "read it on the way back too",
             )
         )
-    return Uncertain(slope, {source: part for source, part in parts.items() if part}), tuple(findings)
+    assumed = frozenset({CALIBRATION} if push.assumed else ())
+    return Uncertain(slope, {source: part for source, part in parts.items() if part}, assumed), tuple(findings)
 
 
 class Contact(NamedTuple):

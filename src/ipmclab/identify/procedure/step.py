@@ -12,6 +12,8 @@ from ipmclab.units import Quantity
 
 _WORTH_SAYING: Final = 0.02
 
+CALIBRATION: Final = "calibration of the push"
+
 CURES: Final[Mapping[str, str]] = {
     "offset of the meter": "join the four contacts with a piece of metal and read the meter: give that as zero",
     "spacing": "measure the distance between the contacts under a microscope",
@@ -22,6 +24,7 @@ CURES: Final[Mapping[str, str]] = {
     "clamped length": "measure the clamped length with a caliper",
     "sensing length": "measure from the edge of the clamp to the point that is read with a caliper: it counts cubed",
     "position": "measure from the edge of the clamp to where the load cell pushes with a caliper: it counts cubed",
+    CALIBRATION: "hang known weights on the load cell, move the laser by known steps, state calibration",
     "mass": "weigh the strip five times on a balance that shows 0.1 mg",
     "contact resistance": "measure the resistance of the clamp with a strip of metal in it",
 }
@@ -146,6 +149,15 @@ def assumed_finding(amounts: Sequence[Uncertain]) -> tuple[Finding, ...]:
             "info",
             f"nobody stated how well {', '.join(names)} {'is' if len(names) == 1 else 'are'} known: what such "
             "measurements usually have was taken",
-            'write { value = "...", standard_uncertainty = "..." }',
+            _repair(names),
         ),
     )
+
+
+def _repair(names: Sequence[str]) -> str:
+    """How to state uncertainties: that of a number in its table, that of the scales of a push in their own key."""
+    numbers = 'write { value = "...", standard_uncertainty = "..." }'
+    scales = "write calibration = 0.01 for 1 % of both scales of the push together"
+    if CALIBRATION not in names:
+        return numbers
+    return scales if len(names) == 1 else f"{numbers}; {scales}"

@@ -63,7 +63,7 @@ class ModulusTable(Strict):
     force: list[str] | None = None
     run: str | None = None
     position: Any = None
-    calibration: float = 0.0
+    calibration: float | None = None
     value: Any = None
 
 

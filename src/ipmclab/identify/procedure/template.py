@@ -56,7 +56,7 @@ sensing_length = { value = "21 mm", standard_uncertainty = "0.2 mm" }   # where 
 # position = { value = "21 mm", standard_uncertainty = "0.2 mm" }       # the sensing length unless given
 # displacement = ["0 mm", "0.1 mm", "0.2 mm", "0.3 mm", "0.2 mm", "0.1 mm", "0 mm"]
 # force = ["0 mN", "0.29 mN", "0.57 mN", "0.86 mN", "0.58 mN", "0.29 mN", "0 mN"]
-# calibration = 0.01                             # relative, of both scales together (10 gf are 98.07 mN, not 100 mN)
+# calibration = 0.01     # relative, of both scales together (10 gf are 98.07 mN, not 100); 3 % of each unless given
 
 # Step 6. The blocked force under a step and a slow sine.
 # [coupling]
