@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 import scipy.stats
 
 from ipmclab import (
+    Fit,
     InputError,
+    RunMetadata,
     identify,
     leave_one_run_out,
     prediction_bands,
@@ -21,6 +24,7 @@ from ipmclab import (
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
 from ipmclab.identify.many_runs.mountings import why_unknown
 from ipmclab.identify.remarks import averages
+from ipmclab.model import Actuator
 from ipmclab.report.many_runs import left_out_rows, many_runs_part
 from ipmclab.report.tables import parameter_rows
 from ipmclab.run import Run
@@ -194,6 +198,72 @@ def test_the_band_of_another_mounting_holds_it() -> None:
     assert np.mean(inside) > 0.85
 
 
+def clamped(contact: float) -> Actuator:
+    return FRIEND.replace(**{CONTACT: contact})
+
+
+def fit_of_each_contact(generator: np.random.Generator, contacts: dict[str, float]) -> Fit:
+    runs = [
+        noisy(generator, signal, strip=clamped(contact), mounting=mounting)
+        for mounting, contact in contacts.items()
+        for signal in ("step 1 V", "sine 1 V 0.3 Hz")
+    ]
+    return identify(FRIEND, runs, free="circuit.dc_resistivity", per_mounting=CONTACT)
+
+
+@pytest.mark.parametrize("contacts", [{"a": 0.3, "b": 1.0}, {"a": 0.3, "b": 1.0, "c": 0.6}])
+def test_a_new_run_of_a_mounting_of_the_fit_has_what_that_mounting_has_for_itself(
+    tmp_path: Path, contacts: dict[str, float]
+) -> None:
+    generator = np.random.default_rng(SEED)
+    write_fit(fit_of_each_contact(generator, contacts), tmp_path / "fitted.toml")
+    fit = read_fit(tmp_path / "fitted.toml")
+    for mounting, contact in contacts.items():
+        new = noisy(generator, "square 1 V 0.1 Hz", strip=clamped(contact), mounting=mounting)
+        told = validate(fit.actuator, [new])
+        score = told.scores["current"]
+        assert score.rmse == pytest.approx(1e-4, rel=0.1)
+        # 750 readings: four standard deviations.
+        assert score.inside_band == pytest.approx(0.95, abs=0.032)
+        (said,) = [finding for finding in told.findings if "mounting" in finding.code]
+        assert (said.code, said.severity) == ("own-mounting", "info")
+        assert f"is of mounting {mounting}, and was predicted with that mounting's own {CONTACT} (" in said.message
+        assert said.values[CONTACT] == pytest.approx(contact, abs=0.02)
+        bands = prediction_bands(fit, new)
+        assert (bands.mounting, bands.left_out) == (f"mounting {mounting}", ())
+        truth = simulate(clamped(contact), new).channels["current"]
+        # Two parameters: four standard deviations of what is not known of them.
+        assert np.all(np.abs(bands.predicted["current"] - truth) <= 4.0 * bands.of_parameters["current"] + 1e-12)
+
+
+def test_a_band_of_a_run_that_names_no_mounting_holds_those_of_the_fit() -> None:
+    generator = np.random.default_rng(SEED)
+    contacts = {"a": 0.3, "b": 1.0}
+    fit = fit_of_each_contact(generator, contacts)
+    for contact in contacts.values():
+        new = noisy(generator, "square 1 V 0.1 Hz", strip=clamped(contact))
+        told = validate(fit.actuator, [new])
+        assert (told.scores["current"].inside_band or 0.0) > 0.94
+        (said,) = [finding for finding in told.findings if "mounting" in finding.code]
+        assert (said.code, said.severity) == ("mounting-not-named", "warning")
+        assert f"each of mountings a and b has its own {CONTACT}" in said.message
+        assert "but not what another would" in said.message
+        shunted = RunMetadata(voltage_sensed="upstream of shunt", shunt_resistance=1.0)
+        for run in (new, replace(new, metadata=shunted)):
+            bands = prediction_bands(fit, run)
+            assert (bands.mounting, bands.left_out) == ("the fit's", ())
+            truth = simulate(clamped(contact), run).channels["current"]
+            low, high = bands.interval("current", of_readings=False)
+            size = 2.0 * bands.of_parameters["current"] + 1e-12  # four standard deviations, two of them in the interval
+            assert np.all((low - size <= truth) & (truth <= high + size))
+            assert np.median((high - low) / np.ptp(truth)) < 0.05
+    # Of a mounting that the fit never saw, two others do not tell the contact.
+    new = noisy(generator, "square 1 V 0.1 Hz", strip=clamped(0.3), mounting="another")
+    assert prediction_bands(fit, new).left_out == (CONTACT,)
+    remarks = [finding for finding in validate(fit.actuator, [new]).findings if "mounting" in finding.code]
+    assert [(finding.code, finding.severity) for finding in remarks] == [("another-mounting", "warning")]
+
+
 def test_a_band_says_when_it_does_not_know_of_another_mounting() -> None:
     generator = np.random.default_rng(SEED)
     fit = identify(FRIEND, drawn(generator, 1, 0.0)[0])
@@ -250,6 +320,10 @@ def test_a_contact_that_no_mounting_determines_is_said_to_be_unknown() -> None:
     assert not any(one.determined for name, one in fit.parameters.items() if name.startswith(CONTACT))
     assert fit.mountings is not None
     assert "cannot be known" in fit.mountings.unknown[CONTACT]
+    # What another mounting leaves open is nothing to a run of this one.
+    new = noisy(generator, "sine 1 V 0.2 Hz", mounting="a")
+    open_names = [name for name in prediction_bands(fit, new).left_out if name.startswith(CONTACT)]
+    assert open_names == [f"{CONTACT}[mounting a]"]
 
 
 def test_messages() -> None:

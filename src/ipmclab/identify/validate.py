@@ -14,7 +14,8 @@ from ipmclab.errors import InputError
 from ipmclab.identify.fit_file import fit_of
 from ipmclab.identify.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identify.many_runs.as_fitted import why_changed
-from ipmclab.identify.many_runs.bands_of_run import another_mounting, band_of_run, place_in
+from ipmclab.identify.many_runs.bands_of_run import another_mounting, band_of_run, own_mounting, place_in
+from ipmclab.identify.many_runs.own_of_mounting import own_of_mounting
 from ipmclab.identify.observation import (
     LONGEST_DELAY,
     READ_OUTPUTS,
@@ -142,7 +143,8 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
     first, and said in ``findings``: the zero of each sensor, read before the voltage first moves,
     and the delay of a run whose hold is unknown, the one at which the predicted shape (its scale
     apart) is nearest to the readings. A run of the fit has what was found there: zero, drift,
-    delay, and the parameters that each run has for itself.
+    delay, and the parameters that each run has for itself. Where each mounting of the fit has
+    parameters of its own, a run that names one of them is predicted with that mounting's.
 
     Parameters
     ----------
@@ -195,7 +197,7 @@ def validate(actuator: Actuator, runs: Sequence[Run] | Run, *, used: Iterable[st
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         done.append(one)
         findings += _findings(one)
-        findings += another_mounting(fit, run, label) if fit is not None else []
+        findings += [*own_mounting(fit, run, label), *another_mounting(fit, run, label)] if fit is not None else []
     pooled = {
         output: _pooled(output, [(place, one) for place, one in enumerate(done) if output in one.comparisons])
         for output in READ_OUTPUTS
@@ -257,7 +259,9 @@ def _validate_run(
     found = check(run)
     silent = noise_only(found)
     record = _without(prepare(run, place, outputs, found), silent)
-    own = (fitted or {}).get("parameters", {})
+    own = (fitted or {}).get("parameters")
+    if own is None:
+        own = {} if fit is None else own_of_mounting(fit, run.metadata.mounting_id)
     model = seen_from_sensor(actuator.replace(**own) if own else actuator, record.series_resistance)
     found_zeros = {**{name: sensor_zero(record, name) for name in outputs}, **zeros_of_fit(fitted or {})}
     zeros = {name: found_zeros[name] for name in outputs if found_zeros[name]}

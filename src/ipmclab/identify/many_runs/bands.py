@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from ipmclab.errors import InputError
 from ipmclab.identify.known import Known, known_of
 from ipmclab.identify.many_runs.as_fitted import why_changed
 from ipmclab.identify.many_runs.common_error import common_covariance
+from ipmclab.identify.many_runs.own_of_mounting import ending_of, own_of_mounting, strips_apart
 from ipmclab.identify.many_runs.random_effect import FEWEST
 from ipmclab.identify.observation import Observation, own_endings, own_values
 from ipmclab.model.sensitivity import sensitivities, simulate_outputs
@@ -43,8 +44,12 @@ class Bands:
         known beforehand, so those of the fit count as spread.
     left_out : tuple of str
         Free parameters of which nothing is known: the band does not contain what they may change.
-    mounting : "the fit's" or "the next"
-        Whether the band holds for the mountings of the fit, or for one that the fit never saw.
+    mounting : str
+        Whether the band holds for the mountings of the fit (``"the fit's"``), for one that the fit never saw (``"the
+        next"``), or for one of the fit with what that has for itself (``"mounting strip-7-a"``).
+    away : mapping of output to float array, shape (n_time,) [SI]
+        How far the answer of the farthest mounting of the fit lies from what is predicted, where each has parameters of
+        its own and the band holds for all of them; else empty.
     """
 
     time: FloatArray
@@ -53,6 +58,7 @@ class Bands:
     of_noise: Mapping[str, FloatArray]
     left_out: tuple[str, ...]
     mounting: str = "the fit's"
+    away: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def interval(self, output: str, level: float = 0.95, *, of_readings: bool = True) -> tuple[FloatArray, FloatArray]:
         """Ends between which a reading lies (or the strip's answer itself) with a probability, shape (n_time,) each.
@@ -85,15 +91,18 @@ class Bands:
             )
         noise = self.of_noise[output] if of_readings else 0.0
         spread = np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
-        return np.asarray(float(ndtri(0.5 + 0.5 * level)) * spread)
+        reach = float(ndtri(0.5 + 0.5 * level)) * spread
+        return np.asarray(reach + self.away[output] if output in self.away else reach)
 
 
 def prediction_bands(fit: Fit, run: Run) -> Bands:
     """Simulate a fitted actuator at the voltage of a run that starts at rest, with bands.
 
     The parameters count to first order, with the errors and correlations of the fit; so do fixed parameters with a
-    stated uncertainty. For a run of a mounting that the fit never saw, the band holds what three mountings or more of
-    the fit, each by itself, say of the next one; with fewer it is that of the fit's own mounting.
+    stated uncertainty. Where each mounting of the fit has parameters of its own, a run that names one of them is
+    simulated with that mounting's, and of a run that names none the band holds what every mounting of the fit answers.
+    For a run of a mounting that the fit never saw, the band holds what three mountings or more of the fit, each by
+    itself, say of the next one; with fewer it is that of the fit's own mounting.
 
     Parameters
     ----------
@@ -130,18 +139,22 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     _need(fit, run)
     outputs = noise_outputs(fit)
     drive = Drive(run.time, run.voltage, "zero" if run.hold == "unknown" else run.hold)
-    found = known_in(fit, None)
-    unlimited = [name for name, one in fit.parameters.items() if not math.isfinite(one.standard_error)]
+    mounting = run.metadata.mounting_id
+    own = own_of_mounting(fit, mounting)
     since = run.time - run.time[0]
-    strip = with_shunt(fit.actuator, run)
+    strip = with_shunt(fit.actuator.replace(**own) if own else fit.actuator, run)
     predicted = dict(zip(outputs, drive.outputs(strip, outputs), strict=True))
-    others = [with_shunt(one, run) for one in next_mountings(fit, fit.actuator, run.metadata.mounting_id)]
-    spread = spread_of_next(fit, others, strip, drive, predicted) if others else spread_of(found, strip, drive, outputs)
+    others = [with_shunt(one, run) for one in next_mountings(fit, fit.actuator, mounting)]
+    away: dict[str, FloatArray] = {}
+    if others:
+        spread = spread_of_next(fit, others, strip, drive, predicted)
+    else:
+        spread, away = spread_here(fit, mounting, strip, drive, predicted, lambda one: with_shunt(one, run))
     noise = {output: noise_of(fit.observations, output, since) for output in outputs}
     if others:
         noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
-    left_out = tuple(dict.fromkeys((*unlimited, *found.left_out)))
-    return Bands(run.time, predicted, spread, noise, left_out, "the next" if others else "the fit's")
+    held = "the next" if others else f"mounting {mounting}" if own else "the fit's"
+    return Bands(run.time, predicted, spread, noise, _left_out(fit, mounting), held, away)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,9 +190,11 @@ def values_of(fit: Fit) -> dict[str, float]:
     return {name: one.value for name, one in fit.parameters.items()}
 
 
-def known_in(fit: Fit, place: int | None) -> Known:
-    """What a fit knows of the parameters in one of its runs, or (None) in a new one."""
-    own = () if place is None else own_endings(place, fit.observations[place].mounting)
+def known_in(fit: Fit, place: int | None, mounting: str | None = None) -> Known:
+    """What a fit knows of the parameters in one of its runs, or (None) in a new one, which may name its mounting."""
+    own: tuple[str, ...] = (ending_of(mounting),) if mounting else ()
+    if place is not None:
+        own = own_endings(place, fit.observations[place].mounting)
     return known_of(fit.covariance, values_of(fit), list(fit.actuator.parameter_values), own)
 
 
@@ -200,6 +215,63 @@ def spread_of(known: Known, actuator: Actuator, drive: Drive, outputs: Sequence[
     return dict(zip(outputs, np.sqrt(np.maximum(variances, 0.0)), strict=True))
 
 
+def spread_here(
+    fit: Fit,
+    mounting: str | None,
+    model: Actuator,
+    drive: Drive,
+    predicted: Mapping[str, FloatArray],
+    seen: Callable[[Actuator], Actuator],
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Standard deviation of a prediction of a new run, and how far mountings of the fit lie from it [SI].
+
+    Parameters
+    ----------
+    fit : Fit
+    mounting : str or None
+        As the run names it.
+    model : Actuator
+        As it was simulated.
+    drive : Drive
+    predicted : mapping of output to float array, shape (n_time,) [SI]
+    seen : function of Actuator to Actuator
+        A strip as the instruments of this run see it.
+
+    Returns
+    -------
+    spread : dict of output to float array, shape (n_time,) [SI]
+    away : dict of output to float array, shape (n_time,) [SI]
+        Empty where the run names its mounting, or the mountings share everything.
+    """
+    outputs = list(predicted)
+    strips = {} if mounting else strips_apart(fit)
+    if not strips:
+        return spread_of(known_in(fit, None, mounting), model, drive, outputs), {}
+    spread, away = ({output: np.zeros(len(drive.time)) for output in outputs} for _ in range(2))
+    for name, one in strips.items():
+        strip = seen(one)
+        each = spread_of(known_in(fit, None, name), strip, drive, outputs)
+        for output, answer in zip(outputs, drive.outputs(strip, outputs), strict=True):
+            spread[output] = np.maximum(spread[output], each[output])
+            away[output] = np.maximum(away[output], np.abs(answer - predicted[output]))
+    return spread, away
+
+
+def _left_out(fit: Fit, mounting: str | None) -> tuple[str, ...]:
+    """Of what nothing is known for a new run, which may name its mounting."""
+    strips = strips_apart(fit)
+    # What another mounting has for itself is nothing to a run that names its own.
+    beside = tuple(ending_of(name) for name in strips if mounting in strips and name != mounting)
+    unlimited = [
+        name
+        for name, one in fit.parameters.items()
+        if not math.isfinite(one.standard_error) and not name.endswith(beside)
+    ]
+    # The band of a run that names none holds every mounting: of each its own is known.
+    found = known_in(fit, None, mounting or next(iter(strips), None))
+    return tuple(dict.fromkeys((*unlimited, *found.left_out)))
+
+
 def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[Actuator]:
     """The strip as each mounting of a fit found it, for a run of another mounting; else, or with too few, none."""
     seen = {observation.mounting for observation in fit.observations}
@@ -207,7 +279,7 @@ def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[A
         return []
     known = values_of(fit)
     found = [
-        actuator.replace(**_inside(actuator, one.values), **own_values(known, [f"[mounting {one.name}]"]))
+        actuator.replace(**_inside(actuator, one.values), **own_values(known, [ending_of(one.name)]))
         for one in fit.mountings.each
         if one.values
     ]
