@@ -93,13 +93,21 @@ class Bench:
                     where="bench",
                     repair="switch the amplifier off if in doubt; its record is kept",
                 )
+            if trouble := self.follower.state.trouble:
+                raise IpmclabError(
+                    f"no recorder is at the bench that could do it; {trouble}",
+                    code="output-unsure",
+                    where="bench",
+                    repair="guardian.log in the laboratory folder says what the guardian tries",
+                )
             raise IpmclabError(
                 "no recorder is at the bench, so nothing drives the output from here",
                 code="no-recorder",
                 where="bench",
                 repair="if the strip is driven all the same, switch its amplifier off",
             )
-        return _SAID.get(what, "")
+        trouble = self.follower.state.trouble
+        return f"asked of the recorder; {trouble}" if trouble else _SAID.get(what, "")
 
     def _reached(self, what: str, **values: Any) -> bool:
         """Whether the recorder took a request in, joined anew where that must be: STOP and ZERO do not wait for it."""

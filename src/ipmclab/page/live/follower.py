@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import threading
 import time
 from collections.abc import Callable
@@ -13,9 +14,12 @@ import numpy as np
 
 from ipmclab.errors import IpmclabError
 from ipmclab.page.live.columns import Columns
+from ipmclab.page.live.guardians import left_by_others
 from ipmclab.page.live.state import State
+from ipmclab.rig.bench import block_rows
 from ipmclab.rig.process import aftermath
 from ipmclab.rig.process.client import Recorder, forget_dead_recorders, launch, recorders
+from ipmclab.rig.process.hub import SUFFIX
 from ipmclab.rig.process.messages import Message
 
 _LOOK: Final = 0.3
@@ -26,6 +30,12 @@ _AGAIN: Final = 1.0
 
 _HANGS: Final = 30.0
 """How long [s] one that does not answer is left alone by the follower; who asks for something tries it at once."""
+
+_SILENT: Final = 1.5
+"""After so long [s] without a word it is said that a run is silent, whose readings came before."""
+
+_ACTS: Final = 1.0
+"""How long [s] the guardian of a recorder that is gone has, before it is said that nobody knows of the output."""
 
 _NEVER: Final = float("inf")
 _WAIT: Final = 0.25
@@ -51,6 +61,8 @@ class Follower:
         self._launching = False
         self._not_before: dict[Path, float] = {}  # when a recorder is joined again: never one that was followed
         self._answers = self._answers_told = False
+        self._status: Path | None = None  # of the guardian of the recorder that is followed, or was last
+        self._looked = (0.0, 0.0)  # when at that, and at the others
         self._air: dict[str, float] = {}  # the last reading: between two of them the plots hold it
         self._ended = threading.Event()
         self.state = State()
@@ -140,12 +152,14 @@ class Follower:
         since = 0.0
         while not self._ended.is_set():
             recorder = self._joined()
+            self._look()
             if recorder is None:
                 if lost is not None and self._told_lost(lost, since):
                     lost = None
                 self._ended.wait(_LOOK)
                 continue
-            self.state.joined(recorder.about)
+            self.state.joined(recorder.about, recorder.file.name)
+            self._status = recorder.file.with_suffix(aftermath.SUFFIX)
             began, lost = time.monotonic(), None
             try:
                 self._listen(recorder)
@@ -162,13 +176,27 @@ class Follower:
         """Say that a recorder is gone; False while it may run and only cannot be reached, which is said as such."""
         if self.may_run:
             if time.monotonic() - since > _AGAIN and self.state.bench != "lost":
-                self.state.lost("the recorder does not answer, and may be driving the output; it is tried again")
+                self._look(at_once=True)
+                self.state.lost("it does not answer, and is tried again", is_gone=False)
             return False
-        try:
-            recorder.next()  # it was closed: this waits for what its guardian says
-        except IpmclabError as error:
-            self.state.lost(str(error))
+        aftermath.fate(recorder.file, within=_ACTS)  # what it says later is seen as well
+        self._look(at_once=True)
+        repair = f"ipmclab recover {recorder.file.parent.parent} keeps what it had recorded"
+        self.state.lost(f"the recorder's process is gone: {repair}", is_gone=True)
         return True
+
+    def _look(self, *, at_once: bool = False) -> None:
+        """What the guardians have come to."""
+        now, (own, others) = time.monotonic(), self._looked
+        if self._status is not None and (at_once or now - own >= _WAIT):
+            own = now
+            self.state.guarded(*aftermath.read(self._status))
+        if now - others >= _AGAIN:
+            others = now
+            name = self._status.with_suffix(SUFFIX).name if self._status is not None else ""
+            with contextlib.suppress(OSError):
+                self.state.left(left_by_others(self._folder(), name))
+        self._looked = (own, others)
 
     def _joined(self) -> Recorder | None:
         """The recorder that was started here, else the newest of the folder that answers; requests go to it."""
@@ -208,19 +236,32 @@ class Follower:
                     if error.code == "recorder-hangs":
                         self._not_before[file] = time.monotonic() + _HANGS
                         if self.state.bench != "lost":
-                            self.state.lost(str(error))
+                            self._hangs(file, error)
                     else:
                         forget_dead_recorders(folder)
         return None
 
+    def _hangs(self, file: Path, error: IpmclabError) -> None:
+        """Say that a recorder which is there lets nobody in."""
+        status = file.with_suffix(aftermath.SUFFIX)
+        if status != self._status:
+            about: dict[str, Any] = {}
+            with contextlib.suppress(OSError, ValueError):
+                about = json.loads(file.read_text(encoding="utf-8"))
+            self.state.joined(about, file.name)
+            self._status = status
+        self._look(at_once=True)
+        self.state.lost(f"{error.message.partition(';')[0]}; {error.repair}", is_gone=False)
+
     def _listen(self, recorder: Recorder) -> None:
-        looked = 0.0
-        status = recorder.file.with_suffix(aftermath.SUFFIX)
+        heard = time.monotonic()
         while not self._ended.is_set():
             message = recorder.next(_WAIT, patience=0.0)
-            if time.monotonic() - looked > 1.0:
-                looked = time.monotonic()
-                self.state.guarded(aftermath.read(status)[0])
+            # What ends a run comes after the guardian was let go of: it is looked at before that is taken.
+            self._look(at_once=message is not None and message.kind in ("step", "question", "recorded", "ended"))
+            if message is not None:
+                heard = time.monotonic()
+            self.state.heard_nothing(self._silence(time.monotonic() - heard))
             if self._answers != self._answers_told:
                 with self._sending:
                     self._subscribe(recorder)
@@ -229,6 +270,15 @@ class Follower:
             self._take(message)
             if message.kind == "ended":
                 return
+
+    def _silence(self, seconds: float) -> int | None:
+        """Whole seconds without a word, where readings have come and others should; None where that may be."""
+        run, columns, progress = self.state.run, self.columns, self.state.readings()["progress"] or {}
+        if run is None or columns is None:
+            return None
+        rate, rows = float(run["rate"]), progress.get("of", run["rows"])
+        waits = columns.rows_seen < rows and seconds > max(_SILENT, 3.0 * block_rows(rate) / rate)
+        return int(seconds) if waits else None
 
     def _take(self, message: Message) -> None:
         if message.kind == "block":

@@ -8,25 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from ipmclab.page.live.output import ENDINGS, UNSURE, Output
+from ipmclab.page.live.words import guard_in_words, in_words
 from ipmclab.rig.process.messages import Message
 
 _MOST_NOTES: Final = 60
-
-WORDS: Final = {
-    "idle": "no experiment is running",
-    "starting": "the recorder starts",
-    "planned": "the plan waits for your start",
-    "preparing": "output at 0 V",
-    "asking": "waits for the operator, output at 0 V",
-    "recording": "recording",
-    "ended": "output at 0 V",
-    "lost": "the recorder is gone",
-}
-"""What the bench may be doing, and how that is said."""
-
-
-ENDINGS: Final = ("stop", "limit", "abort", "zero")
-"""How an operator, or a limit, may end a run, what is more urgent later."""
 
 
 class State:
@@ -39,6 +25,7 @@ class State:
         self.pulse = 0
         self.generation = 0
         """Counts the runs, so that nobody joins readings of two."""
+        self._output = Output()
         self._clear({})
         self._told["bench"] = "idle"
 
@@ -49,7 +36,7 @@ class State:
             "sample": about.get("sample"),
             "rig": about.get("rig"),
             "experiment": about.get("experiment"),
-            "guardian": "",
+            "silent": None,
             "plan": None,
             "steps": [],
             "question": None,
@@ -66,8 +53,15 @@ class State:
 
     @property
     def bench(self) -> str:
-        """One of ``WORDS``."""
+        """What it does, one of the keys of ``words.WORDS``."""
         return str(self._told["bench"])
+
+    @property
+    def trouble(self) -> str:
+        """What everybody is to know before all else, such as a silent recorder; empty where nothing is wrong."""
+        with self._lock:
+            told = self._in_words()
+        return "; ".join(filter(None, (told["alarm"], told["text"]))) if told["trouble"] else ""
 
     @property
     def run(self) -> dict[str, Any] | None:
@@ -81,30 +75,59 @@ class State:
             told = {**self._told, "generation": self.generation, "version": self.version}
             for name in ("notes", "recorded", "steps"):
                 told[name] = list(told[name])
-            told["text"] = told["text"] or WORDS[told["bench"]]
+            told.update(self._in_words())
         return told
+
+    def _in_words(self) -> dict[str, Any]:
+        """What the header says, and whether the readings are of now."""
+        bench, output, silent = self._told["bench"], self._output, self._told["silent"]
+        acted = bench == "recording" and output.guardian == "zero" and output.level != "unsure"
+        trouble = output.level == "unsure" or silent is not None or acted
+        return {
+            "output": output.level,
+            "alarm": UNSURE if output.level == "unsure" else "",
+            "text": in_words(bench, output, silent, self._told["text"]),
+            "guard": guard_in_words(bench, output),
+            "trouble": trouble,
+            "old": bench != "recording" or trouble,
+        }
 
     def _changed(self, **values: Any) -> None:
         self._told.update(values)
         self.version += 1
 
-    def joined(self, about: Mapping[str, Any]) -> None:
-        """A recorder was found."""
+    def joined(self, about: Mapping[str, Any], name: str = "") -> None:
+        """A recorder was found, by the name of its file."""
         with self._lock:
+            self._output.joined(name, about.get("rig"))
             self._clear(about)
             self._changed()
 
-    def lost(self, text: str) -> None:
-        """The recorder is gone without a last word."""
+    def lost(self, text: str, *, is_gone: bool) -> None:
+        """The recorder's process is gone without a last word, or cannot be reached."""
         with self._lock:
-            self._changed(bench="lost", text=text, question=None)
-            self._note(text)
+            self._output.lost(is_gone=is_gone)
+            self._changed(bench="lost", text=text, question=None, silent=None)
+            told = self._in_words()
+            self._note("; ".join(filter(None, (told["alarm"], told["text"]))))
 
-    def guarded(self, guardian: str) -> None:
-        """What the guardian's own process says of itself."""
+    def guarded(self, state: str, text: str = "") -> None:
+        """What the recorder's guardian has come to, by its own word."""
         with self._lock:
-            if guardian != self._told["guardian"]:
-                self._changed(guardian=guardian)
+            if self._output.guarded(state, text):
+                self._changed()
+
+    def left(self, found: Mapping[str, tuple[str, str]]) -> None:
+        """What the guardians of other recorders have come to: see ``Output.left``."""
+        with self._lock:
+            if self._output.left(found):
+                self._changed()
+
+    def heard_nothing(self, seconds: int | None) -> None:
+        """So long [s] nothing has come of a run whose readings came before; None where that is not so."""
+        with self._lock:
+            if seconds != self._told["silent"]:
+                self._changed(silent=seconds)
 
     def read(self, latest: Mapping[str, float | None]) -> None:
         """The last reading of each channel."""
@@ -146,6 +169,7 @@ class State:
         """Something that the recorder told."""
         values = dict(message.values)
         with self._lock:
+            self._output.take(message)
             match message.kind:
                 case "plan":
                     steps = [{**step, "state": "open"} for step in values["steps"]]

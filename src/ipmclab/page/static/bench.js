@@ -70,17 +70,20 @@
   function numbers(state) {
     const names = Object.keys(CHANNELS).filter((name) => name in state.latest);
     const limits = state.plan?.limits ?? {};
-    part("lab-numbers", { names, limits }, () =>
+    part("lab-numbers", { names, limits, old: state.old }, () =>
       names.length
-        ? names.map((name) =>
-            make(
-              "div",
-              { class: "lab-number" },
-              make("span", { class: "lab-number-name" }, CHANNELS[name][0]),
-              make("b", { id: `lab-now-${name}` }, "–"),
-              make("span", { class: "lab-quiet", title: limits[name] ?? "" }, limit(limits[name])),
+        ? [
+            state.old ? make("p", { class: "lab-old" }, "Old: the last readings that came. Nothing is read now.") : null,
+            ...names.map((name) =>
+              make(
+                "div",
+                { class: "lab-number" },
+                make("span", { class: "lab-number-name" }, CHANNELS[name][0]),
+                make("b", { id: `lab-now-${name}` }, "–"),
+                make("span", { class: "lab-quiet", title: limits[name] ?? "" }, limit(limits[name])),
+              ),
             ),
-          )
+          ]
         : [make("p", { class: "lab-quiet" }, "Readings stand here while a run is recorded.")],
     );
     for (const name of names) {
@@ -97,7 +100,7 @@
       const rows = progress?.of ?? run?.rows ?? 1;
       bar.querySelector("progress").max = rows;
       bar.querySelector("progress").value = progress?.rows ?? 0;
-      const left = () => (ending ? lab.ends(state) : `${duration(Math.max(0, (rows - progress.rows) / run.rate))} left`);
+      const left = () => (state.trouble ? state.alarm || state.text : ending ? lab.ends(state) : `${duration(Math.max(0, (rows - progress.rows) / run.rate))} left`);
       bar.querySelector("span").textContent = bar.hidden ? "" :
         `${run.signal} (${run.purpose === "fingerprint" ? "fingerprint" : `run ${run.place} of ${run.of}`}): ` +
         (progress ? `${left()}, ${progress.acknowledged} of ${rows} rows on disk` : "begins");
@@ -201,8 +204,8 @@
             make("a", { href: `/runs?run=${encodeURIComponent(run.path)}`, "data-key": run.path, title: "Open in Runs" }, name),
             `: ${codes.join(", ") || "nothing found"}`));
       }));
-    part("lab-outcome", { ended: state.ended, bench: state.bench, text: state.text }, ({ ended, bench }) => {
-      if (bench === "lost") return make("p", { class: "lab-bad", role: "alert" }, state.text);
+    part("lab-outcome", { ended: state.ended, bench: state.bench, text: state.text, alarm: state.alarm }, ({ ended, bench, text, alarm }) => {
+      if (bench === "lost") return make("p", { class: "lab-bad", role: "alert" }, alarm ? `${alarm}; ${text}` : text);
       if (!ended) return [];
       const failed = ended.error;
       return [

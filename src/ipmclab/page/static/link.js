@@ -131,12 +131,16 @@ function tellHeader(state) {
     const element = document.getElementById(id);
     if (element && element.textContent !== text) element.textContent = text;
   };
+  bench.dataset.output = state.output;
+  bench.toggleAttribute("data-trouble", state.trouble);
+  bench.title = state.trouble ? [state.alarm, state.text].filter(Boolean).join("; ") : "";
   const ending = busy && state.ending;
-  set("lab-bench-word", ending ? ENDINGS[ending.how] : WORDS[state.bench] ?? state.bench);
-  set("lab-bench-text", ending ? lab.ends(state) : state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
-  const guard = !busy ? "guard: off" : state.rig_is_virtual ? "guard: simulated strip" :
-    `guard: ${state.guardian || (state.bench === "recording" ? "on" : "ready")}`;
-  set("lab-guard", guard);
+  const word = state.silent !== null ? "recorder silent" : ending ? ENDINGS[ending.how] : WORDS[state.bench] ?? state.bench;
+  // What nobody has confirmed to be at 0 V is said before all else.
+  set("lab-bench-word", state.alarm || word);
+  set("lab-bench-text", state.alarm ? `${word}: ${state.text}` : state.trouble ? state.text : ending ? lab.ends(state) :
+    state.bench === "recording" && state.run ? `${state.run.signal}, ${left(state)}` : state.text);
+  set("lab-guard", state.guard);
   const may = state.mine || !state.held;
   document.getElementById("lab-stop").disabled = !busy || !may;
   document.getElementById("lab-stop").title = may ? "End the run now and keep it" : "Only who holds the bench stops a run";
