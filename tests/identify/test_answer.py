@@ -100,6 +100,44 @@ def test_mountings_that_are_alike_have_both(fit: Fit) -> None:
     assert alone.not_read == ("displacement", "force")
 
 
+@pytest.mark.parametrize("contacts", [{"a": 0.3, "b": 1.0}, {"a": 0.3, "b": 1.0, "c": 0.6}])
+def test_the_interval_holds_what_each_mounting_answers_that_has_its_own_contact(contacts: dict[str, float]) -> None:
+    generator = np.random.default_rng(SEED)
+    strips = {name: FRIEND.replace(**{CONTACT: contact}) for name, contact in contacts.items()}
+    runs = [
+        noisy(generator, signal, strip=strip, mounting=name)
+        for name, strip in strips.items()
+        for signal in ("step 1 V", "sine 1 V 0.1 Hz")
+    ]
+    fitted = identify(FRIEND, runs, free=DC, per_mounting=CONTACT).actuator
+    sure = sure_of(fitted)
+    assert sure.here is not None
+    low, high = sure.here.interval("current", of_readings=False)
+    least, most = np.full(len(low), np.inf), np.full(len(low), -np.inf)
+    inside = []
+    for strip in strips.values():
+        truth = asked(strip).current
+        assert truth is not None
+        # Beside the farthest mounting the interval is that of its own: four standard deviations, two of them in it.
+        size = 2.0 * sure.here.of_parameters["current"] + 1e-12
+        assert np.all((low - size <= truth) & (truth <= high + size))
+        least, most = np.minimum(least, truth), np.maximum(most, truth)
+        noise = NOISE["current"] * generator.standard_normal(len(truth))
+        reading_low, reading_high = sure.here.interval("current")
+        inside.append(np.mean((reading_low <= truth + noise) & (truth + noise <= reading_high)))
+    assert min(inside) > 0.93
+    # The middle is the average over the runs: no wider than twice what lies between the mountings, and their errors.
+    assert np.all(high - low <= 2.0 * (most - least) + 8.0 * sure.here.of_parameters["current"] + 1e-12)
+    names = {2: "a and b", 3: "a, b and c"}[len(contacts)]
+    assert sure.sentences()[:2] == [
+        f"The 95 % intervals hold for the mountings of the fit, {names}.",
+        f"Each of them has its own {CONTACT}: the answer is that of the average over the runs, and the intervals hold "
+        "what each mounting answers.",
+    ]
+    assert not any("beyond what the runs of the fit show" in sentence for sentence in sure.sentences())
+    assert (sure.following is None) == (len(contacts) < 3)
+
+
 def test_what_is_left_out_is_named() -> None:
     generator = np.random.default_rng(SEED)
     runs = [

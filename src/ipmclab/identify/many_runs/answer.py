@@ -12,6 +12,7 @@ from ipmclab.identify.fit_file import fit_of
 from ipmclab.identify.many_runs.as_fitted import listed, why_changed
 from ipmclab.identify.many_runs.bands import Bands, prediction_bands
 from ipmclab.identify.many_runs.mountings import why_unknown
+from ipmclab.identify.many_runs.own_of_mounting import apart, mountings_seen
 from ipmclab.identify.observation import READ_OUTPUTS
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ class SureAnswer:
         Outputs that the fit never read, so that there is no band of them.
     warnings : tuple of str
         Codes of what the fit itself warns of.
+    own : tuple of str
+        Parameters of which each mounting of the fit has its own.
     """
 
     here: Bands | None
@@ -58,6 +61,7 @@ class SureAnswer:
     mountings: tuple[str, ...] = ()
     not_read: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
 
     def sentences(self) -> list[str]:
         """What must be known with the numbers."""
@@ -66,6 +70,11 @@ class SureAnswer:
             return [f"No interval: {self.why_none}."]
         held = _mountings(self.mountings) if self.here else "the next mounting alone"
         told = [f"The 95 % intervals hold for {held}{f': {self.why_none}' if self.why_none else ''}."]
+        if self.here and self.own and len(self.mountings) > 1:
+            told.append(
+                f"Each of them has its own {listed(self.own)}: the answer is that of the average over the runs, "
+                "and the intervals hold what each mounting answers."
+            )
         if some.left_out:
             names = listed(some.left_out)
             told.append(f"What {names} may change beyond what the runs of the fit show is not in them.")
@@ -117,7 +126,7 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
     here = prediction_bands(fit, _of_mounting(run, None))
     if here.left_out and not any(one.any() for one in here.of_parameters.values()):
         return SureAnswer(None, why_none=f"nothing is known of {listed(here.left_out)}")
-    seen = tuple(dict.fromkeys(one.mounting for one in fit.observations if one.mounting))
+    seen = mountings_seen(fit)
     codes = tuple(dict.fromkeys(one.code for one in fit.findings if one.severity != "info"))
     unknown, following = why_unknown(fit), None
     if not unknown:
@@ -133,6 +142,7 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
         mountings=seen,
         not_read=tuple(name for name in READ_OUTPUTS if name not in here.predicted and name in run.channels),
         warnings=tuple(code for code in codes if code not in (_AVERAGE, _TOLD)),
+        own=apart(fit),
     )
 
 
