@@ -247,7 +247,7 @@ def test_a_band_of_a_run_that_names_no_mounting_holds_those_of_the_fit() -> None
         (said,) = [finding for finding in told.findings if "mounting" in finding.code]
         assert (said.code, said.severity) == ("mounting-not-named", "warning")
         assert f"each of mountings a and b has its own {CONTACT}" in said.message
-        assert "but not what another would" in said.message
+        assert "its band holds what each of these mountings answers, but not what another would" in said.message
         shunted = RunMetadata(voltage_sensed="upstream of shunt", shunt_resistance=1.0)
         for run in (new, replace(new, metadata=shunted)):
             bands = prediction_bands(fit, run)

@@ -138,8 +138,8 @@ def own_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
             "mounting-not-named",
             "warning",
             f"{label} does not say of which mounting it is, and {each} {listed(names)}: it was predicted with the "
-            f"average over the fit's runs, and its band holds what {'each of these' if len(seen) > 1 else 'this'} "
-            "mounting answers, but not what another would",
+            f"average over the fit's runs, and its band holds what "
+            f"{'each of these mountings' if len(seen) > 1 else 'this mounting'} answers, but not what another would",
             "give the run its mounting_id",
         )
     ]
