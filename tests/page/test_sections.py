@@ -229,6 +229,7 @@ def test_a_signal_takes_samples_from_the_folder_only(client: Client, workshop: W
     asked = {"actuator": "friend-2", "changes": {}, "duration": 2, "rate": 10}
     refused = client.post("/simulate", json={**asked, "signal": f"step 1 V for 1 s then file {name}"})
     assert (refused.status_code, refused.json()["code"]) == (422, "outside-folder")
+    assert refused.json()["where"] == "signal"  # the field that it stands in
     if name.startswith("'"):  # wherever the server was started
         assert client.post("/simulate", json={**asked, "signal": "file secret.csv"}).status_code == 200
 

@@ -132,8 +132,11 @@ def _simulation(workshop: Workshop, given: Mapping[str, Any]) -> dict[str, Any]:
         arguments["run"] = str(workshop.run_path(str(given["run"])))
     else:
         signal = str(given["signal"])[:2000]
-        for name in files_of(signal):
-            workshop.lab.path(name)  # no samples from elsewhere
+        try:
+            for name in files_of(signal):
+                workshop.lab.path(name)  # no samples from elsewhere
+        except InputError as error:
+            raise InputError(error.message, code=error.code, where="signal", repair=error.repair) from error
         arguments |= {
             "signal": signal,
             "folder": str(workshop.lab.root),

@@ -23,7 +23,7 @@ export default {
               <option value="1">as it is</option><option value="-1">reversed</option>
             </select></td></tr>
           <tr><th scope="row">at rest</th><td v-for="(column, k) in mine">
-            <input v-if="reads(column)" type="text" size="8" :placeholder="'12.3 ' + (column.unit || options.channels[column.channel][0])" :aria-label="'Reading at rest of column ' + named(k)"
+            <input v-if="reads(column)" type="text" size="8" :placeholder="'12.3 ' + (column.unit || options.usual[column.channel])" :aria-label="'Reading at rest of column ' + named(k)"
               v-model="column.zero_at" @change="tell()"></td></tr>
           <tr><th scope="row">lost is</th><td v-for="(column, k) in mine">
             <input v-if="reads(column)" type="text" size="8" placeholder="99, -1" :aria-label="'Numbers of lost readings in column ' + named(k)"

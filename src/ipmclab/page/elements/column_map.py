@@ -36,10 +36,12 @@ class ColumnMap(Element, component="column_map.js"):
         on_mapped: Callable[[list[dict[str, str]]], None],
     ) -> None:
         super().__init__()
+        channels = {name: quantity for name, quantity in MAPPED.items() if name != "applied_voltage"}
         self._props["options"] = {
             "columns": [{"name": name, "begin": dict(one)} for name, one in zip(names, begin, strict=True)],
             "rows": [list(row) for row in rows],
-            "channels": {name: list(quantity.units) for name, quantity in MAPPED.items() if name != "applied_voltage"},
+            "channels": {name: list(quantity.units) for name, quantity in channels.items()},
+            "usual": {name: quantity.display_unit for name, quantity in channels.items()},
         }
         self._props["errors"] = {}
 

@@ -27,6 +27,7 @@ from ipmclab.units import CHANNELS
 
 ENDINGS: Final = (".csv", ".txt", ".dat", ".gz", ".xlsx", ".mat", ".tdms", ".lvm")
 
+_PERIOD: Final = "20 ms"
 _SKIP: Final = "file.skip_lines"
 _MOUNTING: Final = "metadata.mounting_id"
 
@@ -35,11 +36,15 @@ _IN_A_FORM: Final = {
     "period-mismatch": "empty the sampling period",
     "missing-key": "say above a column that it is the voltage: every run has one",
     "ragged-row": "see that the file is whole, what stands between columns, and the lines before the table",
-    "decimal-comma": "choose the comma as the decimal mark",
-    "decimal-point": "choose the point as the decimal mark",
     "unit-mismatch": "choose “as in the file”, or write the factor 1 where the file is wrong",
 }
 """What to do about a mistake where a form stands in place of the map: of each code."""
+
+_MARKS: Final = {
+    "decimal-comma": "choose the comma as the decimal mark",
+    "decimal-point": "choose the point as the decimal mark",
+}
+"""The same for numbers in a file that is a text: no other form says how they are written."""
 
 _HOLDS: Final = {
     "unknown": "not known (the delay is estimated)",
@@ -54,6 +59,36 @@ Done = Callable[[str], Awaitable[None]]
 def build_import(workshop: Workshop, on_done: Done) -> None:
     """The card with which a record is imported; ``on_done`` is told the path of the run."""
     _Import(workshop, on_done).build()
+
+
+def repair_in_a_form(error: IpmclabError, where: str, *, is_text: bool) -> str:
+    """What to do about a mistake in the form.
+
+    Parameters
+    ----------
+    error : IpmclabError
+        Of the import map that the form stands for.
+    where : str
+        The place in the map.
+    is_text : bool
+        Whether the form says how the numbers of the file are written.
+
+    Examples
+    --------
+    >>> comma = InputError("'1,5' has a comma", code="decimal-comma", repair="write '1.5'")
+    >>> repair_in_a_form(comma, "channels.current", is_text=True)
+    "write '1.5'"
+    >>> repair_in_a_form(comma, "rig.csv: row 2, column 1", is_text=True)
+    'choose the comma as the decimal mark'
+    """
+    is_typed = where.startswith("channels.") or where.endswith("sampling_period")
+    if error.code in _MARKS and not is_typed:
+        return _MARKS[error.code] if is_text else "correct it in a copy of the file: its numbers have a decimal point"
+    if error.code == "missing-unit" and where.endswith("sampling_period"):
+        return f"write for example '{_PERIOD}'"  # with its unit 0 would be refused next
+    if error.code in _IN_A_FORM and (error.code != "missing-key" or where == "channels"):
+        return _IN_A_FORM[error.code]
+    return error.repair
 
 
 class _Import:
@@ -171,7 +206,7 @@ class _Import:
         self._show_columns()
         with ui.element("div").classes("lab-bar"):
             self._period = ui.input("Sampling period, without a time column").props(
-                "dense outlined stack-label placeholder='20 ms'"
+                f"dense outlined stack-label placeholder='{_PERIOD}'"
             )
             self._hold = ui.select(_HOLDS, value="unknown", label="The voltage between rows")
             self._hold.props("dense outlined options-dense")
@@ -332,7 +367,8 @@ class _Import:
         elif error.code == "empty-file" and self._skip.value:
             fail_at(self._skip, "no rows of numbers come after so many lines; write a smaller number")
         else:
-            told = f"{error.message}; {_IN_A_FORM[error.code]}" if error.code in _IN_A_FORM else sentence(error)
+            known = _IN_A_FORM | _MARKS
+            told = f"{error.message}; {known[error.code]}" if error.code in known else sentence(error)
             self._layout_wrong.set_text(self._named(f"{error.where}: {told}" if error.where else told))
 
     def _complain(self, error: IpmclabError) -> None:
@@ -340,9 +376,8 @@ class _Import:
         where = error.where.removeprefix("map: ").removeprefix("map")
         channel = where.split("channels.", 1)[1].split(".")[0] if "channels." in where else ""
         place = next((k for k, column in enumerate(self._columns) if channel and column["channel"] == channel), None)
-        told = self._named(sentence(error))
-        if error.code in _IN_A_FORM and (error.code != "missing-key" or where == "channels"):
-            told = f"{error.message}; {_IN_A_FORM[error.code]}"
+        repair = repair_in_a_form(error, where, is_text=self._layout["format"] == "csv")
+        told = self._named(f"{error.message}; {repair}" if repair else error.message)
         if place is not None:
             self._map.complain({place: told})
         elif "sampling_period" in where or error.code == "no-time":
