@@ -510,6 +510,78 @@ def test_a_capacitance_of_the_file_is_no_mistake_of_who_fits(free: str, origin: 
     assert found.message.startswith("friend-2 itself has this value") is (severity == "info")
 
 
+def three_runs(signals: tuple[str, str, str], zeros: dict[str, float], rng: np.random.Generator) -> list[Run]:
+    """Two steps and a sine with everything measured; the sensors of the first have zeros."""
+    runs = []
+    for place, signal in enumerate(signals):
+        clean = simulate(load_actuator("friend-2"), signal, duration=40.0, rate=50.0)
+        sizes = {"current": 1e-4, "displacement": 2e-6, "force": 1e-5}
+        channels = {
+            name: clean.channels[name] + size * rng.standard_normal(len(clean)) + (0.0 if place else zeros[name])
+            for name, size in sizes.items()
+        }
+        about = RunMetadata(signal=signal)
+        runs.append(
+            Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=clean.hold, metadata=about, **channels)
+        )
+    return runs
+
+
+ZEROS = {"current": 1e-3, "displacement": 2e-3, "force": 1e-3}
+
+
+def test_a_zero_that_no_record_shows_is_told_as_a_cause() -> None:
+    """Runs that begin with the voltage on: what the zeros of laser, load cell and shunt do is not laid on the strip."""
+    strip = load_actuator("friend-2")
+    runs = three_runs(("step 1 V", "step 1 V", "sine 1 V 0.1 Hz"), ZEROS, np.random.default_rng(SEED))
+    found = [one for one in cross_check(strip, runs) if one.code != "capacitance-out-of-range"]
+    assert {one.code for one in found} == {"motion-against-stiffness", "prefix-disagrees", "sine-against-step"}
+    for one in found:
+        assert "run 0 (step 1 V)" in one.message
+        assert "too short before the voltage to show the zero of" in one.message
+        assert "5 s at 0 V before the first edge" in one.repair
+    assert {one.channel for one in found if one.code == "prefix-disagrees"} == set(ZEROS)
+    told = {
+        (one.code, one.channel): float(re.search(r"one of ([\d.]+) m[mNA] explains", one.message)[1]) for one in found
+    }
+    for code in ("prefix-disagrees", "sine-against-step"):
+        assert told[code, "displacement"] == pytest.approx(2.0, rel=0.1)
+        assert told[code, "force"] == pytest.approx(1.0, rel=0.2)
+    # With the zeros at rest the same sensors contradict nothing.
+    signals = ("step 1 V delay=5 s", "step 1 V delay=5 s", "sine 1 V 0.1 Hz delay=5 s")
+    shown = cross_check(strip, three_runs(signals, ZEROS, np.random.default_rng(SEED)))
+    assert {one.code for one in shown} == {"capacitance-out-of-range"}
+
+
+def test_a_push_names_the_zero_that_would_bring_force_over_displacement_to_it() -> None:
+    strip = load_actuator("friend-2")
+    rng = np.random.default_rng(SEED)
+    (run, *_) = three_runs(("step 1 V", "step 1 V", "sine 1 V 0.1 Hz"), ZEROS, rng)
+    found = the(cross_check(strip, [run, pushed(strip, rng)]), "push-against-motion")
+    assert run.force is not None
+    # The force that the push foretells of this displacement, less the force that was read.
+    foretold = stiffness(strip.parameter_values) * float(np.max(run.displacement))
+    zero = float(re.search(r"zero of its force: one of ([\d.]+) mN", found.message)[1])
+    assert 1e-3 * zero == pytest.approx(foretold - float(np.max(run.force)), rel=0.05)
+    assert "5 s at 0 V before the first edge" in found.repair
+
+
+def test_no_zero_is_blamed_where_the_record_shows_it_or_it_explains_nothing(strip: Strip) -> None:
+    signals = ("step 1 V delay=5 s", "step 1 V delay=5 s", "sine 1 V 0.1 Hz delay=5 s")
+    runs = three_runs(signals, dict.fromkeys(ZEROS, 0.0), np.random.default_rng(SEED))
+    runs[0] = replace(runs[0], force=2.0 * runs[0].force, displacement=0.5 * runs[0].displacement)
+    found = [one for one in cross_check(load_actuator("friend-2"), runs) if one.code != "capacitance-out-of-range"]
+    assert len(found) > 3
+    assert not [one for one in found if "zero" in one.message or "zero" in one.repair]
+    # Another gain is no zero: the difference is not the same all the time.
+    gained = changed(strip, "step force", force=0.5)
+    ones = [one for one in strip.findings(runs=gained) if one.code == "prefix-disagrees"]
+    assert not [one for one in ones if "zero" in one.message]
+    published = cross_check(load_actuator("friend-2"), facts=published_facts(2))
+    assert published
+    assert not [one for one in published if "show the zero" in one.message]
+
+
 def test_richer_strips_are_read_as_they_are() -> None:
     """With slow modes and a line, force over displacement and the first current are no longer 2 R_e and a stiffness."""
     strip = load_actuator("friend-2+relaxation.displacement+clamp").replace(**{"clamp.direct_share": 1.0})

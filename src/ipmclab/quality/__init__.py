@@ -5,6 +5,7 @@ from __future__ import annotations
 from ipmclab.quality.check import check as check
 from ipmclab.quality.metrics import Metric as Metric
 from ipmclab.quality.metrics import measure as measure
+from ipmclab.quality.metrics import shows_zero as shows_zero
 from ipmclab.quality.noise import noise_level as noise_level
 from ipmclab.quality.pair import PairedRuns as PairedRuns
 from ipmclab.quality.pair import pair as pair

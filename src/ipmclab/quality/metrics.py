@@ -24,6 +24,7 @@ _FALLEN: Final = 0.02
 _SETTLING: Final = 0.25
 _FEWEST: Final = 50
 _REST_ROWS: Final = 25
+_SHOWN: Final = 5  # rows at rest, from which on they tell the zero
 
 _FROM_REST: Final = (
     "Deviations are from the reading at rest: the mean of the last 25 rows before the voltage first leaves zero "
@@ -120,11 +121,28 @@ def _measured(run: Run) -> tuple[Metric, ...]:
 
 def _at_rest(record: Record, channel: Channel, values: FloatArray) -> tuple[float, float]:
     """The reading at rest and its standard error."""
-    size = np.abs(record.run.voltage)
+    before = _before(record.run, values)
+    return (float(before.mean()), channel.noise / math.sqrt(len(before))) if len(before) >= _SHOWN else (0.0, 0.0)
+
+
+def _before(run: Run, values: FloatArray) -> FloatArray:
+    """The readings by which the zero is known: those shortly before the voltage first leaves zero."""
+    size = np.abs(run.voltage)
     driven = np.flatnonzero(size > max(NO_VOLTAGE, 0.01 * float(size.max())))
     before = values[: max(int(driven[0]) - GUARD_ROWS, 0)][-_REST_ROWS:] if len(driven) else values[:0]
-    before = before[np.isfinite(before)]
-    return (float(before.mean()), channel.noise / math.sqrt(len(before))) if len(before) >= 5 else (0.0, 0.0)
+    return before[np.isfinite(before)]
+
+
+def shows_zero(run: Run, channel: str) -> bool:
+    """Whether a record says what a channel reads at rest; else its metrics are counted from a reading of zero.
+
+    Examples
+    --------
+    >>> run = Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[1.0, 1.0, 1.0], current=[0.06, 0.02, 0.01])
+    >>> shows_zero(run, "current")
+    False
+    """
+    return run.metadata.origin == "simulated" or len(_before(run, run.channels[channel])) >= _SHOWN
 
 
 def _metric(channel: Channel, name: str, value: float, error: float, definition: str) -> Metric:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from ipmclab.quality.metrics import shows_zero
 from ipmclab.quality.record import GUARD_ROWS, Record
 from ipmclab.run import Finding, FloatArray, Run
 
 _VOLTAGE_AGREES: Final = 0.01
 _FEWEST: Final = 20
 _BLOCKS: Final = 20
+_SAME_ALL_THE_TIME: Final = 0.02
 
 
 def check_together(runs: Sequence[Run]) -> tuple[Finding, ...]:
@@ -83,7 +86,10 @@ def _compare(first: int, one: Record, second: int, other: Record) -> list[Findin
             places, names = (first, second), (_name(one, first), _name(other, second))
             finding = _difference(name, responses[0][both], responses[1][both], noise, seconds, places, names, one)
             if finding is not None:
-                found.append(finding)
+                unshown = [
+                    label for record, label in zip((one, other), names, strict=True) if not shows_zero(record.run, name)
+                ]
+                found.append(_or_a_zero(finding, responses[1][both] - responses[0][both], noise, unshown, one))
     return sorted(found, key=lambda finding: finding.channel or "")
 
 
@@ -123,9 +129,8 @@ def _difference(
     if power == 0.0 or math.sqrt(power / len(one)) < 2.0 * noise:
         return None  # nothing but noise to compare
     ratio = float(one.dot(other)) / power
-    rows = max(1, len(difference) // _BLOCKS)
-    means = difference[: len(difference) // rows * rows].reshape(-1, rows).mean(axis=1)
-    least = max(6.0 * noise / math.sqrt(rows), 0.02 * math.sqrt(power / len(one)))
+    means, error = _blocks(difference, noise)
+    least = max(6.0 * error, 0.02 * math.sqrt(power / len(one)))
     changed = float(np.abs(means).max()) > least
     channel = record.channels[name]
     numbers = (
@@ -151,4 +156,31 @@ def _difference(
             "difference": rms,
             "noise": noise,
         },
+    )
+
+
+def _blocks(difference: FloatArray, noise: float) -> tuple[FloatArray, float]:
+    """Means of a difference over some twenty stretches, and how far its noise moves one of them."""
+    rows = max(1, len(difference) // _BLOCKS)
+    means = difference[: len(difference) // rows * rows].reshape(-1, rows).mean(axis=1)
+    return means, noise / math.sqrt(rows)
+
+
+def _or_a_zero(finding: Finding, difference: FloatArray, noise: float, unshown: list[str], record: Record) -> Finding:
+    """A difference that is the same all the time is that of a zero where a record shows none: it is told as well."""
+    if finding.code != "state-changed" or not unshown:
+        return finding
+    means, error = _blocks(difference, noise)
+    zero = float(np.mean(means))
+    if float(np.abs(means - zero).max()) > max(6.0 * error, _SAME_ALL_THE_TIME * abs(zero)):
+        return finding
+    channel = record.channels[str(finding.channel)]
+    rest = "rests" if len(unshown) == 1 else "rest"
+    return replace(
+        finding,
+        message=f"{finding.message}; it is the same all the time: {' and '.join(unshown)} {rest} too short before the "
+        f"voltage to show the zero of the {finding.channel}, and one of {channel.show(abs(zero))} explains it as well",
+        repair=f"record 5 s at 0 V before the first edge, which shows the zero; if the difference stays, "
+        f"{finding.repair}",
+        values={**finding.values, "zero": zero},
     )

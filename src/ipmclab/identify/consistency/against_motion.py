@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
-from ipmclab.identify.consistency.facts import Fact
+from ipmclab.identify.consistency.facts import Fact, with_zero_first
 from ipmclab.identify.consistency.flick import NAMES as OF_RING
 from ipmclab.identify.consistency.known import Known, Values
 from ipmclab.identify.consistency.push import doubted
@@ -41,15 +41,19 @@ def push_against_motion(known: Known, facts: Sequence[Fact], motions: Sequence[M
         return []
     sigmas, still, pushed, push, one, also = worst
     if_pushed, if_moved = _ring(known, pushed.value), _ring(known, still.value)
+    zeros = _zeros_told(known, one, pushed.value)
     return [
         conflict(
             PUSHED,
             f"force over displacement is {still} ({one.said}{_taken_off(known, one)}), {push.where or 'the push'} "
             f"gives {pushed}, {_times(pushed, still)}: {how_sure(sigmas)}, whatever modulus the model has{also}"
-            f"{doubted(push)}" + known.taken(_POINT),
-            f"flick the strip at 0 V with the laser at 1 kS/s: it rings at {if_pushed:.3g} Hz if the push is right and "
-            f"at {if_moved:.3g} Hz if the motion is; if the push is right, record force and displacement of one step "
-            "in one mounting: the strip may have been in two states",
+            f"{doubted(push)}{zeros}" + known.taken(_POINT),
+            with_zero_first(
+                f"flick the strip at 0 V with the laser at 1 kS/s: it rings at {if_pushed:.3g} Hz if the push is right "
+                f"and at {if_moved:.3g} Hz if the motion is; if the push is right, record force and displacement of "
+                "one step in one mounting: the strip may have been in two states",
+                zeros,
+            ),
             found=still,
             expected=pushed,
             sigmas=sigmas,
@@ -85,14 +89,19 @@ def resonance_against_motion(known: Known, facts: Sequence[Fact], motions: Seque
     sigmas, rings, expected, flick, one, also = worst
     still = _static(known, one)
     if_rung = still.value * (rings.value / expected.value) ** 2
+    zeros = _zeros_told(known, one, if_rung)
     return [
         conflict(
             RANG,
             f"{flick.where or 'the flick'}: the strip rings at {rings}, but with force over displacement of {still} "
             f"({one.said}{_taken_off(known, one)}) and its mass it would ring at {expected}: {how_sure(sigmas)}, "
-            f"whatever modulus the model has{also}" + known.taken(_MASS),
-            f"push the strip at the sensing point with the load cell at 0 V, in and out: the slope is {if_rung:.3g} "
-            f"N/m if the flick is right and {still.value:.3g} N/m if the motion is; weigh the strip, too",
+            f"whatever modulus the model has{also}{zeros}" + known.taken(_MASS),
+            with_zero_first(
+                f"push the strip at the sensing point with the load cell at 0 V, in and out: the slope is "
+                f"{if_rung:.3g} N/m if the flick is right and {still.value:.3g} N/m if the motion is; weigh the strip, "
+                "too",
+                zeros,
+            ),
             found=rings,
             expected=expected,
             sigmas=sigmas,
@@ -127,6 +136,11 @@ def _static(known: Known, one: Motion) -> Amount:
     share = stiffness(known.values) / one.model
     value = share * one.measured.value
     return Amount(value, math.hypot(share * one.measured.uncertainty, one.slow * value), "N/m")
+
+
+def _zeros_told(known: Known, one: Motion, still: float) -> str:
+    """Clauses with the zeros by which force over displacement would say another stiffness [N/m]."""
+    return one.zeros_told(still * one.model / stiffness(known.values))
 
 
 def _taken_off(known: Known, one: Motion) -> str:

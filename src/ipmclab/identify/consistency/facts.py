@@ -12,7 +12,7 @@ from typing import Final, Literal
 import numpy as np
 
 from ipmclab.data import measured_contacts, published_measurements
-from ipmclab.quality import measure, period_of
+from ipmclab.quality import measure, period_of, shows_zero
 from ipmclab.quality.check import check_record
 from ipmclab.quality.kept import kept
 from ipmclab.quality.record import Record
@@ -35,6 +35,9 @@ READ_UNTIL: Final = 40.0
 
 _RIPPLE: Final = 0.1
 """A first maximum of displacement or force before that [s] is a ripple of the edge, not how far the strip went."""
+
+_FROM_REST: Final = frozenset({"peak_at_first_edge", "largest", "half_period_end"})
+"""Metrics that an unknown zero of the sensor moves; the amplitude of a wave it does not."""
 
 _SAME: Final = 0.02
 _STEADY: Final = 0.1
@@ -74,6 +77,8 @@ class Fact:
         Of the run in the call; None for a number that does not come from a run.
     doubts : str
         What is wrong with how it was measured.
+    zero_taken : bool
+        Whether it was counted from a reading of zero, as the record does not say what the sensor reads at rest.
     """
 
     sample: str | None
@@ -90,6 +95,7 @@ class Fact:
     at_least: bool = False
     place: int | None = None
     doubts: str = ""
+    zero_taken: bool = False
 
     @property
     def signal(self) -> str:
@@ -110,6 +116,32 @@ class Fact:
             and _near(self.amplitude, other.amplitude)
             and _near(self.frequency, other.frequency)
         )
+
+
+def zero_told(fact: Fact, agreeing: float) -> str:
+    """A clause with the zero of its sensor that would bring a fact to a value [SI]; empty where the zero is known.
+
+    Examples
+    --------
+    >>> step = Fact("mine", "step", "max_displacement", 3e-3, 1e-4, where="run 0", zero_taken=True)
+    >>> zero_told(step, 1e-3)
+    '; run 0 rests too short before the voltage to show the zero of its displacement: one of 2 mm explains it as well'
+    """
+    if not fact.zero_taken:
+        return ""
+    name = "current" if fact.metric.endswith("_current") else fact.metric.removeprefix("max_")
+    channel = CHANNELS[name]
+    zero = channel.to_display(abs(fact.value - agreeing))
+    return (
+        f"; {fact.where} rests too short before the voltage to show the zero of its {channel.name}: one of {zero:.2g} "
+        f"{channel.display_unit} explains it as well"
+    )
+
+
+def with_zero_first(experiment: str, told: str) -> str:
+    """What decides, after a record that shows the zero where one was taken for granted."""
+    first = "record it again with 5 s at 0 V before the first edge, which shows the zero; if it stays, "
+    return first + experiment if told else experiment
 
 
 def _near(one: float | None, other: float | None) -> bool:
@@ -272,6 +304,7 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
             time=times.get(metric.channel) if waveform == "step" else len(run) * record.period,
             at_least=metric.channel in clipped,
             place=place,
+            zero_taken=metric.name in _FROM_REST and not shows_zero(run, metric.channel),
         )
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ipmclab.identify.consistency.amounts import SURE, Amount, beyond, conflict, how_sure
-from ipmclab.identify.consistency.facts import READ_BY, READ_UNTIL, Fact
+from ipmclab.identify.consistency.facts import READ_BY, READ_UNTIL, Fact, with_zero_first, zero_told
 from ipmclab.identify.consistency.known import Known
 from ipmclab.identify.consistency.predicted import predicted
 from ipmclab.run import Finding
@@ -59,13 +59,17 @@ def _compare(known: Known, sine: Fact, step: Fact) -> Finding | None:
     frequency = sine.frequency or 0.0
     lag = math.sqrt(1.0 / value**2 - 1.0) / (2.0 * math.pi * frequency) if value < 1.0 else None
     needs = f"; one slow mode would need a time constant of {lag:.2g} s" if lag else ""
+    zero = zero_told(step, sine.value / expected.value)
     return conflict(
         CODE,
         f"the {channel} under the {sine.signal} is {measured} of that under the {step.signal} "
         f"({1e3 * sine.value:.3g} {unit} in {sine.where} over {1e3 * step.value:.3g} {unit} in {step.where}), the "
-        f"modes of the model ({_modes(known)}) keep {expected}: {how_sure(sigmas)}{needs}",
-        f"record step and sine in one mounting, the step again last: if the ratio stays, the {channel} has a slow mode "
-        f"(add relaxation.{channel}); if the second step is smaller, the first began in a fresh state",
+        f"modes of the model ({_modes(known)}) keep {expected}: {how_sure(sigmas)}{needs}{zero}",
+        with_zero_first(
+            f"record step and sine in one mounting, the step again last: if the ratio stays, the {channel} has a slow "
+            f"mode (add relaxation.{channel}); if the second step is smaller, the first began in a fresh state",
+            zero,
+        ),
         found=measured,
         expected=expected,
         sigmas=sigmas,

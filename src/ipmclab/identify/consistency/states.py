@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from itertools import combinations
 
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
-from ipmclab.identify.consistency.facts import Fact
+from ipmclab.identify.consistency.facts import Fact, with_zero_first, zero_told
 from ipmclab.run import Finding
 from ipmclab.units import CURRENT
 
@@ -45,14 +45,19 @@ def two_states(facts: Sequence[Fact], compared: Collection[tuple[int, int]] = ()
     ]
     also = f"; likewise {', '.join(rest)}" if rest else ""
     bound = "at least " if large.at_least else ""
+    zero = zero_told(large, small.value) + zero_told(small, large.value)
     return [
         conflict(
             CODE,
             f"under the same {large.signal} the {large.metric.replace('_', ' ')} is {bound}{more} in "
             f"{_run_of(large)} and {less} in {_run_of(small)}, {large.value / small.value:.2g} times: "
-            f"{how_sure(sigmas)}; the strip, or its clamping, was in two states{also}",
-            "record one step twice in one mounting, displacement and force one after the other at the same humidity: "
-            "if the currents agree, hydration or clamping made the difference, and no one parameter set fits both",
+            f"{how_sure(sigmas)}; the strip, or its clamping, was in two states{also}{zero}",
+            with_zero_first(
+                "record one step twice in one mounting, displacement and force one after the other at the same "
+                "humidity: if the currents agree, hydration or clamping made the difference, and no one parameter set "
+                "fits both",
+                zero,
+            ),
             found=more,
             expected=less,
             sigmas=sigmas,

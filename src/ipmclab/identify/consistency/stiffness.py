@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ipmclab.identify.consistency.amounts import SURE, Amount, apart, conflict, how_sure
-from ipmclab.identify.consistency.facts import Fact
+from ipmclab.identify.consistency.facts import Fact, with_zero_first, zero_told
 from ipmclab.identify.consistency.known import Known, Values
 from ipmclab.identify.consistency.predicted import predicted
 from ipmclab.model import Actuator
@@ -58,6 +58,10 @@ class Motion:
         """What it was made of: ``"1.3 mN in figure 5.18 over 3.7 mm in figure 5.15"``."""
         force, motion = self.force, self.motion
         return f"{_milli(force.value)} mN in {force.where} over {_milli(motion.value)} mm in {motion.where}"
+
+    def zeros_told(self, ratio: float) -> str:
+        """Clauses with the zeros that would bring force over displacement to a ratio [N/m], where none is shown."""
+        return zero_told(self.force, ratio * self.motion.value) + zero_told(self.motion, self.force.value / ratio)
 
     @property
     def order(self) -> int:
@@ -119,6 +123,7 @@ def motion_against_stiffness(known: Known, motions: Sequence[Motion]) -> list[Fi
     gain = known.values["coupling.gain"] * motion.value / predicted(known.actuator, motion)
     softer = known.actuator.replace(**{"beam.modulus": modulus, "coupling.gain": gain})
     now, then = (resonance(one.parameter_values).frequency for one in (known.actuator, softer))
+    zeros = worst.zeros_told(expected.value)
     rings = sorted((ring_of_step(known.actuator), ring_of_step(softer)))
     rest = [
         f"{one[4].force.waveform} {known.values['beam.modulus'] * one[2].value / one[3].value * 1e-6:.3g} MPa"
@@ -136,9 +141,12 @@ def motion_against_stiffness(known: Known, motions: Sequence[Motion]) -> list[Fi
             CODE,
             f"force over displacement is {measured} ({worst.said}), the stiffness of the model says "
             f"{expected}: {how_sure(sigmas)}; the measured ratio needs a modulus of {modulus * 1e-6:.3g} MPa in place "
-            f"of {known.values['beam.modulus'] * 1e-6:.4g} MPa{also}" + known.taken(NAMES),
-            f"flick the strip at 0 V with the laser at 1 kS/s: it rings at {now:.3g} Hz if the modulus is right and at "
-            f"{then:.3g} Hz if the motion is{useless}",
+            f"of {known.values['beam.modulus'] * 1e-6:.4g} MPa{also}{zeros}" + known.taken(NAMES),
+            with_zero_first(
+                f"flick the strip at 0 V with the laser at 1 kS/s: it rings at {now:.3g} Hz if the modulus is right "
+                f"and at {then:.3g} Hz if the motion is{useless}",
+                zeros,
+            ),
             found=measured,
             expected=expected,
             sigmas=sigmas,
