@@ -50,8 +50,7 @@ class Bench:
             Another one does, or may.
         """
         follower = self.follower
-        runs = follower.is_joined or follower.may_run
-        if not again and self.seats.is_new and time.monotonic() < self._until and runs:
+        if not again and self.seats.is_new and time.monotonic() < self._until and follower.may_drive:
             raise IpmclabError(
                 "the page was begun anew: who held the bench may take it again first",
                 code="bench-kept",
@@ -86,7 +85,7 @@ class Bench:
         if not self._reached(what, **values):
             if taken:
                 self.seats.release(seat)
-            if self.follower.may_run:
+            if self.follower.may_drive:
                 raise IpmclabError(
                     "the recorder at the bench cannot be reached, and may be driving the output",
                     code="recorder-unreached",

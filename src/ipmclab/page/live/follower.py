@@ -88,12 +88,18 @@ class Follower:
 
     @property
     def may_run(self) -> bool:
-        """Whether a recorder is there that was not heard to end, joined or not."""
+        """Whether a recorder is there that is not joined and was not heard to end."""
         if self._launching:
             return False
         with contextlib.suppress(OSError):
             return any(self._not_before.get(file) != _NEVER for file in recorders(self._folder()))
         return False
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether something may drive the output: a recorder that is joined, or one that may run."""
+        # In this order: one that is joined between the two questions is found by the second.
+        return self.may_run or self.is_joined
 
     def reach(self) -> None:
         """Join a recorder that is there now, where none is joined: what is asked next must reach it. May take long."""
