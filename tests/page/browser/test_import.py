@@ -111,4 +111,6 @@ def test_a_record_that_was_mended_can_be_chosen_again(address: str, open_page, t
         )
         page.get_by_text(f"mine.csv: {rows} rows, 3 columns").wait_for(timeout=LONG)
     page.locator(".lab-file").get_by_text("mine.csv").wait_for()
+    # The input is empty again; it must not say so beside the name.
+    assert page.get_by_label(label).evaluate("one => getComputedStyle(one).fontSize") == "0px"
     assert serious(page) == []

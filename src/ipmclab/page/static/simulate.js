@@ -439,6 +439,7 @@ const LabSimulate = (() => {
     told() {
       const wrong = this.options.parameters.filter(({ name }) => !this.fields.get(name).message.hidden);
       for (const { name } of wrong) this.fields.get(name).row.closest("details").open = true;
+      if (wrong.length) this.fields.get(wrong[0].name).row.scrollIntoView({ block: "nearest" });
       return { changes: this.changes, wrong: wrong.map(({ label }) => label) };
     }
 
