@@ -179,17 +179,17 @@ def test_one_that_cannot_be_reached_may_have_begun_a_run() -> None:
 def test_what_a_silent_recorder_and_its_guardian_come_to_is_said() -> None:
     state = recording()
     assert not state.document()["old"]
-    state.heard_nothing(2)
+    state.read_nothing(2)
     silent = state.document()
     assert (silent["trouble"], silent["old"]) == (True, True)
-    assert silent["text"] == "nothing has come from the recorder for 2 s"
+    assert silent["text"] == "no reading has come from the recorder for 2 s"
     state.guarded("zero", "the recorder was silent for 0.5 s")
-    assert state.document()["text"] == "the guardian brought the output to 0 V (silent for 2 s)"
+    assert state.document()["text"] == "the guardian brought the output to 0 V (no reading for 2 s)"
     assert state.trouble == state.document()["text"]
     state.guarded("failed", "no answer")
     assert state.document()["alarm"] == SWITCH
     state.guarded("armed")
-    state.heard_nothing(None)
+    state.read_nothing(None)
     assert (state.document()["trouble"], state.document()["old"], state.trouble) == (False, False, "")
 
 
@@ -241,9 +241,12 @@ def test_silence_is_counted_where_readings_came_and_others_should(tmp_path: Path
     assert document(bench)["silent"] is None  # its zeros are read, which takes as long as it takes
     wait_until(lambda: any(client.wants_blocks for client in recorder.hub._clients))
     recorder.hub.tell(block(0, 10))
+    wait_until(lambda: (document(bench)["silent"] or 0) >= 1, 60.0)
+    recorder.tell("progress", rows=10, acknowledged=10, of=100)  # the disk goes on where a chassis hangs
     wait_until(lambda: (document(bench)["silent"] or 0) >= 2, 60.0)
+    assert document(bench)["progress"]["acknowledged"] == 10
     recorder.guard("zero", "the recorder was silent for 0.5 s")
-    wait_until(lambda: document(bench)["text"].startswith("the guardian brought the output to 0 V (silent for "))
+    wait_until(lambda: document(bench)["text"].startswith("the guardian brought the output to 0 V (no reading for "))
     assert "the guardian brought the output to 0 V" in bench.ask("anna", "zero")
     recorder.guard("armed")
     recorder.hub.tell(block(10, 90))  # it goes on, to its last row

@@ -116,16 +116,16 @@ def test_a_recorder_that_hangs_is_not_shown_as_a_run_that_goes_on(tmp_path: Path
         assert not operator.get_by_text("Old: the last").count()
         send(process, "SIGSTOP")
         wait_until(lambda: chassis.level == 0.0, "0 V")
-        told = re.compile(r"^the guardian brought the output to 0 V \(silent for \d+ s\)$")
+        told = re.compile(r"^the guardian brought the output to 0 V \(no reading for \d+ s\)$")
         for page in (operator, watcher):
-            page.locator("#lab-bench-word").filter(has_text=re.compile("^recorder silent$")).wait_for()
+            page.locator("#lab-bench-word").filter(has_text=re.compile("^no readings$")).wait_for()
             page.locator("#lab-bench-text").filter(has_text=told).wait_for()
         operator.get_by_text("Old: the last readings that came").wait_for()
         assert serious(operator) == []
         operator.get_by_role("button", name="ZERO").click()
         operator.locator("#lab-said").filter(has_text="asked of the recorder; the guardian brought").wait_for()
         operator.locator("#lab-bench-text").filter(has_text=told).wait_for()  # and not that it is going to be at 0 V
-        assert operator.locator("#lab-bench-word").inner_text() == "recorder silent"
+        assert operator.locator("#lab-bench-word").inner_text() == "no readings"
         send(process, "SIGKILL")
         for page in (operator, watcher):
             page.locator("#lab-bench-word").filter(has_text="recorder lost").wait_for()

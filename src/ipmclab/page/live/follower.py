@@ -32,7 +32,7 @@ _HANGS: Final = 30.0
 """How long [s] one that does not answer is left alone by the follower; who asks for something tries it at once."""
 
 _SILENT: Final = 1.5
-"""After so long [s] without a word it is said that a run is silent, whose readings came before."""
+"""After so long [s] without a reading it is said that none comes, where some have: whoever it is that hangs."""
 
 _ACTS: Final = 1.0
 """How long [s] the guardian of a recorder that is gone has, before it is said that nobody knows of the output."""
@@ -260,14 +260,14 @@ class Follower:
         self.state.lost(f"{error.message.partition(';')[0]}; {error.repair}", is_gone=False)
 
     def _listen(self, recorder: Recorder) -> None:
-        heard = time.monotonic()
+        read = time.monotonic()
         while not self._ended.is_set():
             message = recorder.next(_WAIT, patience=0.0)
             # What ends a run comes after the guardian was let go of: it is looked at before that is taken.
             self._look(at_once=message is not None and message.kind in ("step", "question", "recorded", "ended"))
-            if message is not None:
-                heard = time.monotonic()
-            self.state.heard_nothing(self._silence(time.monotonic() - heard))
+            if message is not None and message.kind == "block":
+                read = time.monotonic()
+            self.state.read_nothing(self._silence(time.monotonic() - read))
             if self._answers != self._answers_told:
                 with self._sending:
                     self._subscribe(recorder)
@@ -278,7 +278,7 @@ class Follower:
                 return
 
     def _silence(self, seconds: float) -> int | None:
-        """Whole seconds without a word, where readings have come and others should; None where that may be."""
+        """Whole seconds without a reading, where some have come and others should; None where that may be."""
         run, columns, progress = self.state.run, self.columns, self.state.readings()["progress"] or {}
         if run is None or columns is None:
             return None

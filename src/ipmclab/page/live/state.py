@@ -58,7 +58,7 @@ class State:
 
     @property
     def trouble(self) -> str:
-        """What everybody is to know before all else, such as a silent recorder; empty where nothing is wrong."""
+        """What everybody is to know before all else, such as readings that do not come; empty where there is none."""
         with self._lock:
             told = self._in_words()
         return "; ".join(filter(None, (told["alarm"], told["text"]))) if told["trouble"] else ""
@@ -123,8 +123,8 @@ class State:
             if self._output.left(found):
                 self._changed()
 
-    def heard_nothing(self, seconds: int | None) -> None:
-        """So long [s] nothing has come of a run whose readings came before; None where that is not so."""
+    def read_nothing(self, seconds: int | None) -> None:
+        """So long [s] no reading has come of a run that is given out; None where that is not so."""
         with self._lock:
             if seconds != self._told["silent"]:
                 self._changed(silent=seconds)

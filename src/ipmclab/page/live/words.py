@@ -31,7 +31,7 @@ def in_words(bench: str, output: Output, silent: int | None, more: str) -> str:
         One of ``WORDS``.
     output : Output
     silent : int [s], optional
-        How long nothing has come from the recorder of a run.
+        How long no reading has come of a run.
     more : str
         What else is known, such as why a recorder is lost.
 
@@ -40,14 +40,14 @@ def in_words(bench: str, output: Output, silent: int | None, more: str) -> str:
     >>> in_words("ended", Output(), None, "")
     'no voltage given out'
     >>> in_words("recording", Output(), 3, "")
-    'nothing has come from the recorder for 3 s'
+    'no reading has come from the recorder for 3 s'
     """
-    silence = f"nothing has come from the recorder for {silent} s" if silent is not None else ""
+    silence = f"no reading has come from the recorder for {silent} s" if silent is not None else ""
     if output.level == "unsure":
         return _joined(output.why, silence, more)
     acted = _ACTED if output.guardian == "zero" else ""
     if bench == "recording" and (acted or silence):
-        return f"{acted} (silent for {silent} s)" if acted and silence else acted or silence
+        return f"{acted} (no reading for {silent} s)" if acted and silence else acted or silence
     level = acted or _LEVELS[output.level]
     if bench == "lost":
         level = level or "the recorder may be driving the output"

@@ -135,7 +135,7 @@ function tellHeader(state) {
   bench.toggleAttribute("data-trouble", state.trouble);
   bench.title = state.trouble ? [state.alarm, state.text].filter(Boolean).join("; ") : "";
   const ending = busy && state.ending;
-  const word = state.silent !== null ? "recorder silent" : ending ? ENDINGS[ending.how] : WORDS[state.bench] ?? state.bench;
+  const word = state.silent !== null ? "no readings" : ending ? ENDINGS[ending.how] : WORDS[state.bench] ?? state.bench;
   // What nobody has confirmed to be at 0 V is said before all else.
   set("lab-bench-word", state.alarm || word);
   set("lab-bench-text", state.alarm ? `${word}: ${state.text}` : state.trouble ? state.text : ending ? lab.ends(state) :
