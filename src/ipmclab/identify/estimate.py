@@ -20,6 +20,7 @@ from ipmclab.identify.progress import stage
 from ipmclab.identify.response import ActuatorResponder, CircuitResponder, is_lumped, lumped
 from ipmclab.identify.rest import is_idle, not_at_rest
 from ipmclab.identify.solve import Pinned, Solution, entry_errors, minimise, null_directions, polish, settle
+from ipmclab.identify.starts.anew import anew, drifts, in_full
 from ipmclab.identify.starts.start import (
     StartingPoint,
     fastest_rate,
@@ -34,7 +35,7 @@ from ipmclab.identify.undetermined.diagnosis import DETERMINED
 from ipmclab.identify.unknowns import Unknown, unknowns_of
 from ipmclab.identify.unseen import Unseen
 from ipmclab.identify.unshown_zero import unshown_zeros
-from ipmclab.identify.valleys import Place, Rival, branch_valley
+from ipmclab.identify.valleys import Minima, Place, Rival, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.structure import Structure
@@ -67,7 +68,7 @@ class Estimate:
     ``parameters`` are those of the actuator that was given. ``rivals`` are other fits that the
     readings do not tell from the solution. ``unseen`` are stages that were taken out of the problem;
     ``beside`` is the fit that still had them, where there are any. ``white`` is what least squares gave, before the
-    noise was looked at.
+    noise was looked at; where that drifts and there are several minima, the most likely point under it.
     """
 
     parameters: Mapping[str, Parameter]
@@ -120,13 +121,14 @@ def _estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Recor
     _need_as_many_readings(len(unknowns_of(names, parameters, records)), records)
     given_up: set[int] = set()
     while True:
-        searched, near, rivals, along = _fit(actuator, parameters, names, records)
+        searched, near, minima = _fit(actuator, parameters, names, records)
         problem, solution = _without_idle(searched, near, names)
         moving = not_at_rest(problem, solution) - given_up
         if not moving:
             break
         given_up |= moving
         records = [replace(record, start="free") if record.place in moving else record for record in records]
+    rivals, along = minima.rivals, minima.along
     if problem is not searched:
         # With fewer unknowns all is known better, at the other minima and along the valleys too.
         rivals = _still_rivals(problem, solution, rivals)
@@ -149,11 +151,18 @@ def _estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Recor
     # Where the residuals are more than white noise, the parameters are those that are most likely under their noise.
     stage("finding the noise, and fitting under it", 0.6, 0.75, 1000)
     white = problem, solution
-    correlated = noise_of(problem, solution, _asked(problem, names))
+    yielding = _asked(problem, names)
+    correlated = noise_of(problem, solution, yielding)
+    again: tuple[Rival, ...] = ()
+    if minima.ends and drifts(correlated):
+        correlated, again = anew(problem, correlated, minima.ends, lambda at: noise_of(problem, at, yielding))
+        # Least squares may have gone far after the drift: what the model leaves is looked at where the strip is.
+        white = problem, in_full(problem, correlated.problem, correlated.solution)
     problem, solution = correlated.problem, correlated.solution
     findings += unshown_zeros(problem, solution)
     if correlated.noise:
         rivals = _still_rivals(problem, solution, [replace(r, reach=dict.fromkeys(r.reach, 0.0)) for r in rivals])
+        rivals += again
     return Estimate(parameters, problem, solution, rivals, tuple(findings), correlated, unseen, beside, white)
 
 
@@ -263,27 +272,27 @@ def _again(problem: Problem, near: Solution) -> Solution:
 
 def _fit(
     actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[Record]
-) -> tuple[Problem, Solution, tuple[Rival, ...], tuple[Rival, ...]]:
-    """The best minimum, other minima that are as good, and the places along its valleys that are."""
+) -> tuple[Problem, Solution, Minima]:
+    """The best minimum, and the others."""
     stage("finding where to start from the readings alone", 0.05, 0.2, 300)
     circuit = _circuit_first(actuator, parameters, names, records)
     points = known_first(actuator, names, records, circuit)
     dear = not (is_lumped(actuator.structure) and all(set(record.readings) == {"current"} for record in records))
     shorter = thinned(records, points[0].delays) if dear else None
     if shorter is None:
-        problem, solution, rivals, along = _search(actuator, parameters, names, records, points)
+        problem, solution, minima = _search(actuator, parameters, names, records, points)
     else:
-        rough, near, rivals, along = _search(actuator, parameters, names, shorter, points)
+        rough, near, minima = _search(actuator, parameters, names, shorter, points)
         stage("fitting every row", 0.45, 0.5)
         problem = problem_at(actuator, parameters, names, records, points[0], _noise_of(records))
-        rivals, along = (tuple(rival.moved_to(rough, problem) for rival in some) for some in (rivals, along))
+        minima = minima.moved_to(rough, problem)
         theta = entries_at(problem, points[0])
         there = Rival.of(rough, near.theta).moved_to(rough, problem).entries
         for place, unknown in enumerate(problem.unknowns):
             theta[place] = there.get(unknown.name, theta[place]) if not unknown.nuisance else theta[place]
         found = _minimise(problem, theta)
         solution = replace(found, evaluations=found.evaluations + near.evaluations)
-    return *_weigh(problem, solution), rivals, along
+    return *_weigh(problem, solution), minima
 
 
 def _noise_of(records: Sequence[Record]) -> dict[tuple[int, str], float]:
@@ -300,8 +309,8 @@ def _search(
     names: FreeParameters,
     records: Sequence[Record],
     points: Sequence[StartingPoint],
-) -> tuple[Problem, Solution, tuple[Rival, ...], tuple[Rival, ...]]:
-    """The best minimum from some starts, others that are as good, and the places along its valleys that are."""
+) -> tuple[Problem, Solution, Minima]:
+    """The best minimum from some starts, and the others."""
     noise = _noise_of(records)
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(name.startswith(_SEVERAL_MINIMA) for name in names.actuator)
@@ -335,7 +344,8 @@ def _search(
     if set(COUPLING) <= set(names.shared):
         higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
         rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, actuator)) is not None]
-    return problem, solution, tuple(rivals), _allowed(problem, solution, valley)
+    ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
+    return problem, solution, Minima(tuple(rivals), _allowed(problem, solution, valley), tuple(ends))
 
 
 def _share(begin: float, end: float, number: int, count: int) -> tuple[float, float]:

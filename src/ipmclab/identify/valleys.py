@@ -115,6 +115,30 @@ class Rival:
         )
 
 
+@dataclass(frozen=True)
+class Minima:
+    """The minima beside the lowest one.
+
+    Parameters
+    ----------
+    rivals : tuple of Rival
+        Those that are as good.
+    along : tuple of Rival
+        Places along the valleys of the lowest one that the readings allow.
+    ends : tuple of Rival
+        Where all searches ended, the lowest too, where there may be several minima.
+    """
+
+    rivals: tuple[Rival, ...]
+    along: tuple[Rival, ...]
+    ends: tuple[Rival, ...]
+
+    def moved_to(self, rough: Problem, problem: Problem) -> Minima:
+        """The same in the entries of another problem of the same unknowns."""
+        every = (self.rivals, self.along, self.ends)
+        return Minima(*(tuple(one.moved_to(rough, problem) for one in some) for some in every))
+
+
 class Tied:
     """A problem in which the sum of two entries is held: of logarithms, the product of two values."""
 
