@@ -98,6 +98,9 @@ def test_a_mark_is_in_the_record_and_an_abort_ends_the_run(page, lab: Path, reco
     page.get_by_role("list", name="What happened").get_by_text("touched the table — Ω").wait_for()
     (journal,) = Laboratory.open(lab / "runs").journals()
     wait_until(lambda: "touched the table — Ω" in [one.text for one in read_journal(journal).events], "it on the disk")
+    page.get_by_label("Text of a mark").fill("set by Enter")
+    page.get_by_label("Text of a mark").press("Enter")
+    page.get_by_role("list", name="What happened").get_by_text("set by Enter").wait_for()
     assert serious(page) == []
     page.get_by_role("button", name="Abort", exact=True).click()
     at_zero(lab)

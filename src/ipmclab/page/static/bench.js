@@ -175,11 +175,13 @@
         return make("div", { class: after.rest }, button("Start", "start", {}, { ...may, class: "lab-button lab-primary" }),
           button("Do not begin", "stop", {}, may));
       if (phase === "busy") {
-        const text = make("input", { type: "text", "aria-label": "Text of a mark", placeholder: "mark", "data-key": "mark-text", maxlength: "500" });
+        const text = make("input", { type: "text", "aria-label": "Text of a mark", placeholder: "mark", "data-key": "mark-text", maxlength: "500",
+          onkeydown: (event) => { if (event.key === "Enter" && (mine || !held)) set(); } });
+        const set = () => { ask("mark", { text: text.value }); text.value = ""; };
         return make("div", { class: after.rest },
           button("Stop and keep", "stop", {}, may), button("Abort", "abort", {}, may), text,
           make("button", { type: "button", class: "lab-button", "data-key": "mark", ...may,
-            onclick: () => { ask("mark", { text: text.value }); text.value = ""; } }, "Mark"));
+            onclick: set }, "Mark"));
       }
       return [];
     });
