@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.recovery import CASES, SEED, records_of, truth_of
-from ipmclab import identify, load_actuator
+from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
 from ipmclab.identify.undetermined.diagnosis import names_it
 from ipmclab.model.variants import with_stages
 
@@ -35,3 +35,31 @@ def test_two_branches_that_show_are_not_looked_for_elsewhere() -> None:
     fit = identify(friend, records_of(case, friend, generator), free="electrical")
     assert all(parameter.determined for parameter in fit.parameters.values())
     assert fit.evaluations < 100, "nothing to look for"
+
+
+@pytest.mark.parametrize(
+    ("delay", "duration", "rate", "noise", "seed"),
+    [
+        (1.0, 10.0, 5.0, 1e-4, 105),  # the leak goes to its bound, and the branches are known only if it is there
+        (2.0, 12.0, 20.0, 5e-4, 209),
+        (0.5, 2.0, 10.0, 1e-4, 102),  # both branches are open, and the leak is known only where they stand
+        (0.5, 2.0, 10.0, 1e-4, 109),
+    ],
+)
+def test_what_is_open_leaves_no_false_certainty_of_the_others(
+    delay: float, duration: float, rate: float, noise: float, seed: int
+) -> None:
+    friend = load_actuator("friend-2")
+    signal = f"step 1 V delay={delay} s"
+    clean = simulate(friend, signal, duration=duration, rate=rate)
+    assert clean.current is not None
+    current = clean.current + noise * np.random.default_rng(seed).standard_normal(len(clean))
+    rest = RunMetadata(signal=signal, starts_from_rest=True)
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=clean.hold, current=current, metadata=rest)
+    fit = identify(friend, run)
+    assert any(not one.determined for one in fit.parameters.values())
+    for name, one in fit.parameters.items():
+        low, high = one.interval
+        assert not one.determined or low <= friend[name] <= high, name
+        # A number is as uncertain as its interval is wide, whatever the curvature says where it stands.
+        assert not one.determined or np.log(high / low) < 2.0 * 1.96 * 1.1 * one.standard_error / one.value, name

@@ -32,8 +32,10 @@ from ipmclab.identify.uncertainty.interval import (
     edges_are_open,
     half_width,
     interval_of,
+    is_at_bound,
     open_ends,
     reaches_out,
+    something_is_open,
     with_rivals,
 )
 from ipmclab.identify.uncertainty.stated import stated_covariance
@@ -48,7 +50,7 @@ from ipmclab.version import __version__
 
 FloatArray = npt.NDArray[np.float64]
 
-_AT_BOUND: Final = 1e-3
+_MUCH_WIDER: Final = 1.1  # times a standard error from the curvature: an interval that says something else
 _MOTION: Final = frozenset({"displacement", "force"})
 
 _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
@@ -81,8 +83,19 @@ def build_fit(
     model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
     beside = _beside_unseen(result, stated, exact)
     open_edges = edges_are_open(asked, found)
+    leaning = something_is_open(problem, solution, asked, places, found)
     alone = [
-        interval_of(problem, solution, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
+        interval_of(
+            problem,
+            solution,
+            unknown,
+            place,
+            found,
+            number,
+            float(relative[number]),
+            open_edges=open_edges,
+            leaning=leaning,
+        )
         for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
     ]
     apart = {
@@ -102,7 +115,7 @@ def build_fit(
         nearer_error = math.inf if unknown.name in beyond else nearer[number]
         value = float(values[number])
         # Along an open direction a linear unknown stands at the file's value, which may be its bound.
-        at_bound = (unknown.log or math.isfinite(error)) and _is_at_bound(unknown, float(solution.theta[place]))
+        at_bound = (unknown.log or math.isfinite(error)) and is_at_bound(unknown, float(solution.theta[place]))
         others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in rivals if unknown.name in r.entries]
         first = open_ends(unknown) if unknown.name in beyond else (alone[number].low, alone[number].high)
         interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
@@ -111,6 +124,11 @@ def build_fit(
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)
+        if leaning and unknown.log and unknown.name not in apart and error <= DETERMINED:
+            followed = half_width(unknown, interval) / NORMAL_95
+            if followed > _MUCH_WIDER * error:
+                # Not what the curvature says while all that is open stays where it is.
+                error, nearer_error, variance = followed, math.inf, followed**2
         if unknown.name in beside:
             middle, spread = beside[unknown.name]
             reach = NORMAL_95 * spread
@@ -234,11 +252,6 @@ def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[
 
 def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:
     return math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value)
-
-
-def _is_at_bound(unknown: Unknown, entry: float) -> bool:
-    lower, upper = unknown.limits
-    return entry - lower < _AT_BOUND or upper - entry < _AT_BOUND
 
 
 def _unit(base: str) -> str:

@@ -161,8 +161,8 @@ def _estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Recor
     problem, solution = correlated.problem, correlated.solution
     findings += unshown_zeros(problem, solution)
     if correlated.noise:
-        rivals = _still_rivals(problem, solution, [replace(r, reach=dict.fromkeys(r.reach, 0.0)) for r in rivals])
-        rivals += again
+        rivals = _still_rivals(problem, solution, [r for r in rivals if not any(r.reach.values())]) + again
+        rivals += _allowed(problem, solution, _along_valleys(actuator, names, problem, solution))
     return Estimate(parameters, problem, solution, rivals, tuple(findings), correlated, unseen, beside, white)
 
 

@@ -63,6 +63,7 @@ def interval_of(
     error: float,
     *,
     open_edges: bool,
+    leaning: bool = False,
 ) -> Interval:
     """The 95 % interval of one unknown.
 
@@ -80,6 +81,8 @@ def interval_of(
         Its relative standard error, infinite where an open direction moves it.
     open_edges : bool
         Whether an edge lies anywhere between its rows.
+    leaning : bool
+        Whether something else is open: the curvature takes it to stay where it is.
     """
     from scipy.special import stdtrit
 
@@ -93,7 +96,7 @@ def interval_of(
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
     level = _SURE_AT_LIMITS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
     reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
-    curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
+    curved = leaning or math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
     if not curved or not (unknown.log or unknown.base.startswith(_NONLINEAR)):
         return Interval(*beside_bounds(unknown, entry - reach, entry + reach))
     if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
@@ -168,6 +171,26 @@ def edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
         and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
         for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
     )
+
+
+def something_is_open(
+    problem: Problem, solution: Solution, asked: Sequence[Unknown], places: Sequence[int], found: Uncertainty
+) -> bool:
+    """Whether some unknown is at a bound, or is not known to a factor: where it is elsewhere, all others are too."""
+    if len(found.null):
+        return True
+    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else _DEAR
+    return any(
+        unknown.log
+        and (found.plain[number, number] > hopeless**2 or is_at_bound(unknown, float(solution.theta[place])))
+        for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
+    )
+
+
+def is_at_bound(unknown: Unknown, entry: float) -> bool:
+    """Whether an entry is where the search ends."""
+    lower, upper = unknown.limits
+    return entry - lower < _AT_LIMIT or upper - entry < _AT_LIMIT
 
 
 def reaches_out(unknown: Unknown, interval: tuple[float, float], rival: Rival) -> bool:
