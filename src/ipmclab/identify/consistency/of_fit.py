@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ipmclab.identify.consistency.capacitance import CODE as CAPACITANCE
 from ipmclab.identify.consistency.cross_check import cross_check
+from ipmclab.identify.consistency.noisy_voltage import noisy_voltage
 from ipmclab.identify.fit import Fit
 from ipmclab.identify.fit_table import with_findings
 from ipmclab.run import Finding, Run
@@ -21,7 +22,8 @@ def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
     runs : sequence of Run
         From which it was made.
     """
-    return with_findings(fit, [_said_of_the_file(one, fit, runs) for one in cross_check(fit.actuator, runs, fit=fit)])
+    conflicts = [_said_of_the_file(one, fit, runs) for one in cross_check(fit.actuator, runs, fit=fit)]
+    return with_findings(fit, [*conflicts, *noisy_voltage(fit, runs)])
 
 
 def _said_of_the_file(finding: Finding, fit: Fit, runs: Sequence[Run]) -> Finding:
