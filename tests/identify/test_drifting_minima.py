@@ -47,6 +47,6 @@ def test_a_force_that_drifts_is_not_followed_by_a_slow_pole(seed: int) -> None:
 def test_a_noise_that_was_found_at_the_wrong_minimum_does_not_decide_for_it() -> None:
     # There a run's walk passes for noise that fades, under which the strip's own minimum costs ten more.
     fit = identify(FRIEND, drifting(("current", "displacement"), (21, 22)), free="coupling")
-    low, high = fit.parameters["coupling.p1"].interval
-    assert low < FRIEND["coupling.p1"] < high, "the other minimum lies at a sixth"
+    found = fit.parameters["coupling.p1"].value
+    assert 0.5 < found / FRIEND["coupling.p1"] < 2.0, "the other minimum lies at a sixth"
     assert "model-incomplete" not in {finding.code for finding in fit.findings}

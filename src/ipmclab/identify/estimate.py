@@ -161,9 +161,10 @@ def _estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Recor
     problem, solution = correlated.problem, correlated.solution
     findings += unshown_zeros(problem, solution)
     if correlated.noise:
-        rivals = _still_rivals(problem, solution, [r for r in rivals if not any(r.reach.values())]) + again
-        rivals += _allowed(problem, solution, _along_valleys(actuator, names, problem, solution))
-    return Estimate(parameters, problem, solution, rivals, tuple(findings), correlated, unseen, beside, white)
+        rivals = _still_rivals(problem, solution, [replace(r, reach=dict.fromkeys(r.reach, 0.0)) for r in rivals])
+        if isinstance(problem.responder, CircuitResponder):  # the ends of a coupling's valley would reach too far
+            rivals += _allowed(problem, solution, _along_valleys(actuator, names, problem, solution))
+    return Estimate(parameters, problem, solution, rivals + again, tuple(findings), correlated, unseen, beside, white)
 
 
 def _allowed(problem: Problem, solution: Solution, valley: Sequence[Place]) -> tuple[Rival, ...]:
