@@ -350,9 +350,14 @@ def mountings_of(records: Sequence[Record]) -> dict[str, tuple[int, ...]]:
     return {mounting: tuple(places) for mounting, places in found.items()}
 
 
+def ending_of(mounting: str) -> str:
+    """How the names of the parameters end that a mounting has for itself."""
+    return f"[mounting {mounting}]"
+
+
 def own_endings(place: int, mounting: str) -> tuple[str, ...]:
     """How the names of parameters end that belong to a run, or to its mounting, and not to all runs of a fit."""
-    return (f"[{place}]", f"[mounting {mounting}]") if mounting else (f"[{place}]",)
+    return (f"[{place}]", ending_of(mounting)) if mounting else (f"[{place}]",)
 
 
 def own_values(values: Mapping[str, float], endings: Sequence[str]) -> dict[str, float]:

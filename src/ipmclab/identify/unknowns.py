@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identify.free import FreeParameters, Prior
-from ipmclab.identify.observation import LONGEST_DELAY, EdgeDelay, Record, mountings_of
+from ipmclab.identify.observation import LONGEST_DELAY, EdgeDelay, Record, ending_of, mountings_of
 from ipmclab.model.parameters import Parameter
 
 FloatArray = npt.NDArray[np.float64]
@@ -228,7 +228,7 @@ def unknowns_of(
     for name in free.per_mounting:
         for mounting, places in mountings_of(records).items():
             shared = actuator_unknown(parameters[name], None)
-            found.append(replace(shared, name=f"{name}[mounting {mounting}]", places=places))
+            found.append(replace(shared, name=f"{name}{ending_of(mounting)}", places=places))
     found = with_known(found, free.priors)
     if free.together:
         tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}

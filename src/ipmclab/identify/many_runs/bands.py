@@ -15,9 +15,9 @@ from ipmclab.errors import InputError
 from ipmclab.identify.known import Known, known_of
 from ipmclab.identify.many_runs.as_fitted import why_changed
 from ipmclab.identify.many_runs.common_error import common_covariance
-from ipmclab.identify.many_runs.own_of_mounting import ending_of, own_of_mounting, strips_apart
+from ipmclab.identify.many_runs.own_of_mounting import own_of_mounting, strips_apart
 from ipmclab.identify.many_runs.random_effect import FEWEST
-from ipmclab.identify.observation import Observation, own_endings, own_values
+from ipmclab.identify.observation import Observation, ending_of, own_endings, own_values
 from ipmclab.model.sensitivity import sensitivities, simulate_outputs
 from ipmclab.model.simulate import with_shunt
 

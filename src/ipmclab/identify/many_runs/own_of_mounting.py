@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ipmclab.identify.observation import own_values
+from ipmclab.identify.observation import ending_of, own_values
 
 if TYPE_CHECKING:
     from ipmclab.identify.fit import Fit
@@ -14,11 +14,6 @@ if TYPE_CHECKING:
 def mountings_seen(fit: Fit) -> tuple[str, ...]:
     """The mountings that the runs of a fit name, in the order of the runs."""
     return tuple(dict.fromkeys(observation.mounting for observation in fit.observations if observation.mounting))
-
-
-def ending_of(mounting: str) -> str:
-    """How the names of the parameters end that a mounting has for itself."""
-    return f"[mounting {mounting}]"
 
 
 def own_of_mounting(fit: Fit, mounting: str | None) -> dict[str, float]:
