@@ -14,6 +14,14 @@ import numpy as np
 
 from benchmarks.harness import finish
 
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/prediction",
+)
+
 SEED = 20261121
 _NEW = ("sine 1 V 0.2 Hz", 20.0, 25.0)
 _CASES = (("step 1 V",), ("sine 1 V 0.1 Hz",), ("step 1 V", "sine 1 V 0.1 Hz"))
@@ -52,7 +60,7 @@ def main() -> None:
 def counted(signals: tuple[str, ...], trials: int) -> tuple[float, float, float, int]:
     """Shares inside of true answers at the peak and the end and of readings at the peak; trials without an interval."""
     from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
-    from ipmclab.identify.many_runs.answer import sure_answer
+    from ipmclab.prediction.answer import sure_answer
 
     strip, noise = load_actuator("friend-2"), np.random.default_rng([SEED, len(signals), len(signals[0])])
     signal, duration, rate = _NEW

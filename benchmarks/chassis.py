@@ -24,6 +24,8 @@ from nidaqmx.stream_writers import AnalogSingleChannelWriter
 
 from benchmarks.harness import Ratio, finish
 
+SOURCES = ("src/virtual_cdaq",)
+
 DURATION, RATE = 40.0, 50.0  # s, S/s: the experiment of the thesis
 CHANNELS, FAST = 4, 60_000.0  # S/s each
 BLOCK = 6_000  # samples per channel and read: 0.1 s

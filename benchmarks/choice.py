@@ -1,7 +1,7 @@
 """Whether ``choose`` finds the model that made the data, over many noises.
 
 Run ``python -m benchmarks.choice [--trials 60] [--only WORD] [--record]``. Each trial simulates one candidate, adds
-noise, and lets ``choose`` rank all of them. White noise, and noise that hangs together in time (white noise and an
+noise, and lets ``choose`` rank all of them. White noise, and autocorrelated noise (white noise and an
 Ornstein-Uhlenbeck process of three times its size that lasts 3 s). Beside it, what the criterion of
 thousands of independent rows would pick (AIC with white residuals, in sample). Seed 20261121.
 """
@@ -18,7 +18,15 @@ import numpy.typing as npt
 
 import ipmclab
 from benchmarks.harness import finish
-from ipmclab.identify.choosing.choice import Choice
+from ipmclab.choosing.choice import Choice
+
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/choosing",
+)
 
 SEED, RATE = 20261121, 25.0
 WHITE = {"current": 1e-4, "displacement": 5e-6, "force": 2e-6}

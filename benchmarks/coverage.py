@@ -28,6 +28,8 @@ from tests.independent.bounds import (
 )
 from tests.independent.thesis import FRIEND_2, Strip
 
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+
 SEED, RATE, NOISE = 20261121, 50.0, 1e-4
 Array = npt.NDArray[np.float64]
 

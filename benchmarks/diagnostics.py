@@ -22,6 +22,8 @@ import ipmclab
 from benchmarks.harness import finish
 from ipmclab.model.variants import with_stages
 
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+
 SEED = 20261121
 NOISE = {"current": 1e-4, "displacement": 2e-6, "force": 1e-5}
 _LOW = ("step 1 V delay=1 s", "sine 1 V 0.1 Hz")

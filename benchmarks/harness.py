@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-RESULTS = Path(__file__).parent / "results"
-
+from benchmarks.sources import LINE, RESULTS, digest
 
 clock = time.process_time
 """Processor time of this process, all its threads together: what other processes take is not in it."""
@@ -123,7 +122,7 @@ def _commit() -> str:
 def finish(name: str, title: str, body: str, ratios: list[Ratio], *, record: bool, gate: bool) -> None:
     """Print the result; write it under ``results/``; with ``gate``, exit 1 when a ratio is missed."""
     table = "\n".join([RATIO_HEAD, *map(str, ratios)]) if ratios else ""
-    page = f"# {title}\n\n{machine()}\n\n{body}\n\n{table}".strip() + "\n"
+    page = f"# {title}\n\n{machine()}\n{LINE}{digest(name)}\n\n{body}\n\n{table}".strip() + "\n"
     print(page)
     if record:
         RESULTS.mkdir(exist_ok=True)

@@ -14,9 +14,20 @@ import numpy as np
 
 from benchmarks.harness import finish
 from ipmclab import bootstrap, identifiability, identify, load_actuator, profile
-from ipmclab.identify import Fit
+from ipmclab.fit.fit import Fit
 from ipmclab.model.variants import with_stages
-from tests.identify.test_identifiable import FRIEND, SHEET, SIGNALS, SIX, bound_of_six, by_hand, noisy, strip_with
+from tests.identification.undetermined.test_identifiable import (
+    FRIEND,
+    SHEET,
+    SIGNALS,
+    SIX,
+    bound_of_six,
+    by_hand,
+    noisy,
+    strip_with,
+)
+
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
 
 SLOW = with_stages(FRIEND, "relaxation.force")
 EIGHT = ["electrical", "coupling.gain", "coupling.p1", "coupling.p2"]

@@ -24,6 +24,8 @@ from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
 from ipmclab.store.journal.journal import _Note as Note
 from ipmclab.store.journal.journal import _Rows as Rows
 
+SOURCES = ("src/ipmclab/store",)
+
 CHANNELS = ("voltage", "current", "displacement", "force")
 COLUMNS = (*CHANNELS, *(f"{name}_raw" for name in CHANNELS), "output_raw")
 RATE = 10e3

@@ -37,6 +37,8 @@ from ipmclab.rig.process.client import Recorder, launch
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.recover import recover
 
+SOURCES = ("src/ipmclab/rig", "src/ipmclab/store")
+
 SEED = 20261121
 RATE = 50.0
 WITHIN = 1.0

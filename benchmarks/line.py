@@ -16,6 +16,8 @@ from ipmclab.model import line_error_bound
 from tests.independent.thesis import FRIEND_2
 from tests.model.test_line import lined, transmission_line
 
+SOURCES = ("src/ipmclab/model",)
+
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 60)])
 CASES: tuple[tuple[str, float | None, float], ...] = (
     ("friend-2 as a line", None, 0.0),

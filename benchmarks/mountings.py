@@ -21,8 +21,16 @@ from scipy.stats import t as student
 
 import ipmclab
 from benchmarks.harness import finish
-from ipmclab.identify.many_runs.random_effect import random_effect
-from tests.identify.many import ELECTRICAL, FRIEND, mounted, noisy
+from ipmclab.identification.uncertainty.random_effect import random_effect
+from tests.identification.many import ELECTRICAL, FRIEND, mounted, noisy
+
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/prediction",
+)
 
 SEED = 20261121
 _TITLE = "The next mounting, and runs left out"
@@ -117,7 +125,7 @@ def runs_left_out(strips: int) -> Iterator[str]:
             if odd:
                 runs[2] = noisy(generator, signals[2], strip=other)
             fit = ipmclab.leave_one_run_out(ipmclab.identify(FRIEND, runs))
-            low.append([one.unlikely < 0.05 for one in fit.left_out])
+            low.append([one.p_value < 0.05 for one in fit.left_out])
             banded.append([one.inside["current"] for one in fit.left_out])
             named = [finding.message for finding in fit.findings if finding.code == "run-stands-out"]
             called += bool(named)

@@ -30,6 +30,8 @@ from typing import Any
 
 import numpy as np
 
+SOURCES = ("src/ipmclab/page",)
+
 RATE = 100.0
 PREFILLED = 1800.0  # [s]
 CHANNELS = ("voltage", "current", "displacement", "force", "temperature", "relative_humidity")

@@ -26,6 +26,14 @@ from benchmarks.harness import finish
 from tests.independent.bounds import ELECTRICAL, log_parameters_of, noisy_current, strip_of
 from tests.independent.thesis import FRIEND_2
 
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/posterior",
+)
+
 SEED, RATE, NOISE, SPREAD, REST = 20261121, 20.0, 3e-4, 0.15, 5.0
 Array = npt.NDArray[np.float64]
 

@@ -19,11 +19,19 @@ import numpy as np
 
 from benchmarks.harness import finish
 from ipmclab import Run, RunMetadata, follow_procedure, load_actuator, simulate
-from ipmclab.identify.procedure.amounts import Uncertain, mean_of
-from ipmclab.identify.procedure.four_probe import FourProbes
-from ipmclab.identify.procedure.procedure import Procedure
-from ipmclab.identify.procedure.push import Push
+from ipmclab.measurement.push import Push
+from ipmclab.measurement.uncertain import Uncertain, mean_of
 from ipmclab.model import Actuator
+from ipmclab.procedure.four_probe import FourProbes
+from ipmclab.procedure.procedure import Procedure
+
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/procedure",
+)
 
 SEED = 20261121
 ERRORS = {

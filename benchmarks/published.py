@@ -19,16 +19,26 @@ from pathlib import Path
 
 import ipmclab
 from benchmarks.harness import finish
+from benchmarks.printed.headline_fit import HeadlineFit, Prior, compare_all, fit_headlines
+from benchmarks.printed.measured import table
+from benchmarks.printed.passive import linear_one_port
+from benchmarks.printed.passive_steps import leaking_one_port, one_strip
 from ipmclab.data import ParameterSource, published_sample
-from ipmclab.identify.published.headline import HeadlineRun, headline_runs
-from ipmclab.identify.published.headline_fit import HeadlineFit, Prior, compare_all, fit_headlines
-from ipmclab.identify.published.measured import table
-from ipmclab.identify.published.passive import linear_one_port
-from ipmclab.identify.published.passive_steps import leaking_one_port, one_strip
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.actuator_file import actuator_to_text
 from ipmclab.model.variants import with_stages
+from ipmclab.prediction.headline import HeadlineRun, headline_runs
 from ipmclab.units import Quantity
+
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/prediction",
+    "src/ipmclab/data",
+    "benchmarks/printed",
+)
 
 N117, N1110 = 0.183e-3, 0.254e-3
 """Nominal thickness of the membranes [m]: 7 and 10 thousandths of an inch."""

@@ -11,7 +11,7 @@ import scipy.optimize
 import ipmclab
 from benchmarks.real_records import StepRecord, strip
 from ipmclab import Actuator
-from ipmclab.model.sensitivity import simulate_outputs
+from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.variants import with_stages
 
 Array = npt.NDArray[np.float64]

@@ -1,17 +1,32 @@
-"""How well one structure follows the displacement of the real records, and where one of them cannot be followed."""
+"""How well one structure follows the real records, where one of them cannot be followed, and their leak.
+
+Run ``python -m benchmarks.real_shape [--record]``; ``IPMCLAB_REAL_RUNS`` names the folder of the records.
+"""
 
 from __future__ import annotations
 
+import argparse
+import math
 from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 import ipmclab
-from benchmarks.real_records import StepRecord, cut, strip
-from ipmclab.identify import with_slow_modes
-from ipmclab.identify.forecasting.forecast import prepare
+from benchmarks.harness import finish
+from benchmarks.real_leak import leak
+from benchmarks.real_records import StepRecord, cut, records, strip
+from ipmclab.forecasting.forecast import with_slow_modes
 from ipmclab.model.sensitivity import sensitivities
+
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "benchmarks/real_leak.py",
+    "benchmarks/real_records.py",
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -20,6 +35,15 @@ AMPLITUDE = 1.2e-3  # m/V, standard deviation of what a slow mode does
 DELAYS = (-0.08, -0.04, 0.0, 0.04)  # s: rows by which the laser leads the voltage channel
 REFERENCE = {"step_1V": (None, 0.9), "step_2V": (0.5, 0.6), "step_2V_poor": (2.7, None), "step_3V": (3.0, 2.4)}
 """Three exponentials and a free trend, % of range: over 60 s, over the whole record."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/real_shape.md")
+    options = parser.parse_args()
+    found = records()
+    body = "\n\n".join([in_sample(found), jump(found), leak(found)])
+    finish("real_shape", "What the real records hold", body, [], record=options.record, gate=False)
 
 
 def in_sample(found: Mapping[str, StepRecord]) -> str:
@@ -37,7 +61,7 @@ def in_sample(found: Mapping[str, StepRecord]) -> str:
         "| record | first 60 s | whole record | drift before | drift found (60 s) |",
         "|---|---|---|---|---|",
     ]
-    drifts = {name: prepare(None, record.run, origin=_at(record, 15.0)).drift for name, record in found.items()}
+    drifts = {name: before(record) for name, record in found.items()}
     changes = {name: _slope(record) - drifts[name][0] for name, record in found.items()}
     for name, record in found.items():
         curl = float(np.sqrt(np.mean([change**2 for other, change in changes.items() if other != name])))
@@ -126,11 +150,20 @@ def jump(found: Mapping[str, StepRecord]) -> str:
     )
 
 
-def _at(record: StepRecord, seconds: float) -> float:
-    return float(record.run.time[record.contact] + seconds)
+def before(record: StepRecord) -> tuple[float, float]:
+    """Slope of the readings before the contact and its standard error [m/s], the latter from eight blocks."""
+    assert record.run.displacement is not None
+    rows = np.flatnonzero(record.since < 0.0)[:-3]
+    time, read = record.since[rows], record.run.displacement[rows]
+    slopes = [np.polyfit(*pair, 1)[0] for pair in zip(np.array_split(time, 8), np.array_split(read, 8), strict=True)]
+    return float(np.polyfit(time, read, 1)[0]), float(np.std(slopes)) / math.sqrt(8)
 
 
 def _slope(record: StepRecord) -> float:
     rows = record.rows(20.0, 60.0)
     assert record.run.displacement is not None
     return float(np.polyfit(record.run.time[rows], record.run.displacement[rows], 1)[0])
+
+
+if __name__ == "__main__":
+    main()

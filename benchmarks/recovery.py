@@ -24,6 +24,8 @@ from benchmarks.harness import finish
 from ipmclab.model import Actuator
 from ipmclab.model.variants import with_stages
 
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+
 SEED = 20261121
 SHARP = 0.4
 """What has a relative Cramer-Rao bound below this must be called determined."""

@@ -25,6 +25,14 @@ from benchmarks.trust import Tally
 from ipmclab.model import Actuator
 from ipmclab.model.variants import with_stages
 
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "benchmarks/recovery.py",
+)
+
 SEED = 20261121
 Array = npt.NDArray[np.float64]
 _CHANGE = 1e-4
@@ -188,7 +196,7 @@ def row(name: str, tally: Tally) -> str:
         f"| {name} | {len(inside)} | {100.0 * inside[determined].mean():.1f} "
         f"({np.nanmin(covered):.1f} to {np.nanmax(covered):.1f}) | {int(tally.sharp.sum())} of {len(tally.sharp)} | "
         f"{tally.called_determined.min():.1f} | {widths.min():.2f} to {widths.max():.2f} | "
-        f"{tally.seconds / len(inside):.2f} s | {'; '.join(tally.misses()) or 'holds'} |"
+        f"{tally.seconds / len(inside):.2f} s | {'; '.join(tally.misses('white')) or 'holds'} |"
     )
 
 

@@ -19,6 +19,8 @@ from pathlib import Path
 
 from benchmarks.harness import finish
 
+SOURCES = ("src/ipmclab/page", "src/ipmclab/model")
+
 _FITTED = "fitted.toml"
 _MODELS = ("friend-2", "friend-2+leak.exponential+relaxation.displacement", "friend-2+line.modes=6", _FITTED)
 

@@ -20,6 +20,8 @@ import numpy as np
 
 from benchmarks.harness import Ratio, finish
 
+SOURCES = ("src/ipmclab/cli", "src/ipmclab/__init__.py", "src/ipmclab/model")
+
 # Runs one command and prints its time [s] and the peak memory [MB] of it and of what it started.
 WATCH = """
 import subprocess, sys, time

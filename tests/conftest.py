@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
 
+from tests import profiles
 from tests.witness import Witness
+from tests.workers import pytest_collection_modifyitems as pytest_collection_modifyitems
+from tests.workers import pytest_runtest_setup as pytest_runtest_setup
+from tests.workers import pytest_xdist_auto_num_workers as pytest_xdist_auto_num_workers
+from tests.workers import pytest_xdist_make_scheduler as pytest_xdist_make_scheduler
 
 # Small matrices: OpenBLAS threads only wait for each other on a busy machine. NumPy reads this when first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# No example is judged by the clock of a busy machine.
-settings.register_profile("suite", deadline=None)
-settings.load_profile("suite")
+profiles.load()
 
 REPEATS = 3
 """How often a test in real time is repeated, each time only if the machine paused."""
@@ -53,28 +56,30 @@ class RealTime:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before anything is collected."""
+    # What a shell starts in the background ignores Ctrl-C, and so do its children; tests send it to both.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.pluginmanager.register(RealTime(), "real-time")
 
 
 @pytest.fixture(scope="session")
-def real_runs() -> Path:
-    """The folder of real records, or a skip that says how to provide it."""
-    folder = os.environ.get("IPMCLAB_REAL_RUNS")
-    if not folder:
-        pytest.skip("IPMCLAB_REAL_RUNS is unset: it names the folder of real records")
+def real_runs(require: Callable[..., None]) -> Path:
+    """The folder of real records, which ``IPMCLAB_REAL_RUNS`` names."""
+    folder = os.environ.get("IPMCLAB_REAL_RUNS", "")
+    require("real_runs", folder and Path(folder).is_dir(), hint="; IPMCLAB_REAL_RUNS names the folder of real records")
     return Path(folder)
 
 
 @pytest.fixture(scope="session")
-def require() -> Callable[[str, object], None]:
-    """A function that skips when a system tool is missing, or fails where ``IPMCLAB_REQUIRE`` names it."""
+def require() -> Callable[..., None]:
+    """A function that skips when something of the machine is missing, or fails where ``IPMCLAB_REQUIRE`` names it."""
 
-    def check(tool: str, found: object) -> None:
+    def check(tool: str, found: object, hint: str = "") -> None:
         if found:
             return
         if tool in os.environ.get("IPMCLAB_REQUIRE", "").split(","):
-            pytest.fail(f"{tool} is required here (IPMCLAB_REQUIRE) and was not found")
-        pytest.skip(f"{tool} was not found")
+            pytest.fail(f"{tool} is required here (IPMCLAB_REQUIRE) and was not found{hint}")
+        pytest.skip(f"{tool} was not found{hint}")
 
     return check
 
@@ -87,3 +92,15 @@ def brief_collections() -> None:
     """
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def bench_speed() -> Iterator[None]:
+    """The virtual bench at the speed that ``IPMCLAB_BENCH_SPEED`` names."""
+    speed = float(os.environ.get("IPMCLAB_BENCH_SPEED", "1"))
+    with pytest.MonkeyPatch.context() as patch:
+        if speed != 1.0:  # what it changes takes long to import, and most tests have no bench
+            from tests.bench_speed import at_speed
+
+            at_speed(patch, speed)
+        yield

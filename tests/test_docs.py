@@ -9,12 +9,13 @@ from __future__ import annotations
 import doctest
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from ipmclab.cli.app import run
+from ipmclab.model.kinds import further_kinds, unregister
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
@@ -29,17 +30,24 @@ def pages_with_examples() -> Iterator[Path]:
             yield page
 
 
-def run_commands(body: str, folder: Path) -> None:
+def run_commands(body: str) -> None:
     for line in body.splitlines():
         if not line.startswith("$ "):
             continue
         words = shlex.split(line[2:].partition("  #")[0])
         assert words[0] == "ipmclab", f"only ipmclab is run in examples, not {words[0]!r}"
-        command = [sys.executable, "-c", "from ipmclab.cli import main; main()", *words[1:]]
-        result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        assert result.returncode == 0, f"{line}\n{result.stdout}\n{result.stderr}"
+        assert run(words[1:]) == 0, line
 
 
+@pytest.fixture
+def own_stages() -> Iterator[None]:
+    """What a page registers is forgotten after it."""
+    yield
+    for kind in further_kinds():
+        unregister(kind.name)
+
+
+@pytest.mark.usefixtures("own_stages")
 @pytest.mark.parametrize("page", list(pages_with_examples()), ids=lambda page: str(page.relative_to(ROOT)))
 def test_examples_on(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's sessions give what they show, and its commands end well."""
@@ -52,7 +60,7 @@ def test_examples_on(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         if named:
             (tmp_path / named[1]).write_text(fence["body"], "utf-8")
         if fence["kind"] == "console":
-            run_commands(fence["body"], tmp_path)
+            run_commands(fence["body"])
         if fence["kind"] == "pycon":
             line = text[: fence.start()].count("\n") + 1
             example = doctest.DocTestParser().get_doctest(fence["body"], names, page.name, str(page), line)

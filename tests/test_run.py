@@ -30,6 +30,7 @@ def made(**changes: Any) -> Run:
         ({"hold": "linear"}, "unknown-hold", "zero-before"),
         ({"current": [[0.0, 1.0, 2.0]]}, "bad-array", "shape"),
         ({"current": ["a", "b", "c"]}, "bad-array", "not an array"),
+        ({"curent": [0.0, 1.0, 1.0]}, "unknown-channel", "readings of no channel: 'curent'; did you mean 'current'?"),
         ({"quality": {"force": [0, 0, 0]}}, "unknown-channel", "force"),
         ({"quality": {"current": [0, 0]}}, "unequal-lengths", "2 flags for 3"),
         ({"quality": {"current": [0, 256, 0]}}, "bad-quality", "current_quality: not an array of quality bits"),
@@ -152,3 +153,25 @@ def test_a_wrong_sample_table_is_refused(table: dict[str, Any], words: str) -> N
     with pytest.raises(InputError, match="sample") as caught:
         Sample.from_table(table)
     assert words in str(caught.value)
+
+
+def test_the_readings_of_a_run_cannot_be_changed() -> None:
+    """What a fit certifies is what was read: other numbers are another run."""
+    given = np.array([0.0, 0.06, 0.05])
+    run = Run.from_arrays(
+        time=[0.0, 0.02, 0.04],
+        voltage=[0.0, 1.0, 1.0],
+        current=given,
+        quality={"current": [0, 4, 0]},
+        raw={"current": given},
+    )
+    before = run.content_sha256
+    assert run.current is not None
+    for values in (*run.arrays.values(), run.quality["current"], run.raw["current"], run.data["current"].values):
+        with pytest.raises(ValueError, match="read-only"):
+            values[1] = 1
+    given[1] = 0.5  # the caller's own array stays its own
+    assert run.content_sha256 == before
+    assert dataclasses.replace(run, current=2 * run.current).content_sha256 != before
+    object.__setattr__(run, "current", 2 * run.current)  # even what goes round every door shows
+    assert run.content_sha256 != before

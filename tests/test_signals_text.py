@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, seed, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import Run, signals, write_run
@@ -77,7 +77,6 @@ def test_text_reads_back_to_an_equal_signal(signal: signals.Signal) -> None:
         " ".join
     )
 )
-@settings(suppress_health_check=[HealthCheck.too_slow])
 def test_any_other_text_is_refused_with_a_message(text: str) -> None:
     try:
         signal = signals.parse(text)
@@ -190,7 +189,6 @@ def test_what_is_not_a_text_is_refused() -> None:
 
 
 @given(values=st.lists(st.tuples(st.floats(1e-3, 10.0), volts), min_size=2, max_size=30), semicolon=st.booleans())
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_csv_file_reads_back(tmp_path: Path, values: list[tuple[float, float]], semicolon: bool) -> None:
     time = np.cumsum([step for step, _ in values])
     voltage = np.array([value for _, value in values])
@@ -232,9 +230,7 @@ def test_a_run_gives_its_voltage(tmp_path: Path) -> None:
     assert signals.parse(f"file {path}") == signals.Samples([0.0, 0.02, 0.04], [0.0, 1.0, -1.0], path=str(path))
 
 
-@seed(20261121)
 @given(data=st.data())
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_damage_of_a_run_gives_a_traceback(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -118,3 +118,8 @@ def test_a_bare_number_takes_no_unit() -> None:
     """A dimensionless number with a unit is refused."""
     with pytest.raises(InputError, match="bare number"):
         units.parse_quantity("0.05 m", units.NUMBER, where="beam.damping_ratio")
+
+
+def test_a_product_may_be_written_with_a_dot() -> None:
+    for text in ("43.4 ohm·m", "43.4 Ω·m", "43.4 ohm m"):
+        assert units.parse_quantity(text, units.RESISTIVITY, where="x") == 43.4

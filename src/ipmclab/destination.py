@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import replace_file, sync_file
 
 
 def target_of(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
@@ -116,8 +117,8 @@ def replacing(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path
         yield temporary
         # The data must be on the disk before the name is: a power cut must not leave an empty file under it.
         with temporary.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        temporary.replace(target)
+            sync_file(stream.fileno())
+        replace_file(temporary, target)
     except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError on a full disk
         raise IpmclabError(
             f"the file cannot be written: {getattr(error, 'strerror', None) or error}",

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import stat
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 
 def detached() -> dict[str, Any]:
@@ -20,6 +21,30 @@ def detached() -> dict[str, Any]:
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
     else:  # noqa: RET505  # a checker for the other system finds code after a return unreachable
         return {"start_new_session": True}
+
+
+def python_child(module: str, *arguments: str) -> list[str]:
+    """The command of a child process that runs a module of ours.
+
+    It imports nothing from the folder that it is started in (``-P``): a user's ``queue.py`` beside the experiments
+    would stand in the way of Python's own, and a shared folder would be a way to run code. Its pipes are UTF-8
+    whatever the locale is: what a code page cannot say would be lost between them.
+    """
+    return [sys.executable, "-P", "-X", "utf8", "-m", module, *arguments]
+
+
+def own_stdin() -> BinaryIO:
+    """Standard input for whoever calls this first; everybody else reads nothing from it any more.
+
+    A thread that waits for a pipe holds its descriptor. On Windows the Fortran runtime below SciPy looks at
+    descriptor 0 when it is first imported, and waits behind that read for ever (numpy, issue 24290): it finds an empty
+    one.
+    """
+    stream = os.fdopen(os.dup(0), "rb")
+    empty = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(empty, 0)
+    os.close(empty)
+    return stream
 
 
 def write_for_owner_only(path: Path, text: str) -> None:
@@ -32,11 +57,23 @@ def write_for_owner_only(path: Path, text: str) -> None:
     """
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as stream:
         if sys.platform == "win32":
-            # The mode above means nothing there: take the inherited rights away and leave the owner his.
-            user = os.environ.get("USERNAME", "")
-            command = ["icacls", str(path), "/inheritance:r", "/grant:r", f"{user}:F"]
-            subprocess.run(command, check=True, capture_output=True, creationflags=subprocess.CREATE_NO_WINDOW)
+            _leave_to_owner(path)
         stream.write(text)
+
+
+def _leave_to_owner(path: Path) -> None:
+    """Take the inherited rights to a file of Windows away, where its mode means nothing, and leave the owner his.
+
+    By the number of the user, for a name may be another one's, or spelled otherwise in the system's language. Where a
+    disk knows no rights (a USB stick) they stay as they are: that is no reason not to record.
+    """
+    system = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32")
+    quiet: dict[str, Any] = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), "capture_output": True}
+    with suppress(OSError, subprocess.SubprocessError, IndexError):
+        told = subprocess.run([str(system / "whoami.exe"), "/user", "/fo", "csv", "/nh"], check=True, **quiet).stdout
+        number = told.decode(errors="replace").strip().rsplit(",", 1)[1].strip('"')
+        rights = ["/inheritance:r", "/grant:r", f"*{number}:F"]
+        subprocess.run([str(system / "icacls.exe"), str(path), *rights], check=True, **quiet)
 
 
 if sys.platform == "win32":
@@ -49,13 +86,19 @@ if sys.platform == "win32":
         yield
 
     def key_pressed(within: float) -> str:
-        """The key that was pressed within so many seconds, or nothing."""
+        """The key that was pressed within so many seconds, or nothing, also for one that stands for no character."""
         until = time.monotonic() + within
         while not msvcrt.kbhit():
             if time.monotonic() >= until:
                 return ""
             time.sleep(0.02)
-        return msvcrt.getwch()
+        key = msvcrt.getwch()
+        # Arrows, Delete, function keys come as two: a prefix, and a number that reads as some letter. The second prefix
+        # is also the letter a with a grave accent, which comes alone.
+        if key == "\0" or (key == "\xe0" and msvcrt.kbhit()):
+            msvcrt.getwch()
+            return ""
+        return key
 
 else:
     import select
@@ -84,6 +127,7 @@ else:
 
 
 _LOCKED_BYTE = 2**31 - 2  # the largest place that Windows can lock through the C library
+_KEEPS_WHAT_IS_OPEN = os.name == "nt"  # Windows replaces and removes no file that somebody has open
 _SHARING_TIME = 5.0  # how long [s] a virus scanner or MATLAB may hold a file before we give up
 
 
@@ -114,12 +158,75 @@ def lock_file(descriptor: int) -> bool:
     return True
 
 
+def folder_of_the_machine() -> Path:
+    """A folder in which every user of this computer may make files, wherever a process has its own temporary ones."""
+    if sys.platform == "win32":
+        folder = Path(os.environ.get("PROGRAMDATA", r"C:\ProgramData"), "ipmclab")
+        folder.mkdir(exist_ok=True)
+        return folder
+    else:  # noqa: RET505  # a checker for the other system finds code after a return unreachable
+        for shared in (Path("/run/lock"), Path("/tmp")):
+            with suppress(OSError):
+                if stat.S_IMODE(shared.stat().st_mode) & 0o1777 == 0o1777:
+                    return shared
+        return Path("/tmp")
+
+
+def open_for_all_users(path: Path) -> int:
+    """The descriptor of a small file that any user may lock, made where it is not there; for reading at least.
+
+    Raises
+    ------
+    PermissionError
+        Another user made it so that nobody else can open it.
+    """
+    follow = getattr(os, "O_NOFOLLOW", 0)
+    while True:
+        # Not with O_CREAT at once: Linux refuses that for another user's file in a folder of all users.
+        for flags in (os.O_RDWR, os.O_RDONLY):
+            try:
+                return os.open(path, flags | follow)
+            except FileNotFoundError:
+                break
+            except PermissionError:
+                if flags == os.O_RDONLY:
+                    raise
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | follow, 0o666)
+        except FileExistsError:
+            continue  # somebody made it just now
+        if sys.platform != "win32":
+            os.fchmod(descriptor, 0o666)  # whatever the umask takes away
+        return descriptor
+
+
 def is_still_at(descriptor: int, path: Path) -> bool:
     """Whether an open file has not been renamed or removed by someone else."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
         return False
+
+
+LONGEST_PATH = 259 if os.name == "nt" else 4095
+"""Letters of a path that every library can open: Windows counts 260 with the end of the text."""
+
+
+def sync_file(descriptor: int) -> None:
+    """Bring what was written to an open file to the disk, through the disk's own memory.
+
+    Raises
+    ------
+    OSError
+    """
+    if sys.platform == "darwin":
+        import fcntl  # noqa: TID251
+
+        # There ``fsync`` ends when the disk has it in its memory, which a power cut empties.
+        with suppress(OSError):  # not every file system can: a network share
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+            return
+    os.fsync(descriptor)
 
 
 def sync_folder(folder: Path) -> None:
@@ -133,6 +240,25 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+def replace_file(source: Path, target: Path) -> None:
+    """Rename a file within one folder, over another of that name: who reads it has the one or the other, whole.
+
+    Raises
+    ------
+    OSError
+        On Windows only after some seconds, for another program (who reads it, a virus scanner) may have it open.
+    """
+    until = time.monotonic() + _SHARING_TIME
+    while True:
+        try:
+            source.replace(target)
+            return
+        except PermissionError:
+            if not _KEEPS_WHAT_IS_OPEN or time.monotonic() > until:
+                raise
+            time.sleep(0.02)
+
+
 def move_file(source: Path, target: Path) -> None:
     """Rename a file within one disk, over another of that name, and bring both names to the disk.
 
@@ -141,15 +267,7 @@ def move_file(source: Path, target: Path) -> None:
     OSError
         On Windows only after some seconds, for another program may have the file open for a moment.
     """
-    until = time.monotonic() + _SHARING_TIME
-    while True:
-        try:
-            source.replace(target)
-            break
-        except PermissionError:
-            if os.name != "nt" or time.monotonic() > until:
-                raise
-            time.sleep(0.05)
+    replace_file(source, target)
     sync_folder(target.parent)
     if source.parent != target.parent:
         sync_folder(source.parent)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypedDict, Unpack, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ipmclab.checksum import ArrayChecksum, content_checksum
 from ipmclab.errors import InputError, suggest
 from ipmclab.sample import Sample
+from ipmclab.shown import Shown
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -241,12 +242,23 @@ class RunMetadata:
     findings: tuple[Finding, ...] = ()
 
 
+class Readings(TypedDict, total=False):
+    """The arrays that ``Run.from_arrays`` takes for what was read, by channel; a channel without any may be None."""
+
+    current: npt.ArrayLike | None
+    displacement: npt.ArrayLike | None
+    force: npt.ArrayLike | None
+    applied_voltage: npt.ArrayLike | None
+    temperature: npt.ArrayLike | None
+    relative_humidity: npt.ArrayLike | None
+
+
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(Shown):
     """One record: time, voltage and what was measured, all in SI units.
 
     Displacement is positive towards the anode at positive voltage. Values stay as they
-    were read; NaN stands for a sentinel or a missing reading.
+    were read, and no array can be written to; NaN stands for a sentinel or a missing reading.
 
     Parameters
     ----------
@@ -283,26 +295,31 @@ class Run:
     raw: Mapping[str, FloatArray] = field(default_factory=dict)
     metadata: RunMetadata = field(default_factory=RunMetadata)
 
+    def __post_init__(self) -> None:
+        # A record is what was read: whoever wants other numbers makes another run of them.
+        for name in ("time", "time_environment", *CHANNELS):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, _closed(values))
+        object.__setattr__(self, "quality", {name: _closed(bits) for name, bits in self.quality.items()})
+        object.__setattr__(self, "raw", {name: _closed(values) for name, values in self.raw.items()})
+
     @classmethod
     def from_arrays(
         cls,
         *,
         time: npt.ArrayLike,
         voltage: npt.ArrayLike,
-        current: npt.ArrayLike | None = None,
-        displacement: npt.ArrayLike | None = None,
-        force: npt.ArrayLike | None = None,
-        applied_voltage: npt.ArrayLike | None = None,
-        temperature: npt.ArrayLike | None = None,
-        relative_humidity: npt.ArrayLike | None = None,
         time_environment: npt.ArrayLike | None = None,
         hold: Hold = "zero",
         quality: Mapping[str, npt.ArrayLike] | None = None,
         raw: Mapping[str, npt.ArrayLike] | None = None,
         metadata: RunMetadata | None = None,
+        **readings: Unpack[Readings],
     ) -> Run:
         """Make a run from arrays, after checking them.
 
+        The other channels that were read are given by their names, such as ``current=``: see ``Readings``.
         ``raw`` always has a value for each row of ``time``, also for a channel that is kept at the times of the
         environment.
 
@@ -319,15 +336,9 @@ class Run:
         >>> run.rate
         50.0
         """
-        given = {
-            "voltage": voltage,
-            "current": current,
-            "displacement": displacement,
-            "force": force,
-            "applied_voltage": applied_voltage,
-            "temperature": temperature,
-            "relative_humidity": relative_humidity,
-        }
+        given: dict[str, Any] = {"voltage": voltage, **readings}
+        _check_names("readings", given, CHANNELS)
+        _check_names("raw", raw or {}, (*CHANNELS, "output"))
         if hold not in get_args(Hold):
             raise InputError(
                 f"unknown hold {hold!r}",
@@ -341,7 +352,8 @@ class Run:
         if slow_times is not None:
             check_time("time_environment", slow_times, least=1)
         columns: dict[str, FloatArray] = {}
-        for name, values in given.items():
+        for name in CHANNELS:
+            values = given.get(name)
             if values is None:
                 continue
             expected = slow_times if name in SLOW_CHANNELS and slow_times is not None else times
@@ -354,36 +366,11 @@ class Run:
                 where="voltage",
                 repair="cut the record there, or give the voltage that was commanded",
             )
-        flags: dict[str, npt.NDArray[np.uint8]] = {}
-        for name, bits in (quality or {}).items():
-            if name not in columns:
-                raise InputError(
-                    f"quality for a channel that is not there: {name!r}",
-                    code="unknown-channel",
-                    where="quality",
-                    repair="leave it out",
-                )
-            flags[name] = _bits(name, bits)
-            if flags[name].shape != columns[name].shape:
-                raise InputError(
-                    f"{flags[name].size} flags for {columns[name].size} values",
-                    code="unequal-lengths",
-                    where=f"{name}_quality",
-                    repair="give one flag for each value",
-                )
-        for name in raw or {}:
-            if name not in (*CHANNELS, "output"):
-                raise InputError(
-                    f"raw readings of no channel: {name!r}",
-                    code="unknown-channel",
-                    where="raw",
-                    repair=suggest(name, (*CHANNELS, "output")),
-                )
         return cls(
             time=times,
             time_environment=slow_times,
             hold=hold,
-            quality=flags,
+            quality={name: _flags(name, bits, columns) for name, bits in (quality or {}).items()},
             raw={name: _readings(f"{name}_raw", values, len(times)) for name, values in (raw or {}).items()},
             metadata=metadata or RunMetadata(),
             **columns,
@@ -415,9 +402,9 @@ class Run:
         steps = np.diff(self.time)
         return bool(np.ptp(steps) <= 1e-6 * steps.mean())
 
-    @cached_property
+    @property
     def content_sha256(self) -> str:
-        """SHA-256 of the arrays, their names and the hold: the same for a copy, another for any edit."""
+        """SHA-256 of the arrays that are there, their names and the hold: the same for a copy, another for any edit."""
         digests = {}
         for name, values in self.arrays.items():
             checksum = ArrayChecksum()
@@ -465,6 +452,13 @@ class Run:
         return xarray.Dataset(variables, coords=coordinates, attrs={"hold": self.hold})
 
 
+def _closed(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The array, which cannot be written to through this."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
 def _column(name: str, values: npt.ArrayLike) -> FloatArray:
     try:
         given: Any = np.ma.asarray(values)  # NumPy would show what a mask hides, such as the fill value of a file
@@ -503,6 +497,36 @@ def _readings(name: str, values: npt.ArrayLike, length: int) -> FloatArray:
             repair="use NaN for a missing reading",
         )
     return column
+
+
+def _check_names(what: str, given: Collection[str], known: Collection[str]) -> None:
+    """Refuse what belongs to no channel."""
+    for name in given:
+        if name not in known:
+            words = "raw readings" if what == "raw" else what
+            raise InputError(
+                f"{words} of no channel: {name!r}", code="unknown-channel", where=what, repair=suggest(name, known)
+            )
+
+
+def _flags(name: str, values: npt.ArrayLike, columns: Mapping[str, FloatArray]) -> npt.NDArray[np.uint8]:
+    """The quality of a channel: bits for each of its values."""
+    if name not in columns:
+        raise InputError(
+            f"quality for a channel that is not there: {name!r}",
+            code="unknown-channel",
+            where="quality",
+            repair="leave it out",
+        )
+    flags = _bits(name, values)
+    if flags.shape != columns[name].shape:
+        raise InputError(
+            f"{flags.size} flags for {columns[name].size} values",
+            code="unequal-lengths",
+            where=f"{name}_quality",
+            repair="give one flag for each value",
+        )
+    return flags
 
 
 def _bits(name: str, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:

@@ -23,7 +23,7 @@ Number = TypeVar("Number", float, "npt.NDArray[np.float64]")
 _MULTIPLES: Final[dict[str, dict[str, float]]] = {
     "": {},
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0},
     "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6},
     "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
     "N": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "gf": 9.80665e-3},

@@ -201,7 +201,7 @@ class Server:
                     chassis.faults.thaw()
                     pause = PUMP
                 elif isinstance(chassis.clock, LockStepClock):
-                    tick = next_event(chassis)
+                    tick = next_event(chassis.tasks)
                     if tick is not None:
                         chassis.clock.step_to(tick)
                         chassis.advance()

@@ -7,10 +7,9 @@ from typing import Any
 
 from virtual_cdaq import attributes
 from virtual_cdaq.attributes.device import PhysicalChannel, find_device, find_physical
-from virtual_cdaq.model.chassis import Chassis
+from virtual_cdaq.model.chassis import Chassis, HostedTask
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.names import expand
-from virtual_cdaq.model.task import Task
 from virtual_cdaq.protocol import AttributeCall
 from virtual_cdaq.sessions import Sessions
 
@@ -44,7 +43,7 @@ class Service:
         self.chassis = chassis
         self.sessions = Sessions(chassis)
 
-    def task(self, request: Any) -> Task:
+    def task(self, request: Any) -> HostedTask:
         """The task that a request is about."""
         return self.sessions.task(request.task.name)
 

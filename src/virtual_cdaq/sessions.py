@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import secrets
 
-from virtual_cdaq.model.chassis import Chassis
+from virtual_cdaq.model.chassis import Chassis, HostedTask
 from virtual_cdaq.model.errors import ChassisError
-from virtual_cdaq.model.task import Task
 
 INITIALIZE_NEW, ATTACH_TO_EXISTING = 1, 2  # of NI's SessionInitializationBehavior
 
@@ -40,7 +39,7 @@ class Sessions:
 
     def __init__(self, chassis: Chassis) -> None:
         self._chassis = chassis
-        self._tasks: dict[str, Task] = {}
+        self._tasks: dict[str, HostedTask] = {}
         self._boot = secrets.token_hex(4)
         self._made = 0
 
@@ -63,7 +62,7 @@ class Sessions:
         self._tasks[session] = self._chassis.new_task(name)
         return session, True
 
-    def task(self, session: str) -> Task:
+    def task(self, session: str) -> HostedTask:
         """The task of a session.
 
         Raises

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ipmclab
-from ipmclab.identify.fit_file import read_fit
+from ipmclab.fit.fit_file import read_fit
 from tests.cli.conftest import Command
 
 SEED = 20261121

@@ -9,7 +9,7 @@ import numpy as np
 
 import ipmclab
 from tests.cli.conftest import Command
-from tests.identify.many import FRIEND, mounted, noisy
+from tests.identification.many import FRIEND, mounted, noisy
 
 
 def test_a_voltage_beyond_what_the_model_holds_for_is_told(command: Command, tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_what_mountings_and_runs_say_of_each_other_is_told(command: Command, tmp
     outcome = command("identify", "friend-2", *names[:2], "--free", "electrical", "--out", "two.toml", "--json")
     fit = json.loads(outcome.out)["fit"]
     assert all(one["interval_next_mounting"] is None for one in fit["parameters"].values())
-    assert "cannot be known from two mountings" in fit["next_mounting_unknown"]
+    assert "cannot be estimated from two mountings" in fit["next_mounting_unknown"]
     assert fit["mountings"]["between"] == {}
     assert [len(one["fit_percent"]) for one in fit["left_out"]] == [1, 1]
 
@@ -53,7 +53,7 @@ def test_what_mountings_and_runs_say_of_each_other_is_told(command: Command, tmp
     )  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert "circuit.contact_resistance[mounting strip-7-0]" in outcome.out
-    assert "What another mounting would give cannot be known from one mounting" in " ".join(outcome.out.split())
+    assert "The value at another mounting cannot be estimated from one mounting" in " ".join(outcome.out.split())
 
 
 def test_the_share_of_readings_in_the_band_is_told(command: Command, tmp_path: Path) -> None:

@@ -51,3 +51,52 @@ def test_sentinels_that_met_nothing_are_said(command, tmp_path: Path) -> None:
     assert document["channels"]["displacement"]["sentinels"] == 0
     assert document["channels"]["displacement"]["missing"] == 1
     assert document["period"]["unit"] == "s"
+
+
+TABLE = "Zeit;Spannung [V];Strom [mA];Laser [mm]\n" + "".join(
+    f"{20 * k};{int(k > 5)},0;{k},5;{k / 100:.2f}\n".replace(".", ",") for k in range(50)
+)
+
+
+def test_without_a_map_one_is_guessed_shown_and_written(command, tmp_path: Path) -> None:
+    (tmp_path / "record.csv").write_text(TABLE.replace("Zeit;", "Zeit [ms];"), encoding="utf-8")
+    done = command("import", "record.csv", "--out", "run.nc")
+    assert done.status == 0, done.err
+    assert "time: column 'Zeit [ms]', ms" in done.out
+    assert "columns apart by ';', decimal comma" in done.out
+    assert "0.02 s between rows, 50 rows" in done.out
+    assert command("import", "record.csv", "--map", "run.map.toml", "--out", "again.nc").status == 0
+    refused = command("import", "record.csv", "--out", "third.nc", "--map", "third.toml")
+    assert refused.status == 2
+
+
+def test_what_cannot_be_known_is_asked_and_answered(command, tmp_path: Path) -> None:
+    (tmp_path / "record.csv").write_text(TABLE, encoding="utf-8")
+    asked = command("import", "record.csv", "--out", "run.nc")
+    assert asked.status == 2
+    assert "channels.time.unit: in which unit is the time 'Zeit'? It steps by 20 (s, ms," in " ".join(asked.err.split())
+    assert not (tmp_path / "run.nc").exists()
+    done = command("import", "record.csv", "--out", "run.nc", "--answer", "channels.time.unit=ms")
+    assert done.status == 0, done.err
+    wrong = command("import", "record.csv", "--out", "b.nc", "--answer", "channels.time.unit=mV")
+    assert wrong.status == 2
+    assert "'mV' is not one of" in wrong.err
+
+
+def test_a_template_has_what_is_seen_and_what_is_asked(command, tmp_path: Path) -> None:
+    (tmp_path / "record.csv").write_text(TABLE, encoding="utf-8")
+    document = command("import", "record.csv", "--template", "map.toml", "--json").document
+    assert [question["key"] for question in document["questions"]] == ["channels.time.unit"]
+    text = (tmp_path / "map.toml").read_text(encoding="utf-8")
+    text = text.replace('column = "Zeit"', 'column = "Zeit"\nunit = "ms"')
+    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+    assert command("import", "record.csv", "--map", "map.toml", "--out", "run.nc").status == 0
+
+
+def test_patterns_of_files_are_expanded(command, tmp_path: Path) -> None:
+    """A shell of Windows hands ``*.nc`` on as it is."""
+    (tmp_path / "record.csv").write_text(TABLE.replace("Zeit;", "Zeit [ms];"), encoding="utf-8")
+    for name in ("b.nc", "a.nc"):
+        assert command("import", "record.csv", "--out", name).status == 0
+    document = command("check", "*.nc", "--json").document
+    assert [Path(run["run"]).name for run in document["runs"]] == ["a.nc", "b.nc"]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, RunMetadata, load_actuator, simulate, write_actuator, write_run
-from ipmclab.identify.posterior import convergence
-from ipmclab.identify.posterior.packages import bayes_package
+from ipmclab.posterior import convergence
+from ipmclab.posterior.packages import bayes_package
 
 
 @pytest.fixture

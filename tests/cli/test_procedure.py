@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, simulate, write_run
-from ipmclab.identify.procedure.procedure_file import procedure_from_text
-from ipmclab.identify.procedure.template import TEMPLATE
+from ipmclab.procedure.procedure_file import procedure_from_text
+from ipmclab.procedure.template import TEMPLATE
 from tests.cli.conftest import Command
 
 MEASURED = """
@@ -170,7 +170,6 @@ def test_what_is_no_procedure(command: Command, tmp_path: Path) -> None:
     assert command("procedure", "no.toml", "--template").status == 2
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.text(max_size=60), st.sampled_from(["geometry", "sheet_resistance", "modulus", "density", "coupling"]))
 def test_a_key_that_nobody_knows_is_refused_whatever_it_holds(text: str, table: str) -> None:
     document = f"{MEASURED}\n" if table in MEASURED else f"{MEASURED}\n[{table}]\n"

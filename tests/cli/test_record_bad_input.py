@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ipmclab.cli import recorder
 from ipmclab.cli.app import run
 from ipmclab.cli.record import _answers
 from ipmclab.cli.recorder import answers_of, plan_of, read_experiment, rig_of, session_of
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.channels import THESIS_RIG
+from ipmclab.rig.experiments.experiment import experiment_from_table
+from ipmclab.rig.experiments.plan import make_plan
 from ipmclab.rig.experiments.steps import Question
+from ipmclab.rig.process import hub
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.virtual import VirtualBench
 from ipmclab.store.journal.laboratory import Laboratory
@@ -140,10 +147,45 @@ def test_an_environment_that_never_settles(tmp_path: Path, monkeypatch: pytest.M
         )
 
 
+def test_yes_vouches_for_no_act_of_a_person(tmp_path: Path) -> None:
+    """Neither that a strip was clamped, nor that it lay in its solvent, nor that the tip is clear of the load cell."""
+    table = {"sample": "s", "signal": "step 1 V", "rate": "50 Hz", "duration": "4 s", "measured": ["current", "force"]}
+    job = {"answers": {}, "yes": True, "interactive": False}
+    real = make_plan(experiment_from_table(table), replace(THESIS_RIG, bench="ni"), bytes_free=10**10)
+    said = answers_of(job, real)
+    assert {said[step.name] for step in real.steps if step.question is not None} == {"unknown", "skip"}
+    assert (said["clamp"], said["hydrate"], said["zero"], said["preload"]) == ("unknown", "unknown", "skip", "unknown")
+    assert answers_of({**job, "answers": {"clamp": "done"}}, real)["clamp"] == "done"
+    # Nobody ever takes the strip of the virtual rig out of its clamp.
+    virtual = make_plan(experiment_from_table(table), THESIS_RIG, bytes_free=10**10)
+    for yes in (True, False):
+        assert answers_of({**job, "yes": yes}, virtual)["clamp"] == "kept"
+
+
 def test_a_question_that_nobody_would_answer(tmp_path: Path, stand_in: StandIn) -> None:
     (tmp_path / "rig.toml").write_text(rig_text(stand_in.address), encoding="utf-8")
     with pytest.raises(InputError, match=r"clamp ask.*--answer clamp=done"):
         attempt(tmp_path, GOOD.replace('["apply"]', '["clamp", "apply"]'), yes=False)
+
+
+def test_a_folder_that_may_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Its recorder says so and ends, before it has a client."""
+    (tmp_path / "experiment.toml").write_text(GOOD.replace("rig.toml", "virtual"), encoding="utf-8")
+    job = {"experiment": str(tmp_path / "experiment.toml"), "answers": {}, "yes": True, "interactive": False}
+
+    def refuse(path: Path, text: str) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(hub, "write_for_owner_only", refuse)
+    monkeypatch.setattr("sys.stdin", io.StringIO(json.dumps(job)))
+    monkeypatch.setattr(recorder.os, "dup2", lambda *_: None)
+    assert recorder.main() == 2
+    error = json.loads(capfd.readouterr().out)["error"]
+    assert error["message"] == "the laboratory folder cannot be written: Permission denied"
+    assert error["where"].startswith(str(tmp_path / "laboratory" / "recording"))
+    assert "another folder" in error["repair"]
 
 
 def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

@@ -67,3 +67,17 @@ def test_a_folder_that_is_no_laboratory_is_refused(command: Any, tmp_path: Path)
         assert words in outcome.err
         assert outcome.document["error"]["code"] == "no-laboratory"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_that_no_run_has_are_told_and_are_a_failure(command: Any, tmp_path: Path) -> None:
+    left = cut_off(tmp_path / "lab")
+    content = left.read_bytes()
+    left.write_bytes(content.replace(b"ipmclab journal", b"ipmclab jovrnal"))
+    outcome = command("recover", "lab")
+    table = tmp_path / "lab" / "lost+found" / f"{left.stem}.csv"
+    assert outcome.status == 1
+    assert "50 rows are whole, but nothing says what they are" in outcome.err
+    assert f"its rows are in {table}: name the columns" in outcome.err
+    again = command("recover", "lab")
+    assert again.status == 0
+    assert f"of 1 earlier recordings only the rows are left: {table}" in again.out

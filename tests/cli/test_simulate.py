@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ipmclab import identify, prediction_bands, read_fit, read_run, simulate, write_fit
-from tests.identify.many import FRIEND, noisy
+from tests.identification.many import FRIEND, noisy
 
 WORDS = ("--signal", "sine 1 V 0.5 Hz", "--duration", "8 s", "--rate", "50 Hz", "--out", "run.nc", "--force")
 DC = "circuit.dc_resistivity"
@@ -47,7 +47,7 @@ def test_the_intervals_are_those_of_prediction_bands(command, fitted: Path) -> N
         "next_mounting_unknown": "",
         "warnings": [],
     }
-    assert "cannot be known from one mounting" in told["fit"]["next_mounting_unknown"]
+    assert "cannot be estimated from one mounting" in told["fit"]["next_mounting_unknown"]
 
     shown = command("simulate", fitted.name, *WORDS).out
     said = " ".join(shown.split())
@@ -57,7 +57,7 @@ def test_the_intervals_are_those_of_prediction_bands(command, fitted: Path) -> N
     assert [float(text) for text in found.groups()[:2]] == pytest.approx([1e3 * end for end in ends], rel=1e-4)
     assert "The 95 % intervals hold for mounting a." in said
     assert "There is none of displacement and force: the fit did not read them." in said
-    assert "What another mounting would give cannot be known from one mounting: it takes three or more" in said
+    assert "The value at another mounting cannot be estimated from one mounting: it takes three or more" in said
 
 
 def test_the_next_mounting_has_a_column(command, tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import math
 import os
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,26 +17,31 @@ import numpy as np
 import pytest
 
 import ipmclab
+from ipmclab.cli import app
 from tests.independent.bounds import ELECTRICAL
 from tests.independent.thesis import FRIEND_2
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-def ipmclab_cli(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "ipmclab", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        timeout=120,
-        cwd=cwd,
-        env={**os.environ, "PYTHONUTF8": "1"},
-        check=False,
-    )
+@dataclass(frozen=True)
+class Outcome:
+    """What one command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
 
 
-def document(result: subprocess.CompletedProcess[str]) -> Any:
+def ipmclab_cli(*arguments: str | Path, cwd: Path | None = None) -> Outcome:
+    """One command in this process; that the program does the same is looked at once, at the end."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(cwd or Path.cwd()), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = app.run([str(argument) for argument in arguments])
+    return Outcome(status, out.getvalue(), err.getvalue())
+
+
+def document(result: Outcome) -> Any:
     """The one JSON document on stdout, strictly read."""
 
     def refuse(text: str) -> None:
@@ -56,13 +63,13 @@ def assert_finite(value: Any) -> None:
         assert math.isfinite(value)
 
 
-def succeeded(result: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
+def succeeded(result: Outcome) -> Outcome:
     assert result.returncode == 0, result.stderr
     assert "Traceback" not in result.stderr
     return result
 
 
-def refused(result: subprocess.CompletedProcess[str], *words: str) -> str:
+def refused(result: Outcome, *words: str) -> str:
     assert result.returncode == 2, (result.returncode, result.stdout, result.stderr)
     assert "Traceback" not in result.stderr
     message = result.stderr.strip()
@@ -391,7 +398,18 @@ def test_without_json_nothing_stands_on_stdout(tmp_path: Path) -> None:
     assert result.stdout == ""
 
 
-def test_python_module_and_console_script_are_the_same() -> None:
+def test_the_python_module_does_what_its_verbs_do_here(runs: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ipmclab", "check", str(runs / "noisy_step.nc"), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path, check=False)
+    here = ipmclab_cli("check", runs / "noisy_step.nc", "--json")
+    assert (done.returncode, done.stdout, done.stderr) == (here.returncode, here.stdout, here.stderr)
+    command[3:] = ["check", "nowhere.nc", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path, check=False)
+    here = ipmclab_cli("check", "nowhere.nc", "--json", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (here.returncode, here.stdout, here.stderr)
+
+
+def test_the_console_script_is_there() -> None:
     script = Path(sys.executable).with_name("ipmclab.exe" if os.name == "nt" else "ipmclab")
     if not script.exists():
         pytest.skip("the console script is not beside this interpreter")

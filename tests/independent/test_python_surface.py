@@ -52,7 +52,7 @@ def test_functions_keep_their_names_whatever_is_imported(order: tuple[str, ...])
     code = (
         "import ipmclab\n"
         + "".join(f"ipmclab.{name}\n" for name in order)
-        + "import ipmclab.report, ipmclab.identify\n"
+        + "import ipmclab.reporting, ipmclab.identification.identify\n"
         + "assert callable(ipmclab.identify) and callable(ipmclab.report)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from numpy import arctan, cos, exp, pi, sin
 
-from ipmclab.identify.problem import Evaluation
-from ipmclab.identify.solve import Solution, entry_errors, minimise
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.solve import Solution, entry_errors, minimise
 
 FOLDER = Path(__file__).parent / "nist_strd"
 DIGITS = 6.0

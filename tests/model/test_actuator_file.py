@@ -13,7 +13,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, IpmclabError, Sample, load_actuator, write_actuator
@@ -69,14 +69,12 @@ def actuators(draw: st.DrawFn) -> Actuator:
     return Actuator(draw(text), values, uncertainties, sample, fit)
 
 
-@settings(max_examples=100, deadline=None)
 @given(actuators())
 def test_round_trip_is_exact(actuator: Actuator) -> None:
     again = actuator_from_text(actuator_to_text(actuator))
     assert dataclasses.asdict(again) == dataclasses.asdict(actuator)
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     st.lists(
         st.tuples(st.integers(0, len(FRIEND_2_TEXT) - 1), st.characters(min_codepoint=9, max_codepoint=126)),

@@ -32,7 +32,7 @@ def test_a_loop_that_acts_back() -> None:
     # What the beam gives back is added to what drives the circuit: as sensing will be joined.
     forward, back = lag("sum", "out", 3.0, 2.0, direct=0.5), lag("out", "back", 7.0, -0.4, direct=0.1)
     stages = (adder("voltage", "back", "sum"), forward, back)
-    system = assemble(stages, external="voltage", outputs=["out", "back"])
+    system = assemble(stages, inputs=["voltage"], outputs=["out", "back"])
     forward_control = control.ss(forward.a, forward.b, forward.c, forward.d)
     back_control = control.ss(back.a, back.b, back.c, back.d)
     expected = control.feedback(forward_control, back_control, sign=1)
@@ -45,8 +45,8 @@ def test_a_loop_that_acts_back() -> None:
 
 def test_blocks_may_come_in_any_order_and_names_stay() -> None:
     stages = [lag("voltage", "middle", 2.0, 1.0), lag("middle", "out", 5.0, 3.0)]
-    one = assemble(stages, external="voltage", outputs=["out", "middle"])
-    other = assemble(stages[::-1], external="voltage", outputs=["out", "middle"])
+    one = assemble(stages, inputs=["voltage"], outputs=["out", "middle"])
+    other = assemble(stages[::-1], inputs=["voltage"], outputs=["out", "middle"])
     assert one.states == ("middle.lag", "out.lag")
     assert other.states == ("out.lag", "middle.lag")
     for system in (one, other):
@@ -57,9 +57,9 @@ def test_blocks_may_come_in_any_order_and_names_stay() -> None:
 def test_mistakes_in_a_stage_are_named() -> None:
     first = lag("voltage", "out", 1.0, 1.0)
     with pytest.raises(ValueError, match="two drivers"):
-        assemble([first, lag("voltage", "out", 2.0, 1.0)], external="voltage", outputs=["out"])
+        assemble([first, lag("voltage", "out", 2.0, 1.0)], inputs=["voltage"], outputs=["out"])
     with pytest.raises(ValueError, match=r"nothing drives the ports \['node'\]"):
-        assemble([lag("node", "out", 1.0, 1.0)], external="voltage", outputs=["out"])
+        assemble([lag("node", "out", 1.0, 1.0)], inputs=["voltage"], outputs=["out"])
     straight = [adder("voltage", "back", "sum"), lag("sum", "back", 1.0, 0.0, direct=1.0)]
     with pytest.raises(ValueError, match="a loop that has no solution"):
-        assemble(straight, external="voltage", outputs=["back"])
+        assemble(straight, inputs=["voltage"], outputs=["back"])

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from ipmclab import InputError, forecast, identify, load_actuator, simulate, validate
-from ipmclab.identify import with_slow_modes
+from ipmclab.forecasting.forecast import with_slow_modes
 
 FRIEND = load_actuator("friend-2")
 RUN = simulate(FRIEND, "step 1 V", duration=10.0, rate=25.0)

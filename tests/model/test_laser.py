@@ -111,3 +111,17 @@ def test_what_a_search_follows_is_finite_and_has_exact_derivatives() -> None:
         )
     ends = [simulate_outputs(strip, time, volts, "zero", delay=0.05 + by)[2] for by in (-1e-6, 1e-6)]
     np.testing.assert_allclose(found.delay[1], (ends[1] - ends[0]) / 2e-6, rtol=1e-5, atol=1e-10)
+
+
+@pytest.mark.parametrize("part", [0.3, 0.501, 0.57, 0.636])
+def test_a_laser_below_two_over_pi_of_the_length_sees_the_strip_up_to_the_right_angle(part: float) -> None:
+    """A strip that is a quarter of a circle still stands 2/pi of its length away from the clamp."""
+    values = {**STRIP, "geometry.sensing_length": part * STRIP["geometry.free_length"]}
+    assert LASER.last_sine(values) == pytest.approx(1.0, abs=2e-6)
+
+
+@pytest.mark.parametrize("angle", [0.2, 1.0, 1.5])
+def test_a_laser_beyond_loses_it_where_its_end_comes_back(angle: float) -> None:
+    length = STRIP["geometry.free_length"]
+    values = {**STRIP, "geometry.sensing_length": length * np.sin(angle) / angle}
+    assert LASER.last_sine(values) == pytest.approx(np.sin(angle))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.optimize import brentq
@@ -142,7 +142,6 @@ def test_the_bound_holds_at_every_row_of_a_rough_record(hold: str, share: float 
         assert np.max(np.abs(ours[1] - fine[1])) <= bound.node_voltage * largest
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     sheet=st.floats(1e-3, 1e3),
     contact=st.one_of(st.just(0.0), st.floats(1e-4, 1e5)),

@@ -26,7 +26,7 @@ def single_fast(*stages: str, drive: str = "displacement", **values: float) -> A
 
 def step_of_drive(actuator: Actuator, times: np.ndarray, drive: str = "displacement") -> np.ndarray:
     system = drive_system(actuator, "force" if drive == "force" else "displacement")
-    return (transitions([system], times).constant[0] @ system.c[0]) + system.d[0, 0]
+    return (transitions([system], times).constant[0, :, :, 0] @ system.c[0]) + system.d[0, 0]
 
 
 @pytest.mark.parametrize("drive", ["displacement", "force"])

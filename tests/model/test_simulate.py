@@ -13,7 +13,7 @@ from ipmclab import InputError, Run, RunMetadata, signals, simulate
 from ipmclab.model import Actuator, sensitivities, simulate_outputs
 from ipmclab.model.numerics import kernels, modal_loop
 from ipmclab.model.numerics.modal import modes
-from ipmclab.model.simulate import modal_coefficients
+from ipmclab.model.outputs import modal_coefficients
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
 from tests.model.conftest import actuator_of
 
@@ -31,7 +31,7 @@ def rough(rows: int = ROWS) -> np.ndarray:
 
 def closed_form(actuator: Actuator) -> bool:
     ports = ("current", "node_voltage", "displacement", "force")
-    return modes(actuator.blocks(), external="voltage", outputs=ports) is not None
+    return modes(actuator.blocks(), external="voltage", outputs=ports, at_rest=["external_force"]) is not None
 
 
 def assert_same(run: Run, expected: dict[str, np.ndarray], *, of_peak: float = 1e-9) -> None:
@@ -176,7 +176,7 @@ def test_a_shunt_upstream_of_which_the_voltage_was_sensed_stands_in_series(frien
         ({"duration": None}, "duration: the duration is None, it must be a number above 0; give it in s, such as 40"),
         ({"duration": -1.0}, "the duration is -1.0, it must be a number above 0"),
         ({"rate": 0}, "rate: the rate is 0, it must be a number above 0; give it in Hz"),
-        ({"rate": "50 Hz"}, "the rate is '50 Hz', it must be a number above 0"),
+        ({"rate": "50 mm"}, "rate: '50 mm' is not a frequency"),
         ({"rate": float("nan")}, "the rate is nan"),
         ({"duration": 1e9}, "1e+09 s at 50 Hz are 50000000000 rows, allowed are 2 to 20000000"),
         ({"duration": 0.02}, "0.02 s at 50 Hz are 1 rows"),
@@ -205,12 +205,24 @@ def test_bad_input_is_named(friend_2: Actuator, changes: dict[str, object], mess
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "signal", ["step 1e30 V", "cosine 1e30 V 0.1 Hz", [0.0, -1e30, 0.0, 0.0], "step 1 V for 2 s then step 1e6 V"]
+)
+def test_a_voltage_that_no_strip_can_be_under_is_refused(friend_2: Actuator, signal: object) -> None:
+    with pytest.raises(InputError, match=r"row \d+ is .* V, a strip can be under 100000 V at most"):
+        simulate(friend_2, signal, duration=4.0, rate=1.0)
+    strip = friend_2.simulator(rate=50.0)
+    with pytest.raises(InputError, match="at most"):
+        strip.step(1e30)
+
+
 @pytest.mark.parametrize("first_time", [True, False])
 @pytest.mark.parametrize("voltage", [1e308, 1e305])
 def test_outputs_beyond_floating_point_are_no_run(
     friend_2: Actuator, voltage: float, first_time: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = importlib.import_module("ipmclab.model.simulate")
+    monkeypatch.setattr("ipmclab.model.request.MOST_VOLTS", np.inf)  # which refuses them before
     monkeypatch.setattr(module, "_modal_loop", lambda _rows: modal_loop.modal if first_time else kernels.modal)
     with pytest.raises(InputError, match=r"of the simulated .* is .*; these numbers are beyond floating point"):
         simulate(friend_2, f"step {voltage} V", duration=1e6, rate=0.01)

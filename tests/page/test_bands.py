@@ -14,7 +14,7 @@ import pytest
 from ipmclab import identify, write_fit, write_run
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.tasks import bands, simulate
-from tests.identify.many import FRIEND, noisy
+from tests.identification.many import FRIEND, noisy
 
 DC = "circuit.dc_resistivity"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import load_actuator, write_actuator
@@ -191,8 +191,17 @@ def test_an_experiment_has_no_more_repeats_than_can_be_planned(lab: Lab, repeats
 
 @pytest.mark.parametrize("one", [field for field in FIELDS if field.kind == "text"], ids=lambda field: field.key)
 def test_no_text_in_any_field_is_a_fault(lab: Lab, one) -> None:
+    """It is told at its own field, or it is an experiment whose file says the same."""
     for text in ("", "x", "-1", "1e999 V", "\0", "['a']", '"', "5 s 5 s", "∞ V", "file x", "a" * 3000):
-        check(lab, with_values(Draft.new(), **{"sample": "s", one.key: text}))
+        draft = replace(with_values(Draft.new(), **{"sample": "s", one.key: text}), name="one")
+        checked = check(lab, draft)
+        if checked.errors:
+            assert set(checked.errors) == {one.key}, text
+            assert all(checked.errors.values())
+            continue
+        assert checked.plan is not None
+        again = load_experiment(save(lab, draft, replace=True))
+        assert replace(again, where=checked.experiment.where) == checked.experiment
 
 
 @pytest.mark.parametrize("key", [field.key for field in FIELDS if field.kind != "switch"])
@@ -302,7 +311,6 @@ _JSON = st.recursive(
 
 
 @given(kept=_JSON)
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_nothing_that_a_browser_says_it_has_kept_is_a_fault(lab: Lab, kept: object) -> None:
     found = Unsaved.of(lab, kept)
     check(lab, found.draft)

@@ -35,6 +35,12 @@ def application() -> FastAPI:
         await socket.accept()
         await socket.send_text("inside")
 
+    @app.websocket("/heard")
+    async def heard(socket: WebSocket) -> None:
+        await socket.accept()
+        async for _ in socket.iter_text():
+            await socket.send_text("heard")
+
     return app
 
 
@@ -140,9 +146,29 @@ def test_the_token_lets_in_whoever_knows_it() -> None:
     assert here.post("/bench/zero", headers={"origin": HERE}).status_code == 401
     refused = here.post("/login", data={"token": "another"}, headers={"origin": HERE})
     assert (refused.status_code, f"{PASS}-8000" in here.cookies) == (401, False)
-    here.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
+    answer = here.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
+    # A pass never comes with a link of another page, which a seat does: it must not let a foreign page act.
+    assert "HttpOnly; SameSite=Strict" in answer.headers["set-cookie"]
     assert here.get("/page").text == '"inside"'
     assert TOKEN not in here.cookies[f"{PASS}-8000"]
+
+
+def test_a_page_that_stays_open_keeps_its_pass_good(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording of two days is watched over one WebSocket: what comes through it is heard of its browser."""
+    now = [0.0]
+    here = Guard(application(), Settings(token=TOKEN), 8000)
+    assert here._door is not None
+    monkeypatch.setattr(here._door.passes, "_clock", lambda: now[0])
+    browser = TestClient(here, base_url=HERE)
+    browser.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
+    with browser.websocket_connect("ws://127.0.0.1:8000/heard", headers={"origin": HERE}) as socket:
+        for hour in range(6, 49, 6):
+            now[0] = 3600.0 * hour
+            socket.send_text("here I am")
+            assert socket.receive_text() == "heard"
+    assert browser.get("/page").status_code == 200
+    now[0] += 3600.0 * 25
+    assert browser.get("/page").status_code == 401
 
 
 def test_tabs_that_a_browser_opens_at_once_have_one_seat() -> None:

@@ -24,8 +24,10 @@ from hypothesis import strategies as st
 from ipmclab import load_actuator, read_fit, simulate, write_run
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.jobs.frames import pack, read_frame
-from ipmclab.page.jobs.jobs import Job, JobCancelled, Jobs
-from ipmclab.page.jobs.tasks import LOOK, TASKS, Entry, find_task, unpacked
+from ipmclab.page.jobs.jobs import JobCancelled, Jobs
+from ipmclab.page.jobs.tasks import LOOK, TASKS, Entry, find_task, room
+from ipmclab.store.importers.unpacked import unpacked_size
+from tests.waiting import until
 
 PATIENCE = 60.0
 
@@ -119,7 +121,7 @@ def test_a_fit_tells_how_far_it_is_and_what_came_of_it(jobs: Jobs, runs: Path, t
     assert any(fraction for _, fraction in told)
     assert frame.document["rank"] == frame.document["free"] == 5
     assert {row["name"] for row in frame.document["parameters"]} >= {"circuit.dc_resistivity"}
-    assert "cannot be known" in frame.document["next_mounting_unknown"]
+    assert "cannot be estimated" in frame.document["next_mounting_unknown"]
     assert frame.document["averaged"] == []
     assert frame.document["profiles"]["svg"].count("<title") >= 1
     assert "chi-square" in frame.document["profiles"]["caption"]
@@ -141,7 +143,7 @@ def test_a_fit_tells_how_far_it_is_and_what_came_of_it(jobs: Jobs, runs: Path, t
 
 def test_a_fit_can_be_cancelled_and_its_worker_goes_on(jobs: Jobs, runs: Path, tmp_path: Path) -> None:
     job = jobs.submit("identify", _fit(runs, tmp_path / "fit.toml"))
-    _until(job, "running")
+    until(lambda: job.state == "running")
     jobs.cancel(job)
     with pytest.raises(JobCancelled):
         job.future.result(PATIENCE)
@@ -176,10 +178,9 @@ def test_a_fit_is_cancelled_while_its_worker_starts(runs: Path, tmp_path: Path, 
 def test_a_worker_that_is_deaf_or_dies_is_replaced(runs: Path) -> None:
     with Jobs() as jobs:
         starting = jobs.submit("inspect", {"folder": str(runs)})
-        _until(starting, "running")  # its worker is loading libraries, and hears nothing
+        until(lambda: starting.state == "running")  # its worker is loading libraries, and hears nothing
         lane = jobs._lanes["look"]
-        while lane._child is None:
-            time.sleep(0.005)
+        until(lambda: lane._child is not None)
         lane._child.kill()
         with pytest.raises(IpmclabError) as caught:
             starting.future.result(PATIENCE)
@@ -246,24 +247,24 @@ def test_what_a_bad_upload_could_ask_is_limited_and_a_fit_is_not() -> None:
 def test_a_small_file_that_holds_too_much_is_refused_before_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
-    monkeypatch.setattr(unpacked, "MOST_UNPACKED", 2**21)
+    monkeypatch.setattr(room, "MOST_UNPACKED", 2**21)
     for rows, is_refused in ((1000, False), (600_000, True)):
         path = tmp_path / f"{rows}.{ending}"
         _write_zeros(path, rows)
         assert path.stat().st_size < 2**19
         if is_refused:
             with pytest.raises(InputError, match="more than 2 MiB") as refused:
-                unpacked.refuse_large(path)
+                room.refuse_large_here(path)
             assert "ipmclab import" in refused.value.repair
         else:
-            assert unpacked.unpacked_size(path) >= 2 * rows
-            unpacked.refuse_large(path)
+            assert unpacked_size(path, 2**21) >= 2 * rows
+            room.refuse_large_here(path)
 
 
 def test_the_worker_looks_at_the_size_of_a_record_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,voltage\n0,1\n1,2\n")
-    monkeypatch.setattr(unpacked, "MOST_UNPACKED", 10)
+    monkeypatch.setattr(room, "MOST_UNPACKED", 10)
     for task in ("preview", "import"):
         with pytest.raises(InputError, match="the most that is read here"):
             find_task(task)({"path": str(path), "map": {}}, lambda *_: None)
@@ -293,10 +294,3 @@ def _fit(runs: Path, out: Path) -> dict[str, object]:
         "free": ["electrical"],
         "out": str(out),
     }
-
-
-def _until(job: Job, state: str) -> None:
-    end = time.monotonic() + PATIENCE
-    while job.state != state:
-        assert time.monotonic() < end
-        time.sleep(0.002)

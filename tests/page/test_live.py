@@ -36,6 +36,7 @@ from ipmclab.page.thin import envelope, thin, within
 from ipmclab.page.wire import pack
 from ipmclab.rig.process.hub import SUFFIX, Hub, hang_up
 from ipmclab.rig.process.messages import Message, decode
+from tests.waiting import HANGS, until
 
 PLAN = {"title": "t", "limits": {"voltage": "3.5 V"}, "steps": [], "remarks": [], "rig_proof": ""}
 RUN = {"uuid": "u", "signal": "step 1 V", "purpose": "signal", "rate": 10.0, "rows": 100, "place": 1, "of": 1}
@@ -57,13 +58,6 @@ def unpack(message: bytes) -> tuple[dict, dict[str, np.ndarray]]:
 def block(first: int, count: int) -> Message:
     rows = first + np.arange(count)
     return Message("block", {"first_row": first}, {"voltage": np.sin(rows / 7), "current": rows / 1000.0})
-
-
-def wait_until(condition: Callable[[], object], seconds: float = 10.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 class Recorder:
@@ -97,7 +91,7 @@ class Gate:
     def __enter__(self) -> None:
         if threading.current_thread().name == self._who:
             self.is_reached.set()
-            assert self.opened.wait(60.0)
+            assert self.opened.wait(HANGS)
         self._lock.acquire()
 
     def __exit__(self, *_: object) -> None:
@@ -265,7 +259,7 @@ def test_one_holds_the_bench_until_it_is_released_or_gone_for_long() -> None:
 
 def test_a_run_that_goes_on_is_kept_for_who_held_it_when_the_page_is_begun_anew(recorder: Recorder) -> None:
     with begun(recorder.folder) as bench:
-        wait_until(lambda: bench.follower.is_joined)
+        until(lambda: bench.follower.is_joined)
         for what in ("start", "mark"):
             with pytest.raises(IpmclabError, match="who held the bench may take it again first") as refused:
                 bench.ask("watcher", what)
@@ -277,7 +271,7 @@ def test_a_run_that_goes_on_is_kept_for_who_held_it_when_the_page_is_begun_anew(
         bench.seats.release("operator")
         bench.take("watcher")  # given up: it is anybody's
     with begun(recorder.folder, right=0.0) as later:
-        wait_until(lambda: later.follower.is_joined)
+        until(lambda: later.follower.is_joined)
         later.take("watcher")
     recorder.hub.close()
     for file in (recorder.folder / "runs" / "recording").glob(f"*{SUFFIX}"):
@@ -289,9 +283,9 @@ def test_a_run_that_goes_on_is_kept_for_who_held_it_when_the_page_is_begun_anew(
 @pytest.mark.parametrize("what", ["stop", "abort"])
 def test_who_ends_a_run_does_not_wait_for_who_held_the_bench(recorder: Recorder, what: str) -> None:
     with begun(recorder.folder) as bench:
-        wait_until(lambda: bench.follower.is_joined)
+        until(lambda: bench.follower.is_joined)
         bench.ask("watcher", what)
-        wait_until(lambda: [one.kind for one in recorder.asked] == [what])
+        until(lambda: [one.kind for one in recorder.asked] == [what])
 
 
 def test_the_time_to_come_back_counts_from_when_the_page_listens(
@@ -302,7 +296,7 @@ def test_the_time_to_come_back_counts_from_when_the_page_listens(
     bench = Bench(Lab.open(recorder.folder), "no.such.program", right=30.0)
     now[0] += 40.0  # it takes long to begin
     bench.start()
-    wait_until(lambda: bench.follower.is_joined)
+    until(lambda: bench.follower.is_joined)
     for later in (0.0, 29.0):
         now[0] += later
         with pytest.raises(IpmclabError, match="begun anew"):
@@ -330,21 +324,21 @@ def test_that_a_run_is_being_ended_is_known_to_all(recorder: Recorder, bench: Be
     recorder.tell("plan", **PLAN)
     recorder.tell("run", **RUN)
     recorder.tell("progress", rows=40, acknowledged=30, of=100)
-    wait_until(lambda: bench.follower.is_joined and bench.follower.state.readings()["progress"])
+    until(lambda: bench.follower.is_joined and bench.follower.state.readings()["progress"])
     assert bench.document("anna")["ending"] is None
     bench.ask("anna", "stop")
     assert bench.document("ben")["ending"] == {"how": "stop", "at_zero": False}
     recorder.tell("event", event="stop", time=4.1, text="stopped by the operator at 4.1 s", ending="stop")
     recorder.tell("progress", rows=41, acknowledged=30, of=46)
-    wait_until(lambda: bench.document("ben")["ending"]["at_zero"])
+    until(lambda: bench.document("ben")["ending"]["at_zero"])
     bench.ask("ben", "zero")
     with begun(recorder.folder) as again:  # the recorder tells it to who comes later
-        wait_until(lambda: (again.document("ben")["ending"] or {}).get("at_zero"))
-        wait_until(lambda: again.document("ben")["progress"] == {"rows": 41, "acknowledged": 30, "of": 46})
+        until(lambda: (again.document("ben")["ending"] or {}).get("at_zero"))
+        until(lambda: again.document("ben")["progress"] == {"rows": 41, "acknowledged": 30, "of": 46})
     assert bench.document("anna")["ending"] == {"how": "zero", "at_zero": True}
     recorder.tell("recorded", path="a.nc", state="complete", signal="step 1 V", purpose="signal", findings=[])
     recorder.tell("ended", how="stop", error=None)
-    wait_until(lambda: bench.document("anna")["bench"] == "ended")
+    until(lambda: bench.document("anna")["bench"] == "ended")
     told = bench.document("anna")
     assert (told["ending"], told["run"], told["progress"]) == (None, None, None)
     bench.follower.state.asked_here("stop")  # it ended in that moment
@@ -392,16 +386,53 @@ def test_who_comes_in_the_middle_of_a_run_is_shown_its_beginning(recorder: Recor
     path = journal.end("complete")
     recorder.tell("run", **RUN)
     recorder.tell("begun", uuid="u", journal=str(path))
-    wait_until(lambda: recorder.is_listened_to and bench.follower.state.journal)
+    until(lambda: recorder.is_listened_to and bench.follower.state.journal)
     recorder.hub.tell(block(40, 10))
-    wait_until(lambda: bench.follower.columns is not None and len(bench.follower.columns) == 50)
+    until(lambda: bench.follower.columns is not None and len(bench.follower.columns) == 50)
     t, held = bench.follower.columns.snapshot()
     assert np.allclose(t, np.arange(50) / 10.0)
     assert np.allclose(held["voltage"], np.sin(np.arange(50) / 7))
 
 
+def test_rows_that_the_journal_has_not_yet_leave_no_hole(recorder: Recorder, bench: Bench) -> None:
+    """It is written twice a second: who joins between two writes finds it behind the blocks that come."""
+    from ipmclab.store.journal.journal import Journal, JournalHeader
+    from ipmclab.store.journal.record import read_journal
+
+    folder = recorder.hub.file.parents[1]
+    header = JournalHeader("00000000-0000-4000-8000-000000000000", 10.0, ("voltage", "current"))
+    journal = Journal.create(folder, header)
+    rows = np.column_stack([np.sin(np.arange(60) / 7), np.arange(60) / 1000.0])
+    journal.append(0, rows[:25].tolist())
+    recorder.tell("run", **RUN)
+    recorder.tell("begun", uuid="u", journal=str(journal.path))
+    until(lambda: recorder.is_listened_to and bench.follower.state.journal)
+    recorder.hub.tell(block(40, 10))
+    until(lambda: bench.follower.columns is not None)
+    journal.append(25, rows[25:50].tolist())
+    until(lambda: read_journal(journal.path).n_rows == 50)
+    recorder.hub.tell(block(50, 10))
+    until(lambda: len(bench.follower.columns) == 60)
+    t, held = bench.follower.columns.snapshot()
+    assert np.allclose(t, np.arange(60) / 10.0)
+    assert np.allclose(held["voltage"], rows[:, 0])
+    journal.end("complete")
+
+
+def test_what_happened_keeps_its_times_for_who_comes_later(recorder: Recorder, bench: Bench) -> None:
+    """A server that was killed and started anew tells what was told before it with the times of then."""
+    began = time.time()
+    recorder.tell("note", text="before")
+    until(lambda: bench.follower.state.document()["notes"])
+    time.sleep(1.2)
+    with begun(recorder.folder) as second:
+        until(lambda: second.follower.state.document()["notes"])
+        (told,) = second.follower.state.document()["notes"]
+    assert began <= told["at"] <= began + 1.0
+
+
 def test_only_the_operator_steers_and_anybody_may_zero(recorder: Recorder, bench: Bench) -> None:
-    wait_until(lambda: bench.follower.is_joined)
+    until(lambda: bench.follower.is_joined)
     app = FastAPI()
     app.include_router(routes(bench))
     anna, ben = (TestClient(app, cookies={"ipmclab-seat": name}) for name in ("anna", "ben"))
@@ -411,8 +442,12 @@ def test_only_the_operator_steers_and_anybody_may_zero(recorder: Recorder, bench
     assert ben.post("/bench/answer", json={"number": 1, "value": "done"}).status_code == 409
     assert ben.post("/bench/zero", content=b"[" * 200_000).status_code == 200  # whatever else is said
     assert anna.post("/bench/mark", json={"text": "fan on"}).status_code == 200
-    wait_until(lambda: [one.kind for one in recorder.asked] == ["start", "zero", "mark"])
+    until(lambda: [one.kind for one in recorder.asked] == ["start", "zero", "mark"])
     assert recorder.asked[-1].values["text"] == "fan on"
+    assert recorder.asked[1].values["text"] == "emergency zero by somebody who watched the page"
+    assert anna.post("/bench/zero").status_code == 200
+    until(lambda: len(recorder.asked) == 4)
+    assert "text" not in recorder.asked[3].values  # the recorder says that it was the operator
     assert anna.post("/bench/explode").status_code == 404
     assert anna.post("/bench/mark", content=b"not json").status_code == 400
     assert anna.post("/bench/release").status_code == 200
@@ -421,7 +456,7 @@ def test_only_the_operator_steers_and_anybody_may_zero(recorder: Recorder, bench
 
 @pytest.mark.parametrize("number", ["x" * 70_000, 10**4000, -1, 1.5, True, None, {}, float("nan")])
 def test_an_answer_that_is_none_does_not_reach_the_recorder(recorder: Recorder, bench: Bench, number: object) -> None:
-    wait_until(lambda: bench.follower.is_joined)
+    until(lambda: bench.follower.is_joined)
     app = FastAPI()
     app.include_router(routes(bench))
     anna = TestClient(app, cookies={"ipmclab-seat": "anna"})
@@ -438,7 +473,7 @@ def test_an_answer_that_is_none_does_not_reach_the_recorder(recorder: Recorder, 
             assert (refused.status_code, "UTF-8" in refused.json()["message"]) == (400, True)
     long = json.dumps({"number": 1, "value": "\U0001d400" * 9000})
     assert anna.post("/bench/answer", content=long.encode()).status_code == 200
-    wait_until(lambda: [one.kind for one in recorder.asked] == ["answer"])
+    until(lambda: [one.kind for one in recorder.asked] == ["answer"])
     assert recorder.hub.clients == 1
 
 
@@ -447,23 +482,23 @@ def test_a_recorder_that_hung_up_and_runs_on_is_joined_again(
 ) -> None:
     """Whatever it was that it could not understand: STOP and ZERO reach it, and nobody is told that it is gone."""
     recorder.tell("run", **RUN)
-    wait_until(lambda: bench.follower.state.bench == "recording")
+    until(lambda: bench.follower.state.bench == "recording")
     time.sleep(1.1)
     version = bench.follower.state.version
     bench.follower.request("answer", number="x" * 70_000)
-    wait_until(lambda: bench.follower.state.version > version)  # it has told everything once more
-    wait_until(lambda: bench.follower.is_joined and recorder.hub.clients == 1)
+    until(lambda: bench.follower.state.version > version)  # it has told everything once more
+    until(lambda: bench.follower.is_joined and recorder.hub.clients == 1)
     assert bench.follower.state.bench in ("starting", "recording")
     monkeypatch.setattr("ipmclab.page.live.follower._AGAIN", 60.0)
     bench.follower.request("answer", number="x" * 70_000)  # again: by itself it is not joined for that long
-    wait_until(lambda: not bench.follower.is_joined)
+    until(lambda: not bench.follower.is_joined)
     app = FastAPI()
     app.include_router(routes(bench))
     anna = TestClient(app, cookies={"ipmclab-seat": "anna"})
     assert anna.post("/bench/zero").status_code == 200
     assert anna.post("/bench/stop").status_code == 200
-    wait_until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
-    wait_until(lambda: bench.follower.state.bench == "recording")
+    until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
+    until(lambda: bench.follower.state.bench == "recording")
 
 
 @contextlib.contextmanager
@@ -475,11 +510,11 @@ def handed_over(folder: Path) -> Iterator[tuple[Bench, Callable[[], None]]]:
     bench.follower.reach()
     taking = threading.Thread(target=bench.follower._joined, name="taking over", daemon=True)
     taking.start()
-    assert gate.is_reached.wait(10.0)
+    assert gate.is_reached.wait(HANGS)
 
     def take_over() -> None:
         gate.opened.set()
-        taking.join(10.0)
+        taking.join(HANGS)
         assert not taking.is_alive()
 
     try:
@@ -497,7 +532,7 @@ def test_what_is_asked_while_a_recorder_is_handed_over_reaches_it(recorder: Reco
         take_over()
         assert bench.follower.is_joined
         assert bench.follower.request("stop")
-        wait_until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
+        until(lambda: [one.kind for one in recorder.asked] == ["zero", "stop"])
         assert recorder.hub.clients == 1
 
 
@@ -509,20 +544,20 @@ def test_a_recorder_that_was_given_up_while_it_was_handed_over_is_joined_anew(re
         take_over()
         bench.follower.reach()
         assert bench.follower.request("zero")
-        wait_until(lambda: [one.kind for one in recorder.asked] == ["zero"])
+        until(lambda: [one.kind for one in recorder.asked] == ["zero"])
 
 
 def test_who_cannot_reach_a_recorder_does_not_say_that_nothing_drives(
     recorder: Recorder, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wait_until(lambda: bench.follower.is_joined)
+    until(lambda: bench.follower.is_joined)
 
     def refuse(file: Path) -> None:
         raise IpmclabError("it is crowded", code="no-recorder", where="bench", repair="wait")
 
     monkeypatch.setattr("ipmclab.page.live.follower.Recorder", refuse)
     bench.follower.request("answer", number="x" * 70_000)
-    wait_until(lambda: bench.follower.state.bench == "lost")
+    until(lambda: bench.follower.state.bench == "lost")
     assert "may be driving" in bench.follower.state.document()["text"]
     with pytest.raises(IpmclabError, match="may be driving the output") as told:
         bench.ask("anna", "zero")
@@ -557,8 +592,8 @@ class Deaf:
 def test_a_recorder_that_takes_nothing_in_freezes_nobody_and_zero_reaches_it(tmp_path: Path, bench: Bench) -> None:
     """Its connection is given up and it is joined anew; meanwhile the page answers others."""
     deaf = Deaf(tmp_path)
-    assert deaf.first.wait(10.0)
-    wait_until(lambda: bench.follower.is_joined)
+    assert deaf.first.wait(HANGS)
+    until(lambda: bench.follower.is_joined)
     fill(bench.follower._recorder._connection)
     app = FastAPI()
     app.include_router(routes(bench))
@@ -578,7 +613,7 @@ def test_a_recorder_that_takes_nothing_in_freezes_nobody_and_zero_reaches_it(tmp
 
     assert asyncio.run(both()) == [200, 200]
     assert order == ["hold", "zero"]
-    wait_until(lambda: "zero" in [one.kind for one in deaf.asked])
+    until(lambda: "zero" in [one.kind for one in deaf.asked])
     deaf.door.close()
 
 
@@ -631,7 +666,7 @@ def test_zero_reaches_the_recorder_while_a_fit_holds_the_worker(
     app = FastAPI()
     app.include_router(routes(bench))
     client = TestClient(app, cookies={"ipmclab-seat": "anna"})
-    wait_until(lambda: bench.follower.is_joined)
+    until(lambda: bench.follower.is_joined)
     arguments = {
         "actuator": "friend-2",
         "runs": [str(tmp_path / "long.nc")],
@@ -640,9 +675,9 @@ def test_zero_reaches_the_recorder_while_a_fit_holds_the_worker(
     }
     with Jobs() as jobs:
         job = jobs.submit("identify", {**arguments, "free": ["electrical"], "out": str(tmp_path / "out.toml")})
-        wait_until(lambda: job.state == "running" and "reading" not in job.sentence, 60)
+        until(lambda: job.state == "running" and "reading" not in job.sentence)
         assert client.post("/bench/zero").status_code == 200
-        wait_until(lambda: recorder.asked and recorder.asked[-1].kind == "zero", 1)
+        until(lambda: recorder.asked and recorder.asked[-1].kind == "zero")
         assert not job.is_over
         jobs.cancel(job)
 
@@ -652,9 +687,9 @@ def test_the_link_tells_the_state_and_the_readings(recorder: Recorder, bench: Be
     app.include_router(routes(bench))
     recorder.tell("plan", **PLAN)
     recorder.tell("run", **RUN)
-    wait_until(lambda: recorder.is_listened_to and bench.follower.state.run)
+    until(lambda: recorder.is_listened_to and bench.follower.state.run)
     recorder.hub.tell(block(0, 30))
-    wait_until(lambda: bench.follower.columns is not None)
+    until(lambda: bench.follower.columns is not None)
     client = TestClient(app, cookies={"ipmclab-seat": "anna"})
     with client.websocket_connect("/live") as socket:
         socket.send_text('{"view": "window", "seconds": 60}')
@@ -680,34 +715,34 @@ def test_the_link_tells_the_state_and_the_readings(recorder: Recorder, bench: Be
             message = socket.receive()
             pulse = json.loads(message["text"]) if message.get("text") else {}
         assert pulse["latest"]["temperature"] == 22.5
-    wait_until(lambda: bench.seats.watching == 0)
+    until(lambda: bench.seats.watching == 0)
 
 
 def test_a_recorder_that_dies_is_told_and_the_next_is_followed(tmp_path: Path, bench: Bench) -> None:
     first = Recorder(tmp_path)
     first.tell("run", **RUN)
-    wait_until(lambda: bench.follower.state.bench == "recording")
+    until(lambda: bench.follower.state.bench == "recording")
     first.hub.close()
-    wait_until(lambda: bench.follower.state.bench == "lost")
+    until(lambda: bench.follower.state.bench == "lost")
     assert "recover" in bench.follower.state.document()["text"]
-    wait_until(lambda: not bench.follower.is_joined)
+    until(lambda: not bench.follower.is_joined)
     second = Recorder(tmp_path)
     second.tell("ended", status=0, how="done", error=None, runs=[])
-    wait_until(lambda: bench.follower.state.bench == "ended")
+    until(lambda: bench.follower.state.bench == "ended")
     second.hub.close()
 
 
 def test_whether_somebody_could_answer_is_told(recorder: Recorder, bench: Bench) -> None:
-    wait_until(lambda: bench.follower.is_joined)
-    wait_until(lambda: recorder.hub.answerers == 0)
+    until(lambda: bench.follower.is_joined)
+    until(lambda: recorder.hub.answerers == 0)
     app = FastAPI()
     app.include_router(routes(bench))
     with TestClient(app, cookies={"ipmclab-seat": "anna"}) as client, client.websocket_connect("/live"):
         time.sleep(0.2)
         assert recorder.hub.answerers == 0  # they only watch
         client.post("/bench/hold")
-        wait_until(lambda: recorder.hub.answerers == 1)
-    wait_until(lambda: recorder.hub.answerers == 0)
+        until(lambda: recorder.hub.answerers == 1)
+    until(lambda: recorder.hub.answerers == 0)
 
 
 def test_a_message_may_be_empty() -> None:
@@ -734,7 +769,7 @@ def test_a_recorder_that_is_started_here_is_followed_once(tmp_path: Path, monkey
     bench.prepare("anna", {"experiment": "x.toml"})
     with pytest.raises(IpmclabError, match="at the bench already"):
         bench.prepare("anna", {"experiment": "x.toml"})
-    wait_until(lambda: bench.follower.is_joined)
+    until(lambda: bench.follower.is_joined)
     assert made[0].hub.clients == 1
     bench.follower.close()
     made[0].hub.close()

@@ -20,18 +20,20 @@ from hypothesis import strategies as st
 
 from ipmclab import Run, load_actuator, read_fit, read_run, simulate, write_run
 from ipmclab.errors import InputError
-from ipmclab.identify import Bands
 from ipmclab.page import curves
 from ipmclab.page.commands import identify_step, import_step, report_step, simulate_step, validate_step
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
 from ipmclab.page.elements.column_map import Said, channel_tables
-from ipmclab.page.jobs.tasks.preview import guess_channels, guess_layout
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows, told_runs
 from ipmclab.page.workshop import FitRequest, Workshop
+from ipmclab.prediction.bands import Bands
 from ipmclab.store.catalogue.catalogue import Catalogue
 from ipmclab.store.catalogue.query import CatalogueRow
+from ipmclab.store.guess.guess import guess_channels, guess_file
+from ipmclab.store.importers import read_columns
+from ipmclab.store.importers.csv import CsvFile
 from ipmclab.units import CURRENT
 
 BLANK = {"unit": "", "factor": "", "sign": "1", "zero_at": "", "sentinels": ""}
@@ -78,7 +80,7 @@ def client(workshop: Workshop) -> Client:
 
 def row(**values: object) -> CatalogueRow:
     empty = dict.fromkeys(CatalogueRow._fields)
-    return CatalogueRow(**{**empty, "id": 1, "path": "a.nc", "finding_codes": " ", **values})  # type: ignore[arg-type]
+    return CatalogueRow(**{**empty, "id": 1, "version": 1, "path": "a.nc", "finding_codes": " ", **values})  # type: ignore[arg-type]
 
 
 def test_the_table_filters_by_what_is_known_of_a_run() -> None:
@@ -209,6 +211,14 @@ def test_no_run_outside_the_folder_is_sent(client: Client, workshop: Workshop, k
         "/simulate", json={"actuator": "../x.toml", "changes": {}, "signal": "", "duration": 1, "rate": 1}
     )
     assert answer.json()["code"] == "outside-folder"
+
+
+def test_a_figure_has_as_many_runs_as_can_be_told_apart(client: Client) -> None:
+    """Eight colours: more are refused before anybody looks for their files."""
+    for count, told in ((8, "there is no run 'runs/0.nc'"), (9, "9 runs, at most 8 fit on a figure")):
+        answer = client.get("/runs/figure", params={"run": [f"runs/{k}.nc" for k in range(count)], "kind": "svg"})
+        assert answer.status_code in (404, 422)
+        assert told in answer.text
 
 
 def test_a_name_that_no_file_can_have_is_none_of_the_folder(client: Client) -> None:
@@ -368,32 +378,33 @@ def test_what_a_column_is_said_to_be_becomes_a_map() -> None:
         ("t,U\n0,1\n0.02,1\n", {"format": "csv", "separator": ","}),
         ("t;U\n0,0;1,5\n0,2;1,5\n", {"format": "csv", "separator": ";", "decimal": ","}),
         ("0\t1\n1\t1\n", {"format": "csv", "separator": "\t", "header": False}),
-        ("# a rig\nt,U\ns,V\n0,1\n1,1\n", {"format": "csv", "separator": ",", "units_row": True, "comment": "#"}),
+        ("# a rig\nt,U\ns,V\n0,1\n1,1\n", {"format": "csv", "separator": ",", "units_row": True, "skip_lines": 1}),
         ("\na rig\n\nt,U\n0,1\n1,2\n", {"format": "csv", "separator": ",", "skip_lines": 3}),
     ],
 )
 def test_how_a_text_is_written_is_guessed(tmp_path: Path, text: str, layout: dict[str, object]) -> None:
     path = tmp_path / "record.txt"
     path.write_text(text)
-    assert guess_layout(path) == layout
+    assert guess_file(path) == layout
 
 
 def test_a_binary_file_of_no_known_kind_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "record.bin"
     path.write_bytes(bytes(100))
-    with pytest.raises(InputError, match="import it with ipmclab import"):
-        guess_layout(path)
+    with pytest.raises(InputError, match="write a map that describes it"):
+        guess_file(path)
 
 
-def test_headings_say_what_columns_are() -> None:
-    assert guess_channels(("Time [s]", "Voltage", "I / mA", "load cell"), numeric=[True] * 4) == [
-        "time",
-        "voltage",
-        "current",
-        "force",
-    ]
-    assert guess_channels(("t", "U", "I"), numeric=[True, True, False]) == ["time", "voltage", None]
-    assert guess_channels(("", "notes"), numeric=[True, True]) == [None, None]
+def test_headings_say_what_columns_are(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    for names, rows, expected in (
+        ("Time [s],Voltage,I / mA,load cell", "0,0,1,2", ["time", "voltage", "current", "force"]),
+        ("t,U,I", "0,1,broken", ["time", "voltage", None]),
+        (",notes", "1,2", [None, None]),
+    ):
+        path.write_text(f"{names}\n{rows}\n{rows.replace('0', '3', 1)}\n")
+        columns = read_columns(path, CsvFile(format="csv"))
+        assert guess_channels(path, {"format": "csv"}, columns) == expected
 
 
 def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:

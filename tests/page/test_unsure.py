@@ -19,7 +19,8 @@ from ipmclab.rig.bench import BenchError
 from ipmclab.rig.ni import _not_zeroed
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
-from tests.page.test_live import PLAN, RUN, block, wait_until
+from tests.page.test_live import PLAN, RUN, block
+from tests.waiting import until
 
 REAL = {**PLAN, "rig_proof": "not proven"}
 SWITCH = "output may not be at 0 V: switch the amplifier off"
@@ -236,26 +237,26 @@ def document(bench: Bench) -> dict:
 def test_silence_is_counted_where_readings_came_and_others_should(tmp_path: Path, bench: Bench) -> None:
     recorder = Recorder(tmp_path)
     recorder.begin()
-    wait_until(lambda: bench.follower.state.bench == "recording")
+    until(lambda: bench.follower.state.bench == "recording")
     time.sleep(2.0)  # longer than a run may be silent
     assert document(bench)["silent"] is None  # its zeros are read, which takes as long as it takes
-    wait_until(lambda: any(client.wants_blocks for client in recorder.hub._clients))
+    until(lambda: any(client.wants_blocks for client in recorder.hub._clients))
     recorder.hub.tell(block(0, 10))
-    wait_until(lambda: (document(bench)["silent"] or 0) >= 1, 60.0)
+    until(lambda: (document(bench)["silent"] or 0) >= 1)
     recorder.tell("progress", rows=10, acknowledged=10, of=100)  # the disk goes on where a chassis hangs
-    wait_until(lambda: (document(bench)["silent"] or 0) >= 2, 60.0)
+    until(lambda: (document(bench)["silent"] or 0) >= 2)
     assert document(bench)["progress"]["acknowledged"] == 10
     recorder.guard("zero", "the recorder was silent for 0.5 s")
-    wait_until(lambda: document(bench)["text"].startswith("the guardian brought the output to 0 V (no reading for "))
+    until(lambda: document(bench)["text"].startswith("the guardian brought the output to 0 V (no reading for "))
     assert "the guardian brought the output to 0 V" in bench.ask("anna", "zero")
     recorder.guard("armed")
     recorder.hub.tell(block(10, 90))  # it goes on, to its last row
-    wait_until(lambda: document(bench)["silent"] is None)
+    until(lambda: document(bench)["silent"] is None)
     time.sleep(2.0)
     assert document(bench)["silent"] is None
     recorder.guard("disarmed")
     recorder.tell("recorded", path="a.nc", state="complete", signal="step 1 V", purpose="signal", findings=[])
-    wait_until(lambda: document(bench)["text"] == "output at 0 V")
+    until(lambda: document(bench)["text"] == "output at 0 V")
     recorder.hub.close()
 
 
@@ -266,15 +267,15 @@ def test_a_page_that_is_begun_anew_knows_what_guardians_left(tmp_path: Path) -> 
     log = tmp_path / "runs" / "guardian.log"
     bench = Bench(Lab.open(tmp_path), "no.such.program", right=0.0)
     bench.start()
-    wait_until(lambda: document(bench)["alarm"] == SWITCH)
+    until(lambda: document(bench)["alarm"] == SWITCH)
     assert document(bench)["bench"] == "idle"
     assert document(bench)["guard"] == "guardian: failed"
     with pytest.raises(IpmclabError, match=SWITCH):
         bench.ask("anna", "zero")
     recorder.guard("zero")
-    wait_until(lambda: document(bench)["alarm"] == "")
+    until(lambda: document(bench)["alarm"] == "")
     recorder.guard("armed")  # no recorder, and no guardian that says more: a computer that lost its power
-    wait_until(lambda: document(bench)["alarm"] == SWITCH)
+    until(lambda: document(bench)["alarm"] == SWITCH)
     before = time.time() - 100.0
     os.utime(recorder.status, (before, before))
     log.write_text("2026-11-22T10:00:00.000+01:00 armed\n2099-01-01T00:00:00.000+01:00 disarmed\n", encoding="utf-8")
@@ -283,12 +284,12 @@ def test_a_page_that_is_begun_anew_knows_what_guardians_left(tmp_path: Path) -> 
     bench.start()
     other = Recorder(tmp_path)  # of a rig that runs, and is followed
     other.begin()
-    wait_until(lambda: bench.follower.state.bench == "recording")
+    until(lambda: bench.follower.state.bench == "recording")
     third = Recorder(tmp_path)  # of one that runs, and is not
     third.begin()
-    wait_until(lambda: bench.follower._looked[1] > time.monotonic() - 0.2)
+    until(lambda: bench.follower._looked[1] > time.monotonic() - 0.2)
     looked = bench.follower._looked[1]
-    wait_until(lambda: bench.follower._looked[1] > looked)
+    until(lambda: bench.follower._looked[1] > looked)
     assert document(bench)["alarm"] == ""
     bench.follower.close()
     for one in (other, third):
@@ -298,10 +299,10 @@ def test_a_page_that_is_begun_anew_knows_what_guardians_left(tmp_path: Path) -> 
 def test_a_recorder_that_was_killed_is_lost_with_what_matters_first(tmp_path: Path, bench: Bench) -> None:
     recorder = Recorder(tmp_path)
     recorder.begin()
-    wait_until(lambda: bench.follower.is_joined and bench.follower.state.bench == "recording")
+    until(lambda: bench.follower.is_joined and bench.follower.state.bench == "recording")
     recorder.guard("zero", "the recorder is gone")
     recorder.hub.close()
-    wait_until(lambda: document(bench)["bench"] == "lost")
+    until(lambda: document(bench)["bench"] == "lost")
     assert document(bench)["text"].startswith("the guardian brought the output to 0 V; the recorder's process is gone")
     assert document(bench)["alarm"] == ""
 

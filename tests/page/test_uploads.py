@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ipmclab.errors import InputError
-from ipmclab.page.jobs.tasks.unpacked import refuse_large
+from ipmclab.page.jobs.tasks.room import refuse_large_here
 from ipmclab.page.uploads import MOST_UPLOADS, Uploads
 
 
@@ -23,7 +23,7 @@ def test_the_oldest_record_makes_room_for_the_newest(tmp_path: Path) -> None:
     paths = [sent(uploads, f"{k}.csv") for k in range(3 * MOST_UPLOADS)]
     assert sorted(tmp_path.iterdir()) == sorted(paths[-MOST_UPLOADS:])
     with pytest.raises(InputError, match="not kept any more") as told:
-        refuse_large(paths[0])
+        refuse_large_here(paths[0])
     assert told.value.repair == "choose it once more"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from ipmclab.model import load_actuator
 from ipmclab.quality import censored, check, usable
@@ -164,6 +165,14 @@ def test_a_jump_without_the_voltage(read: Read, channel: str, code: str) -> None
     assert finding.values["height"] == pytest.approx(-height, rel=0.1)
 
 
+@pytest.mark.parametrize(("part", "slips"), [(0.007, True), (0.0035, False)])
+def test_a_slip_is_half_a_percent_of_the_range_or_more(read: Read, part: float, slips: bool) -> None:
+    run = read(STEP, noise=0.01, round_off=False)
+    assert run.displacement is not None
+    lower = changed(run, "displacement", slice(1300, None), -part * float(np.ptp(run.displacement)), add=True)
+    assert ("slip" in {finding.code for finding in check(lower)}) is slips
+
+
 # -- contact
 
 
@@ -178,6 +187,25 @@ def test_a_contact_that_comes_late(read: Read, rows: int) -> None:
     assert finding.values["count"] == rows
     masks = usable(run, [finding])
     assert all(np.flatnonzero(~mask).tolist() == list(range(EDGE, EDGE + rows)) for mask in masks.values())
+
+
+@pytest.mark.parametrize("shape", ["step", "square"])
+@pytest.mark.parametrize("milliampere", [1.0, 9.6, 10.0])
+def test_a_resistor_in_coarse_steps_has_contact(shape: str, milliampere: float) -> None:
+    """Its readings are two numbers, a jump apart: that is no resolution, and no noise."""
+    time = np.arange(2000) / 50.0
+    voltage = np.where(time >= 4.0, 1.0, 0.0) if shape == "step" else np.sign(np.sin(0.2 * np.pi * time + 1e-6))
+    current = 1e-3 * np.round(milliampere * voltage)
+    assert not check(Run.from_arrays(time=time, voltage=voltage, current=current))
+
+
+@pytest.mark.parametrize("signal", [STEP, "sine 1 V 0.1 Hz"])
+def test_a_gap_of_the_time_is_a_gap_alone(read: Read, signal: str) -> None:
+    """What changed slowly meanwhile is no jump."""
+    run = read(signal)
+    kept = np.r_[0:230, 600:2000]
+    arrays = {name: values[kept] for name, values in run.channels.items() if len(values) == len(run)}
+    only(Run.from_arrays(time=run.time[kept], hold=run.hold, metadata=run.metadata, **arrays), "rows-missing")
 
 
 def test_a_contact_that_opens_and_closes_again(read: Read) -> None:
@@ -214,13 +242,16 @@ def test_a_current_that_is_not_zero_before_the_step(read: Read) -> None:
     assert "instead of zero" in finding.message
 
 
-def test_the_error_of_a_drift_is_honest_for_white_noise() -> None:
+@pytest.mark.parametrize("follows", [0.0, 0.7])
+def test_the_error_of_a_drift_is_honest(follows: float) -> None:
+    """For white noise, and for noise of which each reading keeps a part of the one before."""
     rng = np.random.default_rng(20261121)
     slopes, errors = [], []
     for _ in range(60):
         time = np.arange(600) / 50.0
         voltage = np.where(time >= 4.0, 1.0, 0.0)
-        displacement = 1e-5 * time + 1e-4 * (1 - np.exp(-np.maximum(time - 4.0, 0.0))) + rng.normal(0, 2e-6, 600)
+        noise = lfilter([2e-6], [1.0, -follows], rng.standard_normal(700))[100:]
+        displacement = 1e-5 * time + 1e-4 * (1 - np.exp(-np.maximum(time - 4.0, 0.0))) + noise
         run = Run.from_arrays(time=time, voltage=voltage, displacement=displacement)
         finding = next(finding for finding in check(run) if finding.code == "drift-before-step")
         slopes.append(finding.values["slope"])

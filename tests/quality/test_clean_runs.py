@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.model import load_actuator, validity
@@ -101,7 +101,6 @@ def test_a_reading_that_nothing_is_known_of_is_used(read: Callable[..., Run]) ->
 numbers = st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1.0, -0.0999999, float("nan")])
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(
     rows=st.integers(2, 80).flatmap(
         lambda n: st.tuples(

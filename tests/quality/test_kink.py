@@ -56,6 +56,20 @@ def test_what_bends_smoothly_has_none(seed: int) -> None:
     assert jumps(wandering(3e-5, seed=seed)) == []
 
 
+@pytest.mark.parametrize(("deviations", "found"), [(15.0, True), (6.0, False)])
+def test_a_rate_jumps_by_ten_standard_deviations_of_its_noise_or_more(deviations: float, found: bool) -> None:
+    """The slope of a line through ten rows with white noise s has the standard deviation s/sqrt(82.5 rows^2)."""
+    noise, time = 1e-6, 0.04 * np.arange(1600)
+    jump = deviations * noise * np.sqrt(2.0 / 82.5) / 0.04
+    quiet = Run.from_arrays(
+        time=time,
+        voltage=np.where(np.arange(1600) >= 133, 1.0, 0.0),
+        displacement=jump * np.maximum(time - 28.0, 0.0)
+        + noise * np.random.default_rng(20261121).standard_normal(1600),
+    )
+    assert bool(jumps(quiet)) is found
+
+
 def test_the_real_record(real_runs: Path) -> None:
     found = {
         name: jumps(import_run(real_runs / f"{name}.csv.gz", MAPS / f"{name}.toml"))

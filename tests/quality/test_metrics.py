@@ -125,6 +125,17 @@ def test_the_current_at_the_end_of_a_half_period(rate: float) -> None:
     assert found["amplitude"].value == pytest.approx(0.05, rel=1e-3)
 
 
+@pytest.mark.parametrize("unread", [245, 1995, 1745])
+def test_a_half_period_whose_end_nobody_read_gives_no_current_there(unread: int) -> None:
+    time = np.arange(2000) / 50.0
+    sign = np.where(np.arange(2000) // 250 % 2, -1.0, 1.0)
+    current = 0.05 * sign * np.exp(-np.mod(time, 5.0) / 2.0)
+    current[unread : unread + 5] = np.nan
+    found = metrics(Run.from_arrays(time=time, voltage=sign, current=current))
+    assert "largest" in found
+    assert not {"half_period_end", "half_period_end_last"} & found.keys()
+
+
 def test_the_published_square_response_of_the_model(read: Callable[..., Run]) -> None:
     run = read("square 1 V 0.1 Hz")
     assert metrics(run)["half_period_end"].value == pytest.approx(21.66e-3, rel=0.01)  # I(5 s) of the 1 V step
@@ -190,11 +201,9 @@ def test_no_period_where_there_is_none(read: Callable[..., Run], signal: str) ->
 
 
 def test_masked_rows_do_not_count(read: Callable[..., Run]) -> None:
-    run = stepped(
-        current=after(lambda t: 0.01 + 0.05 * np.exp(-t / 6.0)) + 1e-5 * np.random.default_rng(1).normal(size=2000)
-    )
-    assert run.current is not None
-    run.current[1000] = 0.4
+    current = after(lambda t: 0.01 + 0.05 * np.exp(-t / 6.0)) + 1e-5 * np.random.default_rng(1).normal(size=2000)
+    current[1000] = 0.4
+    run = stepped(current=current)
     assert metrics(run)["largest"].value == pytest.approx(0.06, rel=1e-2)
 
 

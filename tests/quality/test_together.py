@@ -59,3 +59,25 @@ def test_runs_that_wait_differently_before_the_step_and_have_gaps(read: Read) ->
     findings = check_together([early, replace(late, current=gaps)])
     assert {finding.code for finding in findings} == {"state-unchanged"}
     assert len(findings) == 3
+
+
+def held(level: float, noise: float, seed: int) -> Run:
+    """At rest for 5 s, then 40 s at 1 V, through which the displacement stands at a level."""
+    time = np.arange(2250) / 50.0
+    on = time >= 5.0
+    scatter = noise * np.random.default_rng(seed).standard_normal(len(time))
+    return Run.from_arrays(time=time, voltage=1.0 * on, displacement=level * on + scatter)
+
+
+@pytest.mark.parametrize(("ratio", "code"), [(1.03, "state-changed"), (1.01, "state-unchanged")])
+def test_a_state_changes_by_two_percent_of_the_response(ratio: float, code: str) -> None:
+    (finding,) = check_together([held(1e-3, 1e-8, 1), held(ratio * 1e-3, 1e-8, 2)])
+    assert finding.code == code
+
+
+@pytest.mark.parametrize(("errors", "code"), [(8.0, "state-changed"), (2.0, "state-unchanged")])
+def test_and_by_six_standard_errors_of_a_twentieth_of_the_record(errors: float, code: str) -> None:
+    noise = 2e-4
+    error = np.sqrt(2.0) * noise / np.sqrt(2000 / 20)
+    (finding,) = check_together([held(1e-3, noise, 1), held(1e-3 + errors * error, noise, 2)])
+    assert finding.code == code

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import fields, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import IpmclabError
 from ipmclab.rig import THESIS_RIG, Limit, Limits
+from ipmclab.rig.bench import BenchError
+from ipmclab.rig.channels import Rig
 from ipmclab.rig.safety.guard import Alarm, Guard
+from ipmclab.rig.safety.guarded_bench import GuardedBench, LimitPassed
 
 NOTHING = Limits(**{field.name: None for field in fields(Limits) if field.name not in ("voltage", "slew")})  # type: ignore[arg-type]
 ELECTRODES = replace(THESIS_RIG, voltage_sensed="electrodes")
 
 
-def look(
-    limits: Limits, rate: float, cuts: list[int] | None = None, rig: Any = ELECTRODES, **readings: np.ndarray
+def in_blocks(
+    limits: Limits, rate: float, cuts: list[int] | None = None, rig: Rig = ELECTRODES, **readings: np.ndarray
 ) -> list[Alarm]:
     """All alarms of a record that is cut into blocks at some rows."""
     guard = Guard(limits, rate, rig)
@@ -34,9 +38,76 @@ def look(
     return alarms
 
 
+class Scripted:
+    """A bench that reads what stands in a list, row after row, and keeps what it was told to give out."""
+
+    origin = "virtual bench"
+    description = "readings from a list"
+    sample = None
+
+    def __init__(self, rig: Rig, readings: dict[str, np.ndarray]) -> None:
+        # What is read in volts is the quantity itself, so that not a digit is lost on the way.
+        channels = [replace(rig[name], gain=1.0, offset=0.0, lost=None) for name in readings]
+        self.rig = replace(rig, channels=tuple(channels))
+        self.readings = readings
+        self.row = 0
+        self.output: list[float] = []
+
+    def open(self, measured: Collection[str], rate: float) -> None:
+        assert set(measured) == set(self.readings)
+
+    def exchange(self, voltage: float) -> dict[str, float]:
+        self.row += 1
+        self.output.append(voltage)
+        return {name: float(values[self.row - 1]) for name, values in self.readings.items()}
+
+    def zero(self) -> None:
+        self.output.append(0.0)
+
+
+def ended_by(guarded: GuardedBench) -> Alarm | None:
+    """The limit that the next row passes, if it passes one."""
+    try:
+        guarded.exchange(0.5)
+    except LimitPassed as passed:
+        return passed.alarm
+    return None
+
+
+def in_single_rows(
+    limits: Limits, rate: float, cuts: list[int] | None = None, rig: Rig = ELECTRODES, **readings: np.ndarray
+) -> list[Alarm]:
+    """The alarms of a record that is read row by row, up to the one that ends it."""
+    alarms: list[Alarm] = []
+    readings.setdefault("voltage", np.zeros(len(next(iter(readings.values())))))
+    bench = Scripted(rig, readings)
+    guarded = GuardedBench(bench, limits, on_warning=alarms.append)  # type: ignore[arg-type]
+    guarded.open(list(readings), rate)
+    for row in range(len(readings["voltage"])):
+        ending = ended_by(guarded)
+        if ending is not None:
+            # The output is at 0 V within this very row, and no voltage is taken any more.
+            assert (ending.action, ending.row) == ("zero", row)
+            assert bench.output == [0.5] * (row + 1) + [0.0]
+            assert ended_by(guarded) == ending
+            assert bench.row == row + 1
+            return [*alarms, ending]
+    assert bench.output == [0.5] * len(readings["voltage"])
+    return alarms
+
+
+Look = Callable[..., list[Alarm]]
+
+
+@pytest.fixture(params=[in_blocks, in_single_rows])
+def look(request: pytest.FixtureRequest) -> Look:
+    """All alarms of a record, however it is read."""
+    return request.param
+
+
 @pytest.mark.parametrize("rate", [50.0, 333.0, 10_000.0])
 @pytest.mark.parametrize("duration", [0.0, 0.02, 0.05, 0.5])
-def test_a_limit_acts_when_it_has_been_passed_for_its_duration(rate: float, duration: float) -> None:
+def test_a_limit_acts_when_it_has_been_passed_for_its_duration(look: Look, rate: float, duration: float) -> None:
     rows = int(2.0 * rate)
     current = np.where(np.arange(rows) >= rate // 2, -0.2, 0.1)
     (alarm,) = look(replace(NOTHING, current=Limit(0.15, duration)), rate, current=current)
@@ -47,7 +118,7 @@ def test_a_limit_acts_when_it_has_been_passed_for_its_duration(rate: float, dura
     assert (alarm.limit, alarm.value, alarm.most, alarm.action) == ("current", -0.2, 0.15, "zero")
 
 
-def test_a_break_begins_the_duration_anew() -> None:
+def test_a_break_begins_the_duration_anew(look: Look) -> None:
     current = np.array([0.2, 0.2, 0.2, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2])
     limits = replace(NOTHING, current=Limit(0.15, 0.06))
     assert [alarm.row for alarm in look(limits, 50.0, current=current)] == [7]
@@ -59,7 +130,7 @@ def test_a_break_begins_the_duration_anew() -> None:
 
 
 @pytest.mark.parametrize("rate", [50.0, 1000.0])
-def test_the_mean_current_is_a_convolution(rate: float) -> None:
+def test_the_mean_current_is_a_convolution(look: Look, rate: float) -> None:
     generator = np.random.default_rng(20261121)
     current = generator.normal(0.0, 0.1, int(5 * rate)) * np.linspace(0.0, 1.5, int(5 * rate))
     mean = np.convolve(np.abs(current), np.full(int(rate), 1.0 / rate))[: len(current)]
@@ -69,7 +140,7 @@ def test_the_mean_current_is_a_convolution(rate: float) -> None:
     assert alarm.value == pytest.approx(mean[alarm.row], rel=1e-8)
 
 
-def test_the_power_is_that_into_the_strip_without_the_shunt() -> None:
+def test_the_power_is_that_into_the_strip_without_the_shunt(look: Look) -> None:
     rate, count = 100.0, 400
     voltage, current = np.full(count, 2.0), np.full(count, 0.1)
     # After 1 s the mean is 2 V 0.1 A at the electrodes, or (2 V - 0.1 A 1 ohm) 0.1 A upstream of the shunt.
@@ -81,7 +152,7 @@ def test_the_power_is_that_into_the_strip_without_the_shunt() -> None:
         assert not look(replace(NOTHING, power=Limit(1.01 * power)), rate, rig=rig, voltage=voltage, current=current)
 
 
-def test_the_charge_is_an_integral_of_what_flows_above_1_23_v() -> None:
+def test_the_charge_is_an_integral_of_what_flows_above_1_23_v(look: Look) -> None:
     rate, tau, peak = 1000.0, 2.0, 0.1
     time = np.arange(int(10 * rate)) / rate
     current = peak * np.exp(-time / tau)
@@ -94,7 +165,7 @@ def test_the_charge_is_an_integral_of_what_flows_above_1_23_v() -> None:
     assert alarm.value == pytest.approx(most, rel=2e-3)
 
 
-def test_the_energy_is_an_integral_that_a_discharge_takes_from() -> None:
+def test_the_energy_is_an_integral_that_a_discharge_takes_from(look: Look) -> None:
     rate = 100.0
     into = np.concatenate([np.full(300, 0.1), np.full(300, -0.05), np.full(600, 0.1)])
     voltage = np.full(1200, 1.0)
@@ -103,7 +174,7 @@ def test_the_energy_is_an_integral_that_a_discharge_takes_from() -> None:
     assert alarm.time == pytest.approx(8.0, abs=0.02)
 
 
-def test_the_reading_of_the_voltage_has_a_tolerance_and_no_other() -> None:
+def test_the_reading_of_the_voltage_has_a_tolerance_and_no_other(look: Look) -> None:
     noise = np.random.default_rng(20261121).normal(0.0, 1e-3, 500)
     assert not look(NOTHING, 50.0, voltage=3.5 + noise)
     (alarm, *_) = look(NOTHING, 50.0, voltage=3.6 + noise)
@@ -121,7 +192,6 @@ def _records(draw: st.DrawFn) -> tuple[dict[str, np.ndarray], list[int]]:
     return readings, draw(st.lists(st.integers(1, count - 1), max_size=12))
 
 
-@settings(deadline=None, max_examples=150)
 @given(_records(), st.sampled_from([0.0, 0.02, 0.1]), st.sampled_from(["zero", "warn"]))
 def test_the_cut_of_the_rows_changes_nothing(
     record: tuple[dict[str, np.ndarray], list[int]], duration: float, action: Any
@@ -131,12 +201,17 @@ def test_the_cut_of_the_rows_changes_nothing(
     limits = replace(NOTHING, voltage=Limit(3.0, duration), current=limit, displacement=limit)
     limits = replace(limits, mean_current=Limit(0.02, duration, action), power=Limit(0.01), charge=Limit(0.01))
     limits = replace(limits, energy=Limit(0.01, duration, action))
-    whole, cut = look(limits, 50.0, **readings), look(limits, 50.0, cuts, **readings)
+    whole, cut = in_blocks(limits, 50.0, **readings), in_blocks(limits, 50.0, cuts, **readings)
     assert sorted(map(repr, whole)) == sorted(map(repr, cut))
     assert [alarm.row for alarm in whole] == sorted(alarm.row for alarm in whole)
+    # Row by row it is the same up to what ends it.
+    ending = next((alarm for alarm in whole if alarm.action == "zero"), None)
+    until = [alarm for alarm in whole if ending is None or alarm.row <= ending.row]
+    warnings = [alarm for alarm in until if alarm.action == "warn"]
+    assert in_single_rows(limits, 50.0, **readings) == [*warnings, *([ending] if ending else [])]
 
 
-def test_a_lost_reading_keeps_what_was_and_is_told() -> None:
+def test_a_lost_reading_keeps_what_was_and_is_told(look: Look) -> None:
     rate, nan = 50.0, np.nan
     limits = replace(NOTHING, displacement=Limit(10e-3, 0.1, "zero"))
     # Beyond the limit when it was lost: the time goes on.
@@ -164,6 +239,75 @@ def test_lost_rows_count_as_the_larger_of_their_neighbours() -> None:
         guard.look(503, block)
 
 
+def test_single_rows_that_were_missed_count_as_the_larger_of_their_neighbours() -> None:
+    bench = Scripted(ELECTRODES, {"voltage": np.full(4, 2.0), "current": np.array([0.05, 0.05, 0.1, 0.1])})
+    guarded = GuardedBench(bench, replace(NOTHING, charge=Limit(0.99)))  # type: ignore[arg-type]
+    guarded.open(["voltage", "current"], 50.0)
+    guarded.exchange(0.5)
+    guarded.exchange(0.5)
+    # 10 s are missed before a current of 0.1 A: 1 C.
+    with pytest.raises(LimitPassed) as passed:
+        guarded.exchange(0.5, row=502)
+    assert (passed.value.alarm.limit, passed.value.alarm.row) == ("charge", 502)
+    assert bench.output[-1] == 0.0
+
+
+def test_a_clock_that_goes_back_ends_single_rows_at_0_v() -> None:
+    bench = Scripted(ELECTRODES, {"voltage": np.zeros(4)})
+    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
+    guarded.open(["voltage"], 50.0)
+    guarded.exchange(0.5, row=10)
+    with pytest.raises(IpmclabError, match="a block begins at row 5, row 11 was expected"):
+        guarded.exchange(0.5, row=5)
+    assert bench.output == [0.5, 0.5, 0.0]
+
+
+def test_what_is_read_at_rest_is_subtracted_from_single_rows() -> None:
+    bench = Scripted(ELECTRODES, {"voltage": np.zeros(9), "displacement": np.full(9, 0.011)})
+    guarded = GuardedBench(bench, replace(NOTHING, displacement=Limit(10e-3)))  # type: ignore[arg-type]
+    guarded.open(["voltage", "displacement"], 50.0)
+    guarded.subtract({"displacement": 5e-3})
+    guarded.exchange(0.5)
+    guarded.subtract({"displacement": -5e-3})
+    with pytest.raises(LimitPassed, match="the displacement is 16 mm, beyond its limit of 10 mm"):
+        guarded.exchange(0.5)
+
+
+def test_after_0_v_nothing_else_is_given_out_until_the_bench_is_opened_again() -> None:
+    """Whoever brings the output to 0 V: a loop in another thread must not drive the strip again."""
+    bench = Scripted(ELECTRODES, {"voltage": np.r_[np.full(3, 0.05), np.full(40, 2.0)]})
+    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
+    guarded.open(["voltage"], 50.0)
+    guarded.exchange(0.5)
+    guarded.zero()
+    with pytest.raises(IpmclabError, match="the output was brought to 0 V; open the bench again"):
+        guarded.exchange(0.5)
+    assert bench.output == [0.5, 0.0]
+    # The discharge can be read, and an output that does not go to 0 V is told.
+    for _ in range(12):
+        guarded.exchange(0.0)
+    with pytest.raises(BenchError, match="the output should be at 0 V and 2 V are read"):
+        guarded.exchange(0.0)  # row 13, 0.2 s after the first of 2 V
+    guarded.open(["voltage"], 50.0)
+    guarded.exchange(0.5)
+    assert bench.output[-1] == 0.5
+
+
+def test_0_v_that_comes_in_the_middle_of_a_row_stays() -> None:
+    """A handler of a signal of the system runs between the reading and the voltage that follows it."""
+
+    class Interrupted(Scripted):
+        def exchange(self, voltage: float) -> dict[str, float]:
+            guarded.zero()
+            return super().exchange(voltage)
+
+    bench = Interrupted(ELECTRODES, {"voltage": np.zeros(4)})
+    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
+    guarded.open(["voltage"], 50.0)
+    guarded.exchange(0.5)
+    assert bench.output == [0.0, 0.5, 0.0]
+
+
 def test_after_zeroing_the_discharge_does_not_act_but_an_output_that_stays_does() -> None:
     rate = 50.0
     limits = replace(NOTHING, current=Limit(0.1), charge=Limit(0.01))
@@ -179,6 +323,20 @@ def test_after_zeroing_the_discharge_does_not_act_but_an_output_that_stays_does(
     (stuck,) = guard.look(102, {"voltage": np.full(50, 2.0), "current": np.full(50, 0.2)})
     assert (stuck.kind, stuck.action, stuck.row) == ("stuck", "zero", 112)
     assert str(stuck) == "the output should be at 0 V and 2.2 V are read: take the strip off its leads"
+
+
+@pytest.mark.parametrize("sensed", ["electrodes", "upstream of shunt"])
+def test_what_a_discharge_drops_over_the_source_is_no_output_that_stays(sensed: Any) -> None:
+    """An output at 0 V behind 10 ohm reads as 1 V while the strip gives 0.1 A back through them."""
+    rig = replace(THESIS_RIG, voltage_sensed=sensed, source_resistance=10.0)
+    between = 10.0 + (rig.shunt_resistance if sensed == "electrodes" else 0.0)
+    guard = Guard(NOTHING, 50.0, rig)
+    guard.zeroed(0)
+    discharge = np.full(50, -0.1)
+    assert guard.look(1, {"voltage": -between * discharge, "current": discharge}) == ()
+    # The same reading without its current: the output does give 1 V.
+    (stuck,) = guard.look(51, {"voltage": -between * discharge, "current": 0.0 * discharge})
+    assert (stuck.kind, stuck.value) == ("stuck", pytest.approx(0.1 * between))
 
 
 def test_rows_that_were_sampled_before_the_output_was_at_0_v_do_not_show_that_it_is_stuck() -> None:
@@ -202,6 +360,70 @@ def test_the_air_has_a_limit() -> None:
     assert guard.look(250, block, np.empty(0)) == ()
 
 
-def test_readings_beyond_all_measure_do_not_turn_its_sums_round() -> None:
-    (alarm, *_) = look(replace(NOTHING, charge=Limit(1.0)), 50.0, voltage=np.full(99, 5.0), current=np.full(99, np.inf))
-    assert (alarm.limit, alarm.row) == ("charge", 0)
+def test_the_air_of_a_channel_has_the_same_limit() -> None:
+    guard = Guard(replace(NOTHING, temperature=Limit(40.0, 2.0)), 50.0, ELECTRODES)
+    readings = {"voltage": np.zeros(300), "temperature": np.where(np.arange(300) < 100, 25.0, 41.0)}
+    (alarm,) = guard.look(0, readings, np.empty(0))
+    assert (alarm.limit, alarm.row) == ("temperature", 200)
+
+
+@pytest.mark.parametrize("lost", [0, 10**5, 10**12])
+def test_readings_beyond_all_measure_do_not_turn_its_sums_round(lost: int) -> None:
+    """Nanocoulombs of 64 bits are full after 92,000 rows of 100 kA; a sum that came round would pass its limit anew."""
+    limits = replace(NOTHING, charge=Limit(1.0), energy=Limit(1.0))
+    for current, passed in ((np.inf, ["charge", "energy"]), (-np.inf, ["charge"])):
+        guard = Guard(limits, 50.0, ELECTRODES)
+        block = {"voltage": np.full(1000, 3.0), "current": np.full(1000, current)}
+        alarms = [alarm for first in range(200) for alarm in guard.look(first * (1000 + lost), block)]
+        assert sorted(alarm.limit for alarm in alarms) == passed
+        assert {alarm.row for alarm in alarms} == {0}
+
+
+def test_a_bench_that_fails_leaves_no_voltage_on_the_strip() -> None:
+    class Failing(Scripted):
+        def exchange(self, voltage: float) -> dict[str, float]:
+            if self.row:
+                raise BenchError("no answer", code="no-answer", where="bench", repair="look at the cable")
+            return super().exchange(voltage)
+
+    bench = Failing(ELECTRODES, {"voltage": np.zeros(4)})
+    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
+    guarded.open(["voltage"], 50.0)
+    guarded.exchange(1.0)
+    with pytest.raises(BenchError, match="no answer"):
+        guarded.exchange(1.0)
+    assert bench.output == [1.0, 0.0]
+    with pytest.raises(IpmclabError, match="the output was brought to 0 V"):
+        guarded.exchange(1.0)
+
+
+def test_a_listener_that_fails_does_not_keep_a_limit_from_acting() -> None:
+    def fail(alarm: Alarm) -> None:
+        assert bench.output[-1] == 0.0
+        raise ZeroDivisionError
+
+    limits = replace(NOTHING, current=Limit(0.1), displacement=Limit(1e-3, action="warn"))
+    readings = {"voltage": np.full(4, 1.0), "current": np.full(4, 0.2), "displacement": np.full(4, 2e-3)}
+    bench = Scripted(ELECTRODES, readings)
+    guarded = GuardedBench(bench, limits, on_warning=fail)  # type: ignore[arg-type]
+    guarded.open(list(readings), 50.0)
+    with pytest.raises(ZeroDivisionError):
+        guarded.exchange(1.0)
+    with pytest.raises(LimitPassed):
+        guarded.exchange(1.0)
+    assert bench.output[0] == 1.0
+    assert len(bench.output) > 1
+    assert not any(bench.output[1:])
+
+
+def test_0_v_that_comes_while_the_bench_is_being_opened_holds() -> None:
+    class Slow(Scripted):
+        def open(self, measured: Collection[str], rate: float) -> None:
+            guarded.zero()
+
+    bench = Slow(ELECTRODES, {"voltage": np.zeros(4)})
+    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
+    guarded.open(["voltage"], 50.0)
+    with pytest.raises(IpmclabError, match="the output was brought to 0 V"):
+        guarded.exchange(1.0)
+    assert bench.output == [0.0]

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
+import queue
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.safety.guardian import Guardian, Target
+from ipmclab.rig.channels import THESIS_RIG
+from ipmclab.rig.safety import guardian as guardian_module
+from ipmclab.rig.safety.guardian import Connection, Guardian, Target, _Watch, connect
+from tests.waiting import until
 
 RECORDER = """
 import os, sys, time
@@ -51,15 +58,6 @@ class Recorder:
         self.process.stdout.close()
 
 
-def waited(condition: Callable[[], object], longest: float = 10.0) -> bool:
-    until = time.monotonic() + longest
-    while time.monotonic() < until:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return False
-
-
 def zeroed_at(output: Path) -> list[float]:
     """When the output was brought to 0 V, by the clock of the wall."""
     return [float(line.split()[-1]) for line in output.read_text().splitlines()] if output.exists() else []
@@ -86,7 +84,7 @@ def test_the_output_is_at_0_within_a_second_however_the_recorder_ends(tmp_path: 
             os.killpg(recorder.process.pid, getattr(signal, "SIGKILL"))  # noqa: B009  # Unix only
         else:
             recorder.process.send_signal(getattr(signal, name))
-        assert waited(lambda: zeroed_at(recorder.output))
+        until(lambda: zeroed_at(recorder.output))
         (at,) = zeroed_at(recorder.output)
         assert 0.0 < at - ended < LIMIT
         log = recorder.log.read_text()
@@ -95,7 +93,7 @@ def test_the_output_is_at_0_within_a_second_however_the_recorder_ends(tmp_path: 
         assert all(line[:4].isdigit() and "T" in line[:11] for line in log.splitlines())
     finally:
         recorder.end()
-    assert waited(lambda: not is_running(recorder.guardian))
+    until(lambda: not is_running(recorder.guardian))
     assert len(zeroed_at(recorder.output)) == 1
 
 
@@ -103,8 +101,8 @@ def test_a_recorder_that_was_stopped_learns_that_the_output_is_at_0(tmp_path: Pa
     output = tmp_path / "output.txt"
     with Guardian(Target("file", str(output)), silence=1.0) as guardian:
         guardian.arm()
-        assert waited(lambda: guardian.acted)
-        assert waited(lambda: len(zeroed_at(output)) == 1)
+        until(lambda: guardian.acted)
+        until(lambda: guardian.outcome)
         assert guardian.acted == "the recorder was silent for 1 s"
         with pytest.raises(
             IpmclabError, match="the guardian brought the output to 0 V: the recorder was silent"
@@ -118,7 +116,7 @@ def test_a_recorder_that_was_stopped_learns_that_the_output_is_at_0(tmp_path: Pa
         # The next run is watched as this one was.
         guardian.arm()
         guardian.beat()
-        assert waited(lambda: len(zeroed_at(output)) == 2)
+        until(lambda: len(zeroed_at(output)) == 2)
 
 
 def test_a_recorder_that_computes_for_too_long_is_told_so(tmp_path: Path) -> None:
@@ -160,29 +158,30 @@ def test_blocks_that_are_far_apart_need_no_beats_between_them_but_do_end(tmp_pat
             guardian.beat()
         assert not output.exists()
         # No block for three of their times: the recorder hangs, though its process lives.
-        assert waited(lambda: zeroed_at(output))
+        until(lambda: zeroed_at(output))
 
 
 def test_it_may_be_asked_to_wait_a_little(tmp_path: Path) -> None:
     output = tmp_path / "output.txt"
-    with Guardian(Target("file", str(output)), silence=0.2) as guardian:
+    # A beat every tenth of a second has room in half a second, on a busy machine too.
+    with Guardian(Target("file", str(output)), silence=0.5) as guardian:
         guardian.arm()
-        guardian.hold(1.0)
-        time.sleep(0.8)
+        guardian.hold(2.0)
+        time.sleep(1.2)
         guardian.beat()
         assert not output.exists()
         guardian.hold(0.4)
-        assert waited(lambda: len(zeroed_at(output)) == 1)
+        until(lambda: len(zeroed_at(output)) == 1)
 
 
 def test_it_tries_until_it_succeeds_and_says_so_aloud(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     output, log = tmp_path / "not yet" / "output.txt", tmp_path / "guardian.log"
     with Guardian(Target("file", str(output)), log=log, silence=0.2) as guardian:
         guardian.arm()
-        assert waited(lambda: log.exists() and "it failed: IpmclabError: " in log.read_text())
-        assert waited(lambda: "SWITCH THE AMPLIFIER OFF" in capfd.readouterr().err)
+        until(lambda: log.exists() and "it failed: IpmclabError: " in log.read_text())
+        until(lambda: "SWITCH THE AMPLIFIER OFF" in capfd.readouterr().err)
         output.parent.mkdir()
-        assert waited(lambda: zeroed_at(output))
+        until(lambda: zeroed_at(output))
         assert "could NOT be brought to 0 V so far" in log.read_text()
 
 
@@ -193,9 +192,9 @@ def test_a_reset_that_hangs_is_left_behind(tmp_path: Path) -> None:
     os.mkfifo(output)  # opening it hangs, for nobody reads
     with Guardian(Target("file", str(output)), log=log, silence=0.1) as guardian:
         guardian.arm()
-        assert waited(lambda: log.exists() and "it failed: no answer within 1.5 s" in log.read_text())
+        until(lambda: log.exists() and "it failed: no answer within 1.5 s" in log.read_text())
         output.unlink()
-        assert waited(lambda: "is at 0 V" in log.read_text())
+        until(lambda: "is at 0 V" in log.read_text())
 
 
 def test_without_a_guardian_nothing_is_given_out(tmp_path: Path) -> None:
@@ -207,7 +206,7 @@ def test_without_a_guardian_nothing_is_given_out(tmp_path: Path) -> None:
         guardian.arm()
         os.kill(guardian.pid, signal.SIGTERM)  # asked to end while it is armed, it acts first
         with pytest.raises(IpmclabError, match="guardian"):
-            assert waited(guardian.beat, 5.0)
+            until(guardian.beat)
         guardian.disarm()
     assert len(zeroed_at(tmp_path / "output.txt")) == 1
 
@@ -225,7 +224,193 @@ def test_a_guardian_that_hangs_is_noticed(tmp_path: Path) -> None:
         os.kill(guardian.pid, signal.SIGSTOP)
         try:
             with pytest.raises(IpmclabError, match=r"it has given no sign of life for \d"):
-                assert waited(beat)
+                until(beat)
         finally:
             os.kill(guardian.pid, signal.SIGCONT)
         guardian.disarm()
+
+
+class Words:
+    """What the recorder says, in an order that no clock decides; ``None`` is its end, ``queue.Empty`` its silence."""
+
+    def __init__(self, *words: object) -> None:
+        self.left = list(words)
+
+    def get(self, timeout: float | None) -> object:
+        word = self.left.pop(0)
+        if word is queue.Empty:
+            raise queue.Empty
+        return word
+
+    def put(self, word: object) -> None:
+        self.left.append(word)
+
+
+def watched(folder: Path, *words: object, connection: Connection | None = None) -> tuple[int, Path, str]:
+    """What a guardian came to that heard these words: its exit status, its status file, and what it said."""
+    target, status, said = Target("file", str(folder / "output.txt")), folder / "status.json", io.StringIO()
+    watch = _Watch(target, None, said, connection or connect(target), status)
+    watch._words = Words(*words)  # type: ignore[assignment]
+    return watch.run(), status, said.getvalue()
+
+
+def test_a_recorder_that_ends_just_as_it_is_looked_for_once_more_is_gone(tmp_path: Path) -> None:
+    """Its end comes between the deadline and the last look: it is told as what it is, and ends the guardian."""
+    code, _, said = watched(tmp_path, "arm 0", queue.Empty, None)
+    assert code == 0
+    assert "acted the recorder is gone\n" in said
+    assert len(zeroed_at(tmp_path / "output.txt")) == 1
+
+
+def test_a_word_that_came_late_is_a_sign_of_life(tmp_path: Path) -> None:
+    code, status, said = watched(tmp_path, "arm 0", queue.Empty, "beat", "disarm", None)
+    assert (code, status.exists()) == (0, False)
+    assert "acted" not in said
+    assert not (tmp_path / "output.txt").exists()
+
+
+def test_what_it_has_come_to_stays_to_be_read_once_it_acted(tmp_path: Path) -> None:
+    code, status, said = watched(tmp_path, "arm 60", "beat", None)
+    assert code == 0
+    assert said.endswith("acted the recorder is gone\nzero\n")
+    told = json.loads(status.read_text())
+    assert (told["state"], told["text"]) == ("zero", "the recorder is gone")
+    assert abs(told["time"] - time.time()) < 60.0
+    # Another run with nothing to tell: its own word goes with it.
+    assert not watched(tmp_path, "arm 60", "disarm", None)[1].exists()
+
+
+def test_after_a_reset_that_hangs_the_next_one_goes_through_a_new_connection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guardian_module, "ATTEMPT_TIME", 0.2)
+    monkeypatch.setattr(guardian_module, "GIVE_UP", 2.0)
+    asked, never = [], threading.Event()
+
+    class Hanging:
+        def reset(self) -> None:
+            asked.append(True)
+            never.wait(60.0)
+
+        def read(self) -> float:
+            raise AssertionError("what was not reset is not read")
+
+        def close(self) -> None:
+            """Nothing is held."""
+
+    code, _, _ = watched(tmp_path, "arm 60", None, connection=Hanging())
+    never.set()
+    assert (code, len(asked)) == (0, 1)
+    assert len(zeroed_at(tmp_path / "output.txt")) == 1
+
+
+class Reading:
+    """An output that every reset succeeds for, and that gives these voltages, or fails to tell, when it is read."""
+
+    def __init__(self, *told: float | IpmclabError) -> None:
+        self.told = list(told)
+        self.resets = 0
+
+    def reset(self) -> None:
+        self.resets += 1
+
+    def read(self) -> float:
+        told = self.told.pop(0) if len(self.told) > 1 else self.told[0]
+        if isinstance(told, IpmclabError):
+            raise told
+        return told
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def failure(code: str) -> IpmclabError:
+    return IpmclabError("no reading", code=code, where="voltage", repair="see")
+
+
+def test_a_reset_that_succeeded_is_not_0_v(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An amplifier that holds its output, or an output that is stuck, takes every reset without an error."""
+    monkeypatch.setattr(guardian_module, "LOUD", 0.3)
+    monkeypatch.setattr(guardian_module, "GIVE_UP", 1.0)
+    stuck = Reading(1.0)
+    code, status, said = watched(tmp_path, "arm 60", None, connection=stuck)
+    told = json.loads(status.read_text())
+    assert (code, told["state"]) == (1, "failed")
+    assert told["text"].endswith("it was reset, but 1 V are still read")
+    assert "zero" not in said.split()
+    assert stuck.resets > 2
+    # It is at 0 V as soon as that is read.
+    late = Reading(1.0, 1.0, 1e-3)
+    code, status, said = watched(tmp_path, "arm 60", None, connection=late)
+    assert (code, json.loads(status.read_text())["state"], late.resets) == (0, "zero", 3)
+    assert said.endswith("zero\n")
+
+
+@pytest.mark.parametrize("code", ["output-unread", "bench-lost"])
+def test_an_output_that_cannot_be_read_back_is_told_as_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    monkeypatch.setattr(guardian_module, "LOUD", 0.3)
+    unseen = Reading(failure(code))
+    ended, status, said = watched(tmp_path, "arm 60", None, connection=unseen)
+    told = json.loads(status.read_text())
+    assert (ended, told["state"]) == (1, "unread")
+    assert "no reading" in told["text"]
+    assert "unread IpmclabError: voltage: no reading" in said
+    assert (unseen.resets == 1) == (code == "output-unread")
+
+
+def test_what_it_guards_goes_to_its_process_whole() -> None:
+    target = Target.of(replace(THESIS_RIG, address="127.0.0.1:1", voltage_sensed="electrodes", source_resistance=0.5))
+    assert Target.from_json(target.to_json()) == target
+    assert ([channel.name for channel in target.channels], target.between) == (["voltage", "current"], 1.5)
+
+
+CALLER = """
+import sys, time
+from ipmclab.errors import IpmclabError
+from ipmclab.rig.bench import BenchError
+from ipmclab.rig.safety.guardian import Guardian, Target
+
+guardian = Guardian(Target("file", sys.argv[1]))
+guardian.arm()
+print("armed", flush=True)
+while True:
+    try:
+        guardian.beat()
+    except IpmclabError as failure:
+        print(failure.code, failure, flush=True)
+        break
+    began = time.monotonic()
+    time.sleep(float(sys.argv[2]))  # a call, which has a deadline
+    if time.monotonic() - began > 1.0 and sys.argv[3] == "call":
+        failure = BenchError("the server of the chassis does not answer", code="bench-frozen", repair="restart it")
+        guardian.explain(failure)
+        print(failure.code, failure, flush=True)
+        break
+guardian.disarm()
+guardian.close()
+"""
+
+
+@pytest.mark.parametrize(("stopped", "where"), [(2.2, "call"), (3.6, "beat"), (0.0, "call")])
+def test_a_recorder_that_was_stopped_does_not_blame_the_server(tmp_path: Path, stopped: float, where: str) -> None:
+    if not hasattr(signal, "SIGSTOP"):
+        pytest.skip("this system cannot stop a process")
+    command = [sys.executable, "-c", CALLER, str(tmp_path / "output.txt"), "0.04" if stopped else "1.5", where]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as caller:
+        assert caller.stdout is not None
+        assert caller.stdout.readline() == "armed\n"
+        if stopped:
+            time.sleep(0.2)
+            caller.send_signal(signal.SIGSTOP)
+            time.sleep(stopped)
+            caller.send_signal(signal.SIGCONT)
+        told = caller.stdout.readline()
+    assert len(zeroed_at(tmp_path / "output.txt")) == 1
+    if stopped:
+        assert told.startswith("guardian-acted guardian: the guardian ")
+        assert f"this computer held the recording up for {int(stopped)}" in told
+        assert "server" not in told
+    else:  # it was free all the time: the server it is
+        assert told.startswith("bench-frozen the server of the chassis does not answer; restart it")

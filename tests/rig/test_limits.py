@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, signals
-from ipmclab.rig import THESIS_RIG, Limit, Limits, VirtualBench
-from ipmclab.rig.safety.clamped import Clamped
+from ipmclab.rig import THESIS_RIG, Limit, Limits, VirtualBench, request
+from ipmclab.rig.rows import ClampedRows, SignalRows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
 from ipmclab.signals import Signal
 
@@ -58,10 +58,23 @@ def test_a_ramp_has_a_slew_limit_and_a_step_has_none() -> None:
     assert refused("sine 1 V 0.2 Hz", slow).startswith("signal: it ramps by 1.25")
 
 
+@pytest.mark.parametrize("begins", range(12))
+def test_a_ramp_is_found_wherever_the_pieces_of_a_long_signal_meet(
+    begins: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Hours of it are looked at piece by piece: here of eight rows, the shortest ramp that is one at each place."""
+    monkeypatch.setattr(request, "_CHUNK", 8)
+    rows = np.concatenate([np.zeros(begins + 1), [0.1, 0.2, 0.3], np.full(20, 0.3)])
+    signal = signals.Samples(np.arange(len(rows)) / RATE, rows)
+    with pytest.raises(InputError, match="it ramps by 5 V/s") as told:
+        Limits(slew=1.0).refuse(signal, len(rows) / RATE, RATE)
+    assert f" at {begins / RATE:.6g} s" in str(told.value)  # from the last row at 0 V on
+
+
 @given(st.floats(-20.0, 20.0), st.floats(0.1, 10.0))
 def test_a_clamped_signal_stays_within_its_limit_and_ends_at_0(wanted: float, most: float) -> None:
-    clamped = Clamped(signals.Step(wanted), most, end=1.0)
-    voltage = clamped.voltage(np.arange(100) / 50.0)
+    clamped = ClampedRows(SignalRows(signals.Step(wanted), 50), -most, most, more=50)
+    voltage = clamped.voltages(0, 100, 50.0)
     assert np.abs(voltage).max() <= most
     assert np.all(voltage[50:] == 0.0)
     if abs(wanted) <= most:
@@ -179,5 +192,10 @@ def test_a_plan_says_what_is_electrolysed_and_what_nothing_watches() -> None:
     assert blind["current"] == (
         "the limit of the current, 500 mA, is beyond what its channel reads, 200 mA: it is not seen to be passed"
     )
+    # A load cell of 0 to 98.07 mN that is zeroed at a preload of 20 mN has 78.07 mN left, on one side.
+    pressed = replace(THESIS_RIG["force"], rest=20e-3, zeroed=True)
+    rig = replace(THESIS_RIG, channels=(THESIS_RIG["voltage"], pressed))
+    for most, seen in ((77e-3, True), (80e-3, False)):
+        assert ("force" in replace(limits, force=Limit(most)).unwatched(rig, ["force"])) is not seen
     without = replace(THESIS_RIG, channels=(THESIS_RIG["voltage"],))
     assert set(limits.unwatched(without, [])) == {"current", "mean_current", "charge", "power", "energy"}

@@ -57,7 +57,7 @@ def opened(chassis: StandIn) -> Iterator[NiBench]:
 def happen(chassis: StandIn, kind: str, **values: object) -> None:
     """Let a fault happen now."""
     with chassis.chassis.lock:
-        chassis.chassis.faults.happen(chassis.chassis, Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
+        chassis.chassis.suffer(Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
 
 
 def run_into(
@@ -245,8 +245,9 @@ def test_an_output_that_does_not_obey_is_found_out(chassis: StandIn, opened: NiB
 
 
 def test_a_guardian_ends_a_run_from_outside(chassis: StandIn, opened: NiBench) -> None:
-    # It is told nothing but the output and the address.
-    known = Rig("", (), 0.0, "electrodes", Output(-10.0, 10.0, chassis.rig.output.physical), address=chassis.address)
+    # It is told nothing but the output, the address and the channel that reads the output back.
+    output = Output(-10.0, 10.0, chassis.rig.output.physical)
+    known = Rig("", (chassis.rig["voltage"],), 0.0, "electrodes", output, address=chassis.address)
     guardian = Resetter(known)
     took: list[float] = []
 
@@ -255,6 +256,7 @@ def test_a_guardian_ends_a_run_from_outside(chassis: StandIn, opened: NiBench) -
         guardian.reset()
         took.append(time.monotonic() - begin)
         assert chassis.level == 0.0
+        assert abs(guardian.read()) < 0.01  # although the run that it ended still held the inputs
 
     error, _, _ = run_into(opened.apply(signals.parse("sine 1 V 1 Hz"), 1000), act)
     assert took[0] < 0.4
@@ -264,6 +266,25 @@ def test_a_guardian_ends_a_run_from_outside(chassis: StandIn, opened: NiBench) -
     guardian.reset()
     guardian.close()
     guardian.close()
+
+
+def test_nobody_calls_an_output_0_v_that_was_only_reset(chassis: StandIn, opened: NiBench) -> None:
+    opened.exchange(1.0)
+    happen(chassis, "stuck")
+    guardian = Resetter(chassis.rig)
+    guardian.reset()
+    assert guardian.read() == pytest.approx(1.0, abs=0.01)
+    guardian.close()
+    with pytest.raises(BenchError, match="the output was set to 0 V, but 1 V are still read"):
+        reset(chassis.rig)
+    blind = replace(chassis.rig, channels=tuple(one for one in chassis.rig.channels if one.name != "voltage"))
+    guardian = Resetter(blind)
+    guardian.reset()
+    with pytest.raises(BenchError, match="no channels of this rig tell what the output gives"):
+        guardian.read()
+    guardian.close()
+    with pytest.raises(BenchError, match="1 V are still read"):
+        opened.zero()
 
 
 def test_a_guardian_gives_a_slow_server_more_time_with_each_attempt(

@@ -11,7 +11,7 @@ from ipmclab import InputError, load_actuator, simulate
 from ipmclab.model import Actuator
 from ipmclab.rig.chamber import platinum_resistance, platinum_temperature
 from ipmclab.rig.channels import THESIS_RIG, VirtualStrip
-from ipmclab.rig.hands import WORDS, handle
+from ipmclab.rig.operator_actions import WORDS, carry_out
 from ipmclab.rig.plant import PRELOAD_TIME, StripPlant
 
 SEED = 20261121
@@ -123,29 +123,29 @@ def test_hands_do_what_they_say(strip: Actuator) -> None:
         return {terminal: float(values[0]) for terminal, values in advance(plant, np.array([time]), step).items()}
 
     either = read(1.0)
-    handle(plant, "tip clear")
+    carry_out(plant, "tip clear")
     assert read(1.0)[CELL] == 0.0
     assert read(1.0)[LASER] == either[LASER]
-    handle(plant, "tip  on cell")
+    carry_out(plant, "tip  on cell")
     assert read(1.0)[CELL] == either[CELL]
     assert read(1.0)[LASER] == pytest.approx(2.0 + 8.0 * 12.3 / 25.0)
-    handle(plant, "laser blocked")
+    carry_out(plant, "laser blocked")
     assert read(1.0)[LASER] == 1.5
-    handle(plant, "contact open")
+    carry_out(plant, "contact open")
     assert abs(read(1.0)[SHUNT]) < 1e-6
-    handle(plant, "contact bad")
+    carry_out(plant, "contact bad")
     assert 0.1 < read(1.0)[SHUNT] / either[SHUNT] < 0.4  # 67 ohm in place of 17
-    handle(plant, "contact good")
+    carry_out(plant, "contact good")
     assert read(1.0)[SHUNT] == pytest.approx(either[SHUNT], rel=1e-12), "what was charged stays so"
-    handle(plant, "rest")
+    carry_out(plant, "rest")
     peak = simulate(strip, "step 1 V", duration=1.0, rate=50.0).current[0]
     assert read(1.0)[SHUNT] == pytest.approx(1.0 / (1.0 / peak + 1.0)), "it was discharged"
     for words in WORDS:
-        handle(plant, words)
+        carry_out(plant, words)
     with pytest.raises(InputError, match=r"unknown words 'tip cleer'; did you mean 'tip clear'\?"):
-        handle(plant, "tip cleer\n")
+        carry_out(plant, "tip cleer\n")
     with pytest.raises(InputError, match="humidity: '60' has no unit"):
-        handle(plant, "humidity 60")
+        carry_out(plant, "humidity 60")
 
 
 def test_time_does_not_go_back(strip: Actuator) -> None:

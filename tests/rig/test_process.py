@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig.experiments.session import Recorded
+from ipmclab.rig.experiments.archive import Recorded
 from ipmclab.rig.experiments.steps import Question
 from ipmclab.rig.process.client import Recorder
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
-from ipmclab.rig.process.server import ClientDesk, ended
+from ipmclab.rig.process.server import ClientOperator, ended
+from tests.waiting import HANGS, in_background, until
 
 CLAMP = Question("clamp", "clamp the strip", ("done", "kept"), "done")
 
@@ -33,53 +32,44 @@ class Steered:
     def abort(self, reason: str = "") -> None:
         self.asked.append(f"abort: {reason}")
 
-    def zero(self) -> None:
-        self.asked.append("zero")
+    def zero(self, reason: str = "") -> None:
+        self.asked.append(f"zero: {reason}")
 
     def mark(self, text: str) -> None:
         self.asked.append(f"mark: {text}")
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[ClientDesk]:
-    desk = ClientDesk(patience=0.3)
-    hub = desk.hub = Hub(tmp_path, desk.on_request)
-    yield desk
+def operator(tmp_path: Path) -> Iterator[ClientOperator]:
+    operator = ClientOperator(patience=0.3)
+    hub = operator.hub = Hub(tmp_path, operator.on_request)
+    yield operator
     hub.close()
 
 
-def file_of(desk: ClientDesk) -> Path:
-    assert desk.hub is not None
-    return desk.hub.file
-
-
-def in_background(action: Callable[[], Any]) -> list[Any]:
-    """The result of something that waits, once it is there."""
-    found: list[Any] = []
-    threading.Thread(target=lambda: found.append(action()), daemon=True).start()
-    return found
+def file_of(operator: ClientOperator) -> Path:
+    assert operator.hub is not None
+    return operator.hub.file
 
 
 def next_of(client: Recorder, kind: str) -> Message:
-    end = time.monotonic() + 10.0
-    while time.monotonic() < end:
-        message = client.next(1.0)
-        if message is not None and message.kind == kind:
+    while (message := client.next(HANGS)) is not None:
+        if message.kind == kind:
             return message
     raise AssertionError(f"no {kind}")
 
 
-def test_an_answer_that_was_given_beforehand_asks_nobody(desk: ClientDesk) -> None:
-    desk.answer_beforehand({"clamp": "kept"})
-    assert desk.ask(CLAMP, lambda: False) == "kept"
-    client = Recorder(file_of(desk))
+def test_an_answer_that_was_given_beforehand_asks_nobody(operator: ClientOperator) -> None:
+    operator.answer_beforehand({"clamp": "kept"})
+    assert operator.ask(CLAMP, lambda: False) == "kept"
+    client = Recorder(file_of(operator))
     assert next_of(client, "answered")["by"] == "beforehand"
     client.close()
 
 
-def test_the_first_client_that_answers_is_heard(desk: ClientDesk) -> None:
-    first, second = Recorder(file_of(desk)), Recorder(file_of(desk))
-    found = in_background(lambda: desk.ask(CLAMP, lambda: False))
+def test_the_first_client_that_answers_is_heard(operator: ClientOperator) -> None:
+    first, second = Recorder(file_of(operator)), Recorder(file_of(operator))
+    found = in_background(lambda: operator.ask(CLAMP, lambda: False))
     number = next_of(first, "question")["number"]
     assert next_of(second, "question")["number"] == number
     second.request("answer", number=number, value="perhaps")
@@ -88,78 +78,74 @@ def test_the_first_client_that_answers_is_heard(desk: ClientDesk) -> None:
     second.request("answer", number=number, value="KEPT ")
     assert next_of(first, "answered")["value"] == "kept"
     first.request("answer", number=number, value="done")  # too late
-    assert found == ["kept"]
+    assert found.result(HANGS) == "kept"
     first.close()
     second.close()
 
 
-def test_nobody_is_there(desk: ClientDesk) -> None:
+def test_nobody_is_there(operator: ClientOperator) -> None:
     with pytest.raises(IpmclabError, match=r"nobody has been there for 0\.3 s") as caught:
-        desk.ask(CLAMP, lambda: False)
+        operator.ask(CLAMP, lambda: False)
     assert caught.value.code == "nobody-answers"
-    assert not desk.wait_for_start()
+    assert not operator.wait_for_start()
 
 
-def test_who_cannot_answer_holds_no_question_open(desk: ClientDesk) -> None:
+def test_who_cannot_answer_holds_no_question_open(operator: ClientOperator) -> None:
     """A client without a terminal looks on; the wait is counted from the question, not from who left long before."""
-    onlooker = Recorder(file_of(desk))
+    onlooker = Recorder(file_of(operator))
     onlooker.request("subscribe", blocks=False, answers=False)
-    assert desk.hub is not None
-    end = time.monotonic() + 5.0
-    while not desk.hub.clients or desk.hub.answerers:
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    desk.hub.alone_since -= 100.0
+    assert operator.hub is not None
+    until(lambda: operator.hub.clients and not operator.hub.answerers)
+    operator.hub.alone_since -= 100.0
     asked = time.monotonic()
     with pytest.raises(IpmclabError, match="nobody has been there"):
-        desk.ask(CLAMP, lambda: False)
+        operator.ask(CLAMP, lambda: False)
     assert time.monotonic() - asked >= 0.3
     assert next_of(onlooker, "question")["step"] == "clamp"
     onlooker.close()
 
 
-def test_an_experiment_that_ends_leaves_its_question(desk: ClientDesk) -> None:
-    client = Recorder(file_of(desk))
-    assert desk.ask(CLAMP, lambda: True) == "done"
+def test_an_experiment_that_ends_leaves_its_question(operator: ClientOperator) -> None:
+    client = Recorder(file_of(operator))
+    assert operator.ask(CLAMP, lambda: True) == "done"
     client.close()
 
 
 @pytest.mark.parametrize(("kind", "starts"), [("start", True), ("stop", False), ("abort", False)])
-def test_the_start(desk: ClientDesk, kind: str, starts: bool) -> None:
-    client = Recorder(file_of(desk))
+def test_the_start(operator: ClientOperator, kind: str, starts: bool) -> None:
+    client = Recorder(file_of(operator))
     client.request(kind)
-    assert desk.wait_for_start() is starts
+    assert operator.wait_for_start() is starts
     client.close()
 
 
-def test_what_is_asked_before_there_is_a_session_is_not_lost(desk: ClientDesk) -> None:
-    client = Recorder(file_of(desk))
+def test_what_is_asked_before_there_is_a_session_is_not_lost(operator: ClientOperator) -> None:
+    client = Recorder(file_of(operator))
     client.request("mark", text="early")
     client.request("start")
-    assert desk.wait_for_start()
+    assert operator.wait_for_start()
     client.request("abort", text="smoke")
     client.request("zero")
-    end = time.monotonic() + 5.0
-    while len(desk._before) < 3:
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    until(lambda: len(operator._before) == 3)
     steered = Steered()
-    desk.steer(steered)
-    assert steered.asked == ["mark: early", "abort: smoke", "zero"]
+    operator.steer(steered)
+    assert steered.asked == ["mark: early", "abort: smoke", "zero: emergency zero by the operator"]
     client.close()
 
 
-def test_requests_reach_the_session(desk: ClientDesk) -> None:
+def test_requests_reach_the_session(operator: ClientOperator) -> None:
     steered = Steered()
-    desk.steer(steered)
-    client = Recorder(file_of(desk))
-    for kind, values in (("mark", {"text": "fan on\ud800"}), ("stop", {}), ("zero", {}), ("abort", {"text": "smoke"})):
+    operator.steer(steered)
+    client = Recorder(file_of(operator))
+    for kind, values in (
+        ("mark", {"text": "fan on\ud800"}),
+        ("stop", {}),
+        ("zero", {"text": "by Ben"}),
+        ("abort", {"text": "smoke"}),
+    ):
         client.request(kind, **values)
-    end = time.monotonic() + 5.0
-    while len(steered.asked) < 4:
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    assert steered.asked == ["mark: fan on?", "stop", "zero", "abort: smoke"]  # what UTF-8 has not is no text
+    until(lambda: len(steered.asked) == 4)
+    assert steered.asked == ["mark: fan on?", "stop", "zero: by Ben", "abort: smoke"]  # what UTF-8 has not is no text
     client.close()
 
 

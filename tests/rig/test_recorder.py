@@ -20,11 +20,13 @@ from ipmclab.model import Actuator
 from ipmclab.rig import THESIS_RIG, Control, Limit, Limits, VirtualBench, record
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.recording.keeping import Rows
-from ipmclab.rig.recording.recorder import capture
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.recording.slow import Air
+from ipmclab.rig.rows import RowSource, as_rows
 from ipmclab.run import Mark
 from ipmclab.signals import Signal
+from tests.rig.captured import captured
+from tests.waiting import AtRow
 
 RATE = 50.0
 
@@ -44,9 +46,10 @@ class Watched(VirtualBench):
         self.zeroed = 0
         self.closed = 0
 
-    def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
-        given_out = super().apply(signal, rows)
-        if np.any(signal.voltage(np.arange(rows) / self._rate)):
+    def apply(self, source: Signal | RowSource, rows: int | None = None) -> Iterator[Block]:
+        played = as_rows(source, rows)
+        given_out = super().apply(played)
+        if played.length is None or np.any(played.voltages(0, played.length, self._rate)):
             return self._changed(given_out)
         return given_out
 
@@ -87,22 +90,16 @@ class Heart:
         if self.beats == self.dies_after:
             raise IpmclabError("there is no guardian", code="guardian-lost", where="guardian", repair="see its log")
 
+    status = None
+
+    def explain(self, failure: IpmclabError) -> None:
+        assert self.armed
+
     def hold(self, seconds: float) -> None:
         assert 0.0 < seconds <= 2.0
 
     def disarm(self) -> None:
         self.armed = False
-
-
-def at_row(row: int, act: Callable[[], object]) -> Callable[[Rows], None]:
-    done = []
-
-    def on_block(rows: Rows) -> None:
-        if rows.first_row + len(rows) >= row and not done:
-            done.append(True)
-            act()
-
-    return on_block
 
 
 def is_safe(bench: Watched, heart: Heart) -> None:
@@ -177,9 +174,9 @@ def test_a_warning_is_a_mark_and_no_end(strip: Actuator) -> None:
 
 def ended(strip: Actuator, act: Callable[[Control], None], **more: Any) -> tuple[Outcome, Watched, Heart]:
     control, bench, heart = Control(), Watched(strip), Heart()
-    outcome = capture(
+    outcome = captured(
         bench, "step 1 V", duration=20.0, rate=RATE, control=control, heartbeat=heart, zero_after=1.0,
-        on_block=at_row(200, lambda: act(control)), **more,
+        on_block=AtRow(200, lambda: act(control)), **more,
     )  # fmt: skip
     is_safe(bench, heart)
     assert outcome.error is None
@@ -197,6 +194,37 @@ def test_stop_keeps_the_run_and_its_rest(strip: Actuator) -> None:
     assert outcome.rows == len(outcome.run) == 302
     assert [(mark.kind, mark.time) for mark in outcome.run.metadata.marks] == [("stop", 4.04)]
     assert "after" in {zero.when for zero in outcome.metadata.zeros}
+
+
+def test_the_guardian_is_asked_for_patience_before_the_output_is_brought_to_0_v(strip: Actuator) -> None:
+    """The tasks of a chassis are stopped and started for that, which takes longer than it waits for a beat."""
+    done: list[str] = []
+
+    class Patient(Heart):
+        def beat(self) -> None:
+            done.append("beat")
+            super().beat()
+
+        def hold(self, seconds: float) -> None:
+            done.append("hold")
+            super().hold(seconds)
+
+    class Zeroed(Watched):
+        def zero(self) -> None:
+            done.append("zero")
+            super().zero()
+
+    control = Control()
+
+    def stop() -> None:
+        done.clear()
+        control.stop()
+
+    captured(
+        Zeroed(strip), "step 1 V", duration=20.0, rate=RATE, rest_after=1.0, control=control, heartbeat=Patient(),
+        on_block=AtRow(200, stop),
+    )  # fmt: skip
+    assert done[:4] == ["beat", "hold", "zero", "beat"]
 
 
 def test_abort_keeps_what_there_is_marked(strip: Actuator) -> None:
@@ -218,14 +246,14 @@ def test_emergency_zero_records_the_discharge(strip: Actuator) -> None:
         for row in [row for row in calls if row <= rows.first_row]:
             calls.pop(row)()
 
-    outcome = capture(bench, "step 1 V", duration=20.0, rate=RATE, control=control, on_block=on_block)
+    outcome = captured(bench, "step 1 V", duration=20.0, rate=RATE, control=control, on_block=on_block)
     assert outcome.rows == 304
 
 
 def test_the_air_is_told_as_it_is_read(strip: Actuator) -> None:
     """Once a second, the same means as the run keeps."""
     told: list[Air] = []
-    outcome = capture(VirtualBench(strip), "step 1 V", duration=5.0, rate=RATE, on_air=told.append)
+    outcome = captured(VirtualBench(strip), "step 1 V", duration=5.0, rate=RATE, on_air=told.append)
     assert outcome.run is not None
     assert [air.time for air in told] == outcome.run.time_environment.tolist()
     assert [air.values["temperature"] for air in told] == outcome.run.temperature.tolist()
@@ -236,7 +264,7 @@ def test_marks_stand_where_they_were_set(strip: Actuator) -> None:
     control.mark("before it all")
     run = record(
         VirtualBench(strip), "step 1 V", duration=4.0, rate=RATE, control=control,
-        on_block=at_row(100, lambda: control.mark("fan on")),
+        on_block=AtRow(100, lambda: control.mark("fan on")),
     )  # fmt: skip
     assert [(mark.time, mark.text) for mark in run.metadata.marks] == [(0.0, "before it all"), (2.04, "fan on")]
 
@@ -244,7 +272,7 @@ def test_marks_stand_where_they_were_set(strip: Actuator) -> None:
 def test_ended_before_it_began(strip: Actuator) -> None:
     control, bench = Control(), Watched(strip)
     control.stop()
-    outcome = capture(bench, "step 1 V", duration=4.0, rate=RATE, control=control, journal=pytest.fail)
+    outcome = captured(bench, "step 1 V", duration=4.0, rate=RATE, control=control, journal=pytest.fail)
     assert (outcome.state, outcome.rows, outcome.run) == ("aborted", 0, None)
     assert "before the signal began" in outcome.reason
     assert bench.closed == 1
@@ -294,8 +322,8 @@ def test_an_output_that_does_not_follow_is_told(strip: Actuator) -> None:
         return replace(block, readings={**block.readings, "voltage": volts, "current": 0.02 * volts})
 
     control, heart, bench = Control(), Heart(), Watched(strip, stuck)
-    outcome = capture(
-        bench, "step 1 V", duration=4.0, rate=RATE, control=control, heartbeat=heart, on_block=at_row(50, control.zero)
+    outcome = captured(
+        bench, "step 1 V", duration=4.0, rate=RATE, control=control, heartbeat=heart, on_block=AtRow(50, control.zero)
     )
     assert outcome.error is not None
     assert outcome.error.code == "output-stuck"
@@ -306,7 +334,7 @@ def test_an_output_that_does_not_follow_is_told(strip: Actuator) -> None:
 
 def test_without_its_guardian_a_run_ends(strip: Actuator) -> None:
     bench, heart = Watched(strip), Heart(dies_after=20)
-    outcome = capture(bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart)
+    outcome = captured(bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart)
     is_safe(bench, heart)
     assert (outcome.state, outcome.rows) == ("aborted", 40)
     assert outcome.reason == "guardian: there is no guardian; see its log"
@@ -321,7 +349,7 @@ def test_whatever_ends_the_program_the_output_is_at_0_and_the_rows_are_kept(
 
     bench, heart = Watched(strip), Heart()
     with pytest.raises(fault) as told:
-        record(bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart, on_block=at_row(100, end))
+        record(bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart, on_block=AtRow(100, end))
     is_safe(bench, heart)
     run = told.value.run  # type: ignore[attr-defined]
     assert len(run) == 100
@@ -343,7 +371,7 @@ def test_a_signal_of_the_system_is_an_end_with_the_output_at_0(strip: Actuator, 
     with pytest.raises(KeyboardInterrupt if name == "SIGINT" else SystemExit) as told:
         record(
             bench, "step 1 V", duration=4.0, rate=RATE, heartbeat=heart,
-            on_block=at_row(100, lambda: os.kill(os.getpid(), number)),
+            on_block=AtRow(100, lambda: os.kill(os.getpid(), number)),
         )  # fmt: skip
     is_safe(bench, heart)
     assert told.value.run.metadata.state == "aborted"  # type: ignore[attr-defined, union-attr]
@@ -379,7 +407,6 @@ def thawed() -> Iterator[None]:
 @pytest.mark.usefixtures("thawed")
 def test_the_garbage_collector_looks_only_at_what_is_new(strip: Actuator) -> None:
     """In a large process it would stop the guard and the heartbeat for half a second."""
-    old = weakref.ref(Ring())
     seen = []
 
     def on_block(rows: Rows) -> None:
@@ -387,7 +414,13 @@ def test_the_garbage_collector_looks_only_at_what_is_new(strip: Actuator) -> Non
         gc.collect()
         seen.append((old() is not None, new() is None))
 
-    assert capture(VirtualBench(strip), "step 1 V", duration=1.0, rate=50.0, on_block=on_block).state == "complete"
+    gc.disable()  # by itself it may come by before the recording begins
+    old = weakref.ref(Ring())
+    try:
+        done = captured(VirtualBench(strip), "step 1 V", duration=1.0, rate=50.0, on_block=on_block)
+    finally:
+        gc.enable()
+    assert done.state == "complete"
     assert set(seen) == {(True, True)}
     gc.collect()
     assert old() is None
@@ -461,9 +494,9 @@ def test_with_a_journal_every_row_goes_there(strip: Actuator) -> None:
         return journals[0]
 
     control = Control()
-    outcome = capture(
+    outcome = captured(
         VirtualBench(strip), "step 1 V", duration=4.0, rate=RATE, journal=make, control=control, zero_after=1.0,
-        on_block=at_row(100, lambda: control.mark("fan on")),
+        on_block=AtRow(100, lambda: control.mark("fan on")),
     )  # fmt: skip
     alone = record(VirtualBench(strip), "step 1 V", duration=4.0, rate=RATE)
     (journal,) = journals
@@ -494,7 +527,7 @@ def test_a_journal_takes_hours_that_memory_does_not(strip: Actuator) -> None:
         record(VirtualBench(strip), "step 1 V", **asked)
     control = Control()
     control.stop()
-    outcome = capture(VirtualBench(strip), "step 1 V", journal=pytest.fail, control=control, **asked)
+    outcome = captured(VirtualBench(strip), "step 1 V", journal=pytest.fail, control=control, **asked)
     assert outcome.rows == 0
 
 
@@ -506,7 +539,7 @@ def test_a_full_disk_ends_the_run_with_the_output_at_0(strip: Actuator) -> None:
         return journals[0]
 
     bench, heart = Watched(strip), Heart()
-    outcome = capture(bench, "step 1 V", duration=4.0, rate=RATE, journal=make, heartbeat=heart)
+    outcome = captured(bench, "step 1 V", duration=4.0, rate=RATE, journal=make, heartbeat=heart)
     is_safe(bench, heart)
     assert outcome.error is not None
     assert outcome.error.code == "disk-full"
@@ -525,7 +558,7 @@ def test_a_real_journal_becomes_the_same_run(strip: Actuator, tmp_path: Path) ->
         return journals[0]
 
     bench = Watched(strip, lambda block: None if block.first_row == 100 else block)
-    outcome = capture(bench, "step 1 V", duration=4.0, rate=RATE, journal=make, limits=Limits(charge=Limit(1e-9)))
+    outcome = captured(bench, "step 1 V", duration=4.0, rate=RATE, journal=make, limits=Limits(charge=Limit(1e-9)))
     assert outcome.state == "complete"
     run = read_run(finalise(journals[0].path, tmp_path / "lab"))
     again = Watched(strip, lambda block: None if block.first_row == 100 else block)

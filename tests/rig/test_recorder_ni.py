@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,11 @@ import pytest
 from ipmclab import check
 from ipmclab.rig import Control, Limit, Limits
 from ipmclab.rig.ni import NiBench
-from ipmclab.rig.recording.keeping import Rows
-from ipmclab.rig.recording.recorder import capture
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.safety.guardian import Guardian
+from tests.rig.captured import captured
 from tests.rig.stand_in import Process, StandIn, serve
+from tests.waiting import AtRow, until
 from virtual_cdaq.model.faults import Fault
 
 pytestmark = pytest.mark.real_time
@@ -40,18 +40,7 @@ def chassis() -> Iterator[StandIn]:
 
 def happen(chassis: StandIn, kind: str, **values: object) -> None:
     with chassis.chassis.lock:
-        chassis.chassis.faults.happen(chassis.chassis, Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
-
-
-def at_time(seconds: float, act: Callable[[], object], rate: float) -> Callable[[Rows], None]:
-    done = []
-
-    def on_block(rows: Rows) -> None:
-        if rows.first_row >= seconds * rate and not done:
-            done.append(True)
-            act()
-
-    return on_block
+        chassis.chassis.suffer(Fault(kind, **values), chassis.chassis.clock.now())  # type: ignore[arg-type]
 
 
 def reaction(outcome: Outcome, rate: float) -> float:
@@ -66,7 +55,7 @@ def reaction(outcome: Outcome, rate: float) -> float:
 def test_a_limit_brings_the_output_to_0_within_100_ms(chassis: StandIn, rate: float) -> None:
     # 2 V draw 114 mA at first: beyond 60 mA from the edge on, for 20 ms.
     limits = Limits(current=Limit(0.06, 0.02))
-    outcome = capture(
+    outcome = captured(
         NiBench(chassis.rig), "step 2 V delay=0.5 s", duration=30.0, rate=rate, measured=("current",),
         limits=limits, zero_time=0.5, zero_after=0.0, discharge=0.6,
     )  # fmt: skip
@@ -90,9 +79,9 @@ def test_a_limit_brings_the_output_to_0_within_100_ms(chassis: StandIn, rate: fl
 @pytest.mark.parametrize("how", ["stop", "abort", "zero"])
 def test_requests_end_a_run_on_the_chassis(chassis: StandIn, how: str) -> None:
     control = Control()
-    outcome = capture(
+    outcome = captured(
         NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), control=control,
-        on_block=at_time(0.5, getattr(control, how), 1000.0), zero_time=0.2, zero_after=0.0,
+        on_block=AtRow(560, getattr(control, how)), zero_time=0.2, zero_after=0.0,
         rest_after=1.0, discharge=1.2,
     )  # fmt: skip
     assert outcome.error is None
@@ -108,8 +97,8 @@ def test_requests_end_a_run_on_the_chassis(chassis: StandIn, how: str) -> None:
 
 
 def test_a_chassis_that_freezes_leaves_the_run_aborted(chassis: StandIn) -> None:
-    on_block = at_time(0.4, lambda: happen(chassis, "freeze", duration=4.0), 1000.0)
-    outcome = capture(
+    on_block = AtRow(440, lambda: happen(chassis, "freeze", duration=4.0))
+    outcome = captured(
         NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), zero_time=0.2,
         on_block=on_block,
     )  # fmt: skip
@@ -126,25 +115,23 @@ def test_a_chassis_that_freezes_leaves_the_run_aborted(chassis: StandIn) -> None
 
 def test_an_output_that_is_stuck_is_told_and_the_guardian_stays_armed(chassis: StandIn) -> None:
     control = Control()
-    on_block = at_time(0.4, lambda: (happen(chassis, "stuck"), control.abort("enough")), 1000.0)
+    on_block = AtRow(440, lambda: (happen(chassis, "stuck"), control.abort("enough")))
     with Guardian(chassis.rig) as guardian:
-        outcome = capture(
+        outcome = captured(
             NiBench(chassis.rig), "step 1 V", duration=30.0, rate=1000.0, measured=("current",), zero_time=0.2,
             on_block=on_block, control=control, heartbeat=guardian,
         )  # fmt: skip
         assert outcome.error is not None
         assert outcome.error.code in ("output-stuck", "output-not-zero")
         assert "switch" in outcome.error.repair or "take the strip off" in str(outcome.error)
-        until = time.monotonic() + 5.0
-        while not guardian.acted and time.monotonic() < until:
-            time.sleep(0.02)
+        until(lambda: guardian.acted)
         assert guardian.acted == "the recorder was silent for 0.5 s"
 
 
 def test_what_flows_beyond_the_range_ends_by_its_mean(chassis: StandIn) -> None:
     # Its channel ends at 200 mA: a limit of 250 mA is never seen to be passed, the mean over 1 s is.
     limits = Limits(current=Limit(0.25), mean_current=Limit(0.1))
-    outcome = capture(
+    outcome = captured(
         NiBench(chassis.rig), "step 3 V", duration=30.0, rate=1000.0, measured=("current",), limits=limits,
         zero_time=0.2, zero_after=0.0, discharge=0.2,
     )  # fmt: skip
@@ -161,6 +148,7 @@ from ipmclab.rig import THESIS_RIG
 from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.rig.ni import NiBench
 from ipmclab.rig.recording.recorder import capture
+from ipmclab.rig.recording.run_request import Listeners, RunRequest
 
 rig = replace(THESIS_RIG, bench="ni", address=sys.argv[1])
 told = []
@@ -168,7 +156,8 @@ def on_block(rows):
     if rows.first_row > 200 and not told:
         told.append(print("recording", flush=True))
 guardian = Guardian(rig, log=sys.argv[2])
-capture(NiBench(rig), "step 1 V", duration=600.0, rate=1000.0, zero_time=0.2, heartbeat=guardian, on_block=on_block)
+request = RunRequest(source="step 1 V", duration=600.0, rate=1000.0, zero_time=0.2)
+capture(NiBench(rig), request, heartbeat=guardian, listeners=Listeners(on_block=on_block))
 """
 
 
@@ -205,10 +194,30 @@ def test_a_recorder_that_ends_leaves_0_v_on_the_chassis(process: Process, tmp_pa
         recorder.stdout.close()
 
 
+def test_a_killed_recorder_s_output_that_is_stuck_is_not_called_0_v(tmp_path: Path) -> None:
+    process, log = Process(tmp_path, faults=["stuck at 3 s for 8 s"]), tmp_path / "guardian.log"
+    command = [sys.executable, "-c", RECORDER, process.address, str(log)]
+    recorder = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert recorder.stdout is not None
+    try:
+        assert recorder.stdout.readline() == "recording\n"
+        time.sleep(3.5)
+        recorder.kill()
+        until(lambda: "it was reset, but 1 V are still read" in log.read_text())
+        until(lambda: "is at 0 V" in log.read_text())  # once it moves again
+        assert process.level == 0.0
+        assert log.read_text().index("SWITCH THE AMPLIFIER OFF") < log.read_text().index("is at 0 V")
+    finally:
+        recorder.kill()
+        recorder.wait()
+        recorder.stdout.close()
+        process.end()
+
+
 def test_rows_that_the_chassis_lost_are_a_finding(chassis: StandIn) -> None:
     """Whatever a drop does, an error or a gap, it is not silent."""
-    on_block = at_time(0.4, lambda: happen(chassis, "overrun"), 1000.0)
-    outcome = capture(
+    on_block = AtRow(440, lambda: happen(chassis, "overrun"))
+    outcome = captured(
         NiBench(chassis.rig), "step 1 V", duration=1.0, rate=1000.0, measured=("current",), zero_time=0.2,
         zero_after=0.0, on_block=on_block,
     )  # fmt: skip
@@ -244,10 +253,10 @@ def test_a_long_or_rich_signal_starts_and_runs_on_under_the_guardian(
     chassis, control = Process(tmp_path), Control()
     try:
         with Guardian(chassis.rig) as guardian:
-            outcome = capture(
+            outcome = captured(
                 NiBench(chassis.rig), signal, duration=duration, rate=rate, measured=("current",), zero_time=0.2,
                 zero_after=0.0, heartbeat=guardian, control=control, journal=lambda header: Nowhere(),
-                on_block=at_time(1.5, lambda: control.abort("enough"), rate),
+                on_block=AtRow(round(1.5 * rate), lambda: control.abort("enough")),
             )  # fmt: skip
             assert (outcome.state, outcome.reason) == ("aborted", "enough")
             assert outcome.rows >= 1.5 * rate

@@ -9,7 +9,7 @@ import pytest
 
 from ipmclab import signals
 from ipmclab.errors import InputError
-from ipmclab.rig import request
+from ipmclab.rig import request, rows
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import THESIS_RIG, Output
 from ipmclab.rig.daqmx.in_use import Hold
@@ -44,11 +44,11 @@ def test_a_row_beyond_the_output_is_found_in_any_piece_of_a_long_signal(monkeypa
 
 
 def test_pieces_of_a_signal_are_the_signal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request, "_CHUNK", 7)
+    monkeypatch.setattr(rows, "_AT_ONCE", 7)
     signal = signals.parse("random 1 V 0.1 s")
     whole = signal.voltage(np.arange(100) / 50.0)
     for sizes in ([100], [1] * 100, [13, 0, 27, 60], [3] * 33 + [1]):
-        feed = request.Feed(signal, 100, 50.0)
+        feed = rows.Feed(rows.SignalRows(signal, 100), 50.0)
         assert np.array_equal(np.concatenate([feed.take(size) for size in sizes]), whole)
         assert feed.take(5).tolist() == [whole[-1]] * 5
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, write_actuator
@@ -163,7 +163,6 @@ def without_scales(rig: Rig) -> Rig:
     return replace(rig, channels=tuple(replace(one, gain=1.0, offset=0.0) for one in rig.channels))
 
 
-@settings(max_examples=60, deadline=None)
 @given(rigs())
 def test_what_is_written_is_read_again(rig: Rig) -> None:
     again = rig_from_text(rig_to_text(rig))

@@ -12,12 +12,13 @@ import pytest
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import Bench, Block
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.experiments import session as session_module
+from ipmclab.rig.experiments import archive as archive_module
+from ipmclab.rig.experiments.archive import Recorded
 from ipmclab.rig.experiments.earlier import Earlier, earlier_runs
 from ipmclab.rig.experiments.experiment import experiment_from_table
 from ipmclab.rig.experiments.fingerprint import Fingerprint, fingerprint_finding
 from ipmclab.rig.experiments.plan import make_plan
-from ipmclab.rig.experiments.session import Recorded, Session
+from ipmclab.rig.experiments.session import Session
 from ipmclab.rig.experiments.steps import Question
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.virtual import VirtualBench
@@ -25,6 +26,7 @@ from ipmclab.run import Finding, Run
 from ipmclab.store.journal import finalise as finalise_module
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.run_file import read_run
+from tests.waiting import AtRow
 
 BASE: dict[str, Any] = {
     "sample": "friend-2",
@@ -68,7 +70,7 @@ def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     def finalise(journal: Path, laboratory: Laboratory) -> Path:
         return Path(finalise_module.finish_here(Path(journal), laboratory).path)
 
-    monkeypatch.setattr(session_module, "finalise", finalise)
+    monkeypatch.setattr(archive_module, "finalise", finalise)
 
 
 def inspect(run: Run) -> Sequence[Finding]:
@@ -152,6 +154,20 @@ def test_pairs_repeats_and_the_baseline(tmp_path: Path) -> None:
     assert sum("current: half the difference of the pair peaks at 5" in text for text in desk.texts()) == 2
 
 
+def test_what_nobody_says_is_not_invented(tmp_path: Path) -> None:
+    """Three recordings of one clamping that nobody vouched for are no three mountings."""
+    for _ in range(3):
+        desk = Desk(clamp="unknown", hydrate="unknown")
+        (run,) = runs_of(make(tmp_path, desk, steps=["hydrate", "clamp", "apply"]).run())
+        assert run.metadata.mounting_id is None
+        assert run.metadata.minutes_out_of_water is None
+        assert "nobody said whether this was done: clamp; the run belongs to no known mounting" in str(
+            run.metadata.notes
+        )
+        assert "nobody said whether this was done: hydrate" in desk.texts()
+    assert earlier_runs(Laboratory.open(tmp_path / "laboratory"), "friend-2").mounting_id is None
+
+
 def test_a_new_mounting_at_every_clamping_unless_it_was_kept(tmp_path: Path) -> None:
     ids = []
     for answer in ("done", "done", "kept"):
@@ -218,8 +234,8 @@ class Watched(VirtualBench):
 
     largest = 0.0
 
-    def apply(self, signal: Any, rows: int) -> Any:
-        for block in super().apply(signal, rows):
+    def apply(self, source: Any, rows: int | None = None) -> Any:
+        for block in super().apply(source, rows):
             self.largest = max(self.largest, float(np.max(np.abs(block.output))))
             yield block
 
@@ -228,12 +244,7 @@ def test_an_abort_ends_the_experiment_and_keeps_the_run(tmp_path: Path) -> None:
     desk = Desk()
     session = make(tmp_path, desk, repeats=3, pause="0 s")
 
-    def abort(message: Message) -> None:
-        if message.kind == "block" and message["first_row"] == 60:
-            session.mark("fan on")
-            session.abort("smoke")
-
-    desk.on_message = abort
+    desk.on_message = AtRow(60, lambda: (session.mark("fan on"), session.abort("smoke")))
     (run,) = runs_of(session.run())
     assert (run.metadata.state, run.metadata.state_reason) == ("aborted", "smoke")
     assert [mark.text for mark in run.metadata.marks if mark.kind == "note"] == ["fan on"]
@@ -252,18 +263,15 @@ def test_how_many_rows_a_run_that_is_ended_will_have_is_told_at_once(tmp_path: P
     desk = Desk()
     session = make(tmp_path, desk, duration="30 s", rest_after="2 s", fingerprint=False)
 
-    def end(message: Message) -> None:
-        if message.kind == "progress" and message.values["rows"] > 100 and session.ended_early is None:
-            getattr(session, how)()
-
-    desk.on_message = end
+    desk.on_message = AtRow(100, getattr(session, how))
     (run,) = runs_of(session.run())
     told = [one for one in desk.told if one.kind in ("event", "progress")]
     place = next(place for place, one in enumerate(told) if one.kind == "event")
     assert told[place].values["ending"] == how
     assert {one.values["of"] for one in told[:place]} == {33 * 50}
     assert {one.values["of"] for one in told[place + 1 :]} == {len(run)}
-    assert len(run) < 33 * 50
+    # It is heard behind the next block of two rows: 2 s of rest, 5 s of discharge or nothing are read after that.
+    assert len(run) == 102 + {"stop": 2, "zero": 5, "abort": 0}[how] * 50
 
 
 def test_a_limit_that_ends_a_run_is_told_with_the_rows_the_run_will_have(tmp_path: Path) -> None:
@@ -296,8 +304,8 @@ def test_a_limit_ends_the_experiment(tmp_path: Path) -> None:
 class Failing(VirtualBench):
     """Breaks down in the middle."""
 
-    def apply(self, signal: Any, rows: int) -> Any:
-        for block in super().apply(signal, rows):
+    def apply(self, source: Any, rows: int | None = None) -> Any:
+        for block in super().apply(source, rows):
             if float(np.max(np.abs(block.output))) > 0.5 and block.first_row > 100:
                 raise IpmclabError("the cable is out", code="bench-lost", where="chassis", repair="plug it in")
             assert isinstance(block, Block)
@@ -362,10 +370,10 @@ def test_a_tare_counts_for_one_run(tmp_path: Path) -> None:
 def test_a_check_that_fails_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     desk = Desk()
     session = make(tmp_path, desk, repeats=2, pause="0 s")
-    session._inspect = lambda _: 1 / 0  # type: ignore[assignment, return-value]
+    session._archive._inspect = lambda _: 1 / 0  # type: ignore[assignment, return-value]
     assert [one.state for one in session.run()] == ["complete", "complete"]
     assert any("ZeroDivisionError" in text for text in desk.texts())
-    monkeypatch.setattr(session_module, "_MOST_CHECKED", 100)
+    monkeypatch.setattr(archive_module, "_MOST_CHECKED", 100)
     session = make(tmp_path, desk)
     assert [one.state for one in session.run()] == ["complete"]
     assert any("ipmclab check" in text and "200 rows" in text for text in desk.texts())

@@ -10,7 +10,7 @@ import pytest
 from ipmclab import InputError, load_actuator
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import THESIS_RIG, FourProbe, VirtualStrip
-from ipmclab.rig.hands import handle
+from ipmclab.rig.operator_actions import carry_out
 from ipmclab.rig.plant import StripPlant
 from ipmclab.rig.sheet_meter import read_four_probe
 from tests.rig.stand_in import serve
@@ -39,7 +39,7 @@ def test_the_stand_in_is_read_through_nis_client() -> None:
         assert 0.3e-3 < found.scatter < 3e-3  # 0.003 K of a Pt100 at two readings a second
         assert "NI 9217 cDAQ1Mod3" in found.bench
         with stand_in.chassis.lock:
-            handle(stand_in.plant, "probes shorted")
+            carry_out(stand_in.plant, "probes shorted")
         assert read_four_probe(stand_in.rig, count=5, shorted=True).mean == pytest.approx(0.0, abs=3e-3)
         assert stand_in.level == 0.0
         assert stand_in.reserved == []

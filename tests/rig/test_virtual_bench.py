@@ -211,6 +211,20 @@ def test_a_current_that_stands_still_may_be_an_offset_or_a_charge(strip: Actuato
     assert run.metadata.starts_from_rest is None
 
 
+def test_a_discharge_that_is_nothing_beside_the_run_leaves_its_start_in_doubt(strip: Actuator) -> None:
+    """A minute after a step 0.2 mA still fall: much before a run of 1 mA, not half a percent of one of 56 mA."""
+    bench = VirtualBench(strip)
+
+    def started(text: str) -> bool | None:
+        bench.hands("rest")
+        record(bench, "step -1 V", duration=20.0, rate=50.0, zero_time=1.0, measured=["current"])
+        run = record(bench, text, duration=1.0, rate=50.0, zero_time=60.0, measured=["current"])
+        return run.metadata.starts_from_rest
+
+    assert started("step 0.02 V") is False
+    assert started("step 1 V") is None
+
+
 @pytest.mark.parametrize(("rate", "rows"), [(10.0, 1), (50.0, 2), (1000.0, 40)])
 def test_a_block_lasts_40_ms(strip: Actuator, rate: float, rows: int) -> None:
     bench = VirtualBench(strip)
@@ -311,7 +325,7 @@ def test_a_run_says_how_it_was_recorded(strip: Actuator) -> None:
         ),
         ({"signal": "stp 1 V"}, "unknown waveform 'stp'"),
         ({"rate": 0.0}, "rate: the rate is 0.0, it must be a number above 0; give it in Hz"),
-        ({"rate": "50 Hz"}, "rate: the rate is '50 Hz', it must be a number above 0"),
+        ({"rate": "50 s"}, "rate: '50 s' is not a frequency"),
         ({"rate": float("nan")}, "rate: the rate is nan"),
         ({"duration": -1.0}, "duration: the duration is -1.0, it must be a number above 0"),
         ({"duration": 1e308, "rate": 1e308}, "duration: 1e+308 s at 1e+308 Hz are inf rows, allowed are 2 to 20000000"),

@@ -13,9 +13,9 @@ from ipmclab.quality import usable
 from ipmclab.rig import THESIS_RIG, VirtualBench, record
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Rig, VirtualStrip
-from ipmclab.rig.recording.recorder import capture
 from ipmclab.rig.recording.zeroing import read_rest, read_tare, uncertainties, wait_for_preload
 from ipmclab.run import QUALITY_FLAGS, ZeroReading
+from tests.rig.captured import captured
 
 RATE = 50.0
 MN = 1e-3
@@ -85,7 +85,7 @@ def test_the_force_is_the_reading_less_the_preload_and_both_zeros_are_kept(strip
         names = ("voltage", "current", "force")
         return [read_rest(bench, names, RATE, when="after", force="tare")["force"]]
 
-    outcome = capture(bench, "step 1 V", duration=60.0, rate=RATE, rest_after=20.0, tares=[before], finish=finish)
+    outcome = captured(bench, "step 1 V", duration=60.0, rate=RATE, rest_after=20.0, tares=[before], finish=finish)
     run = outcome.run
     assert run is not None
     told = {(zero.channel, zero.kind, zero.when): zero for zero in run.metadata.zeros}
@@ -165,8 +165,8 @@ def test_an_output_that_is_not_at_0_is_found_before_the_run(strip: Actuator) -> 
     bench = VirtualBench(strip)
     given_out = bench.apply
 
-    def offset(signal: object, rows: int) -> object:
-        for block in given_out(signal, rows):  # type: ignore[arg-type]
+    def offset(source: object) -> object:
+        for block in given_out(source):  # type: ignore[arg-type]
             volts = {**block.readings, "voltage": block.readings["voltage"] + 1.0}
             yield replace(block, readings=volts)
 

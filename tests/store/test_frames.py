@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
-from hypothesis import given, seed, settings
+import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 
+from ipmclab.store.journal import frames as frames_module
 from ipmclab.store.journal.frames import DATA, END, EVENT, HEADER, HEADER_SIZE, MAGIC, Damage, Frame, read_frames
 
 
@@ -37,15 +40,11 @@ def read(content: bytes) -> tuple[list[Frame], list[Damage]]:
     return [item for item in found if isinstance(item, Frame)], [item for item in found if isinstance(item, Damage)]
 
 
-@seed(20261121)
-@settings(deadline=None)
 @given(frames())
 def test_what_is_written_is_read(made: list[Frame]) -> None:
     assert read(encoded(made)) == (made, [])
 
 
-@seed(20261121)
-@settings(deadline=None)
 @given(frames(), st.binary(min_size=1, max_size=200) | st.just(MAGIC * 30) | st.just(b"\0" * 4096))
 def test_what_is_no_frame_is_dropped_and_counted(made: list[Frame], rubbish: bytes) -> None:
     """Rubbish at the end, as a power cut leaves it, adds nothing and takes nothing away."""
@@ -54,8 +53,6 @@ def test_what_is_no_frame_is_dropped_and_counted(made: list[Frame], rubbish: byt
     assert sum(len(one) for one in damage) == len(rubbish)
 
 
-@seed(20261121)
-@settings(deadline=None)
 @given(frames(), st.data())
 def test_a_hole_takes_only_the_frames_that_it_touches(made: list[Frame], data: st.DataObject) -> None:
     """Zeroed bytes in the middle, as a lost page leaves them: the frames before and behind come back."""
@@ -67,6 +64,29 @@ def test_a_hole_takes_only_the_frames_that_it_touches(made: list[Frame], data: s
     touched = {place for place in range(start, stop) if before[place]}
     whole = [frame for frame in made if not touched & set(range(frame.offset, frame.offset + len(frame)))]
     assert read(bytes(content))[0] == whole
+
+
+def test_a_frame_that_stands_twice_counts_once() -> None:
+    """What a copy of a part of a disk doubles is no second reading."""
+    made = journal()
+    for place, frame in enumerate(made):
+        doubled = encoded(made[: place + 1]) + frame.encode() + encoded(made[place + 1 :])
+        got, damage = read(doubled)
+        assert [(one.sequence, one.payload) for one in got] == [(one.sequence, one.payload) for one in made]
+        end = frame.offset + len(frame)
+        assert [(one.start, one.stop, one.reason) for one in damage] == [
+            (end, end + len(frame), "a frame is out of order")
+        ]
+
+
+def test_a_frame_is_found_wherever_the_pieces_meet_in_which_it_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind damage the next frame is looked for piece by piece: its first letters may stand in two of them."""
+    monkeypatch.setattr(frames_module, "_WINDOW", 64)
+    content = encoded(journal())
+    for length in range(1, 200):
+        got, damage = read(b"\0" * length + content)
+        assert [replace(frame, offset=frame.offset - length) for frame in got] == journal()
+        assert [(one.start, one.stop) for one in damage] == [(0, length)]
 
 
 def journal() -> list[Frame]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, seed, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
@@ -64,7 +64,7 @@ def test_the_hold_of_a_foreign_record_is_unknown_unless_stated() -> None:
         ("file", "csv", "file: 'csv' is not a table"),
         ("channels.voltage.zero_at", 12.4, "channels.voltage.zero_at: 12.4 is not a text; write it in quotes"),
         ("file.separatr", ";", r"file\.separatr: unknown key 'separatr'; did you mean 'separator'\?"),
-        ("file.separator", "|", r"file\.separator: '\|' is not ',', ';' or"),
+        ("file.separator", ":", r"file\.separator: ':' is not ',', ';', .* or"),
         ("file.skip_lines", -1, "file.skip_lines: -1 is below 0"),
         ("file.skip_lines", "2", "file.skip_lines: '2' is not a whole number; write a whole number without quotes"),
         ("file.header", "no", "file.header: 'no' is neither true nor false; write true"),
@@ -174,8 +174,6 @@ keys = st.sampled_from(
 )
 
 
-@seed(20261121)
-@settings(max_examples=100, deadline=None)
 @given(
     table=st.dictionaries(keys, values, max_size=4),
     channel=st.dictionaries(
@@ -191,8 +189,6 @@ def test_no_table_gives_a_traceback(table: dict[str, Any], channel: dict[str, An
             ImportMap.from_table(tried)
 
 
-@seed(20261121)
-@settings(max_examples=100, deadline=None)
 @given(content=st.binary(max_size=60) | st.text(max_size=60).map(lambda text: text.encode("utf-8", "replace")))
 def test_no_file_gives_a_traceback(content: bytes, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.getbasetemp() / "map.toml"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shutil
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -81,6 +83,32 @@ def test_a_header_that_makes_no_run_is_refused(changes: dict[str, Any], words: s
         header(**changes)
     assert caught.value.code == "bad-header"
     assert words in str(caught.value)
+
+
+def test_a_journal_of_a_newer_format_is_not_guessed_at() -> None:
+    """What it would be read as is not what it says: it is refused, with what to do."""
+    table = json.loads(header().to_json())
+    assert table["format_version"] == 1
+    assert JournalHeader.from_json(json.dumps(table).encode(), where="it").rate == 50.0
+    newer = json.dumps({**table, "format_version": 2}).encode()
+    with pytest.raises(InputError, match="it: format version 2, this ipmclab reads versions up to 1; update ipmclab"):
+        JournalHeader.from_json(newer, where="it")
+    other = json.dumps({**table, "format": "another"}).encode()
+    with pytest.raises(InputError, match="its first frame is no header of a journal"):
+        JournalHeader.from_json(other, where="it")
+
+
+def test_where_a_run_stands_says_when_and_of_what_in_a_name_that_every_system_takes(tmp_path: Path) -> None:
+    """A file system has room for 255 bytes: 40 letters for each of rig, sample and signal."""
+    about = RunMetadata(recorded_at="2026-11-21T14:32:05.123+01:00", rig="rig 1/é", signal="step 1 V")
+    uuid = "3f2a77c1-0000-4000-8000-000000000000"
+    laboratory = Laboratory.open(tmp_path)
+    plain = laboratory.run_file(uuid, about, "2020-01-01T00:00:00")
+    assert plain == tmp_path / "runs" / "2026" / "11" / "20261121_143205_rig-1_sample_step_3f2a77c1.nc"
+    long = laboratory.run_file(uuid, replace(about, rig=80 * "r"), "2020-01-01T00:00:00")
+    assert long.name == f"20261121_143205_{40 * 'r'}_sample_step_3f2a77c1.nc"
+    undated = laboratory.run_file(uuid, replace(about, recorded_at=None), "2020-01-02T03:04:05")
+    assert undated == tmp_path / "runs" / "2020" / "01" / "20200102_030405_rig-1_sample_step_3f2a77c1.nc"
 
 
 def test_the_header_is_on_the_disk_before_the_first_row(tmp_path: Path) -> None:

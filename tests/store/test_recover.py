@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from uuid import uuid4
@@ -14,12 +16,15 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import IpmclabError
+from ipmclab.quality import check
 from ipmclab.store import read_run
+from ipmclab.store.journal import guardian_word
+from ipmclab.store.journal import journal as journal_module
 from ipmclab.store.journal import recover as recover_module
-from ipmclab.store.journal.finalise import finalise
-from ipmclab.store.journal.journal import Journal, JournalHeader
+from ipmclab.store.journal.finalise import finalise, finish_here
+from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
 from ipmclab.store.journal.laboratory import Laboratory
-from ipmclab.store.journal.recover import ARCHIVE_TIME, recover
+from ipmclab.store.journal.recover import recover
 
 WRITER = Path(__file__).with_name("writer.py")
 
@@ -166,9 +171,9 @@ def test_half_files_and_old_journals_are_removed_and_nothing_else(tmp_path: Path
     old, kept = sorted(laboratory.archive.iterdir(), key=lambda path: path.stem[:8] != run.stem[-8:])
     unfinished = laboratory.archive / f"{uuid4()}.runj"
     unfinished.write_bytes(b"the run of this one is not here")
-    long_ago = time.time() - ARCHIVE_TIME - 1.0
-    for path in (old, unfinished):
-        os.utime(path, (long_ago, long_ago))
+    for path, days in ((old, 30.1), (unfinished, 30.1), (kept, 29.9)):  # a month of them is kept
+        at = time.time() - days * 24.0 * 3600.0
+        os.utime(path, (at, at))
     live = Journal.create(tmp_path, JournalHeader(str(uuid4()), 50.0, ("voltage",)), ballast=10)
     half = run.with_name("20261121_120000_rig_sample_step_01234567.nc.part")
     its_own = run.with_name(f"20261121_120000_rig_sample_step_{live.path.stem[:8]}.nc.part")
@@ -196,3 +201,110 @@ def test_two_recoveries_at_once(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_run(path).voltage, np.arange(50.0))
     assert len(list((tmp_path / "journal-archive").iterdir())) == 2
     assert not list((tmp_path / "lost+found").iterdir())
+
+
+def long_journal(root: Path) -> tuple[Path, bytes]:
+    """A recording that was cut off, of many small frames."""
+    made = journal(root, 0)
+    for first in range(0, 120, 4):
+        made.append(first, np.arange(first, first + 4, dtype=float)[:, None])
+        made.event("environment", first / 50.0, temperature=22.0)
+        made.append(first + 400, np.empty((0, 1)))
+        while made.acknowledged < first + 4:
+            time.sleep(0.001)
+    path = made.end("complete")
+    return path, path.read_bytes()
+
+
+def rows_but_of(content: bytes, place: int) -> list[float]:
+    """The rows of every frame but the one that has this byte, by the layout that the documentation gives."""
+    kept: list[float] = []
+    start = 0
+    while start < len(content):
+        kind, length = int.from_bytes(content[start + 4 : start + 6], "little"), content[start + 12 : start + 16]
+        stop = start + 40 + int.from_bytes(length, "little")
+        if kind == 0 and not start <= place < stop:
+            kept += np.frombuffer(content[start + 40 : stop], "<f8").tolist()
+        start = stop
+    return kept
+
+
+def test_one_flipped_byte_anywhere_costs_no_row_outside_its_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in the header, which every row needs: 200 flips, half of them in the first frame."""
+    monkeypatch.setattr(journal_module, "COMMIT_TIME", 0.001)
+    path, content = long_journal(tmp_path)
+    first = 40 + int.from_bytes(content[12:16], "little")
+    assert len(content) > 4 * first
+    random = np.random.default_rng(20261121)
+    for number in range(200):
+        place = int(random.integers(first if number % 2 else len(content)))
+        flipped = bytearray(content)
+        flipped[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(flipped)
+        record = read_journal(path)
+        got = [value for _, values in record.rows() for value in values[:, 0].tolist()]
+        assert got == rows_but_of(content, place), place
+        assert record.damage
+        assert record.header.columns == ("voltage",)
+    # And it becomes a run, which says that it is damaged.
+    path.write_bytes(bytes([content[0] ^ 1]) + content[1:])
+    [told] = recover(tmp_path).finished
+    assert (told.outcome, told.rows, told.state) == ("run", 120, "recovered")
+    assert "its journal is damaged" in told.note
+
+
+def test_rows_without_any_header_are_kept_as_a_table_and_told(tmp_path: Path) -> None:
+    path = journal(tmp_path).end("complete")
+    content = path.read_bytes()
+    first = 40 + int.from_bytes(content[12:16], "little")
+    path.write_bytes(content[first:].replace(content[40:first], b"\0" * (first - 40)))
+    [told] = recover(tmp_path).finished
+    assert told.outcome == "lost"
+    assert "50 rows are whole" in told.note
+    assert Path(told.path).parent == Path(told.salvaged).parent == tmp_path / "lost+found"
+    table = np.loadtxt(told.salvaged, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table, np.column_stack([np.arange(50.0), np.arange(50.0)]))
+    assert Path(told.salvaged).read_text().startswith("row,column 1\n")
+    assert recover(tmp_path).finished == ()
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ("zero", "its guardian read the output back at 0 V at 20"),
+        ("unread", "its guardian reset the output at 20"),
+        ("failed", "its guardian could NOT bring the output to 0 V by 20"),
+        ("armed", "its guardian never said that the output is at 0 V"),
+        ("disarmed", "its recorder had the output at 0 V at 20"),
+        (None, "its guardian left no word of the output"),
+    ],
+)
+def test_a_recovered_run_says_what_became_of_the_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: str | None, words: str
+) -> None:
+    monkeypatch.setattr(guardian_word, "_ACTS_WITHIN", 0.0)
+    made = journal(tmp_path)
+    made.event("guardian", 0.0, "20261121.guardian")
+    made.close()
+    word = tmp_path / "recording" / "20261121.guardian"
+    if state is not None:
+        word.write_text(json.dumps({"state": state, "text": "the recorder is gone", "time": time.time() - 61.0}))
+    run = read_run(finish_here(made.path, Laboratory.open(tmp_path)).path)
+    assert run.metadata.state == "recovered"
+    assert words in (run.metadata.state_reason or "")
+    assert "guardian" not in [mark.kind for mark in run.metadata.marks]
+    (finding,) = [finding for finding in check(run) if finding.code == "cut-off"]
+    assert words in finding.message
+    # What says 0 V is no longer needed; what does not is told at the next recording.
+    recover(tmp_path)
+    assert word.exists() == (state in ("unread", "failed", "armed"))
+
+
+def test_a_guardian_that_is_about_to_act_is_waited_for(tmp_path: Path) -> None:
+    word = tmp_path / "a.guardian"
+    word.write_text(json.dumps({"state": "armed", "text": "", "time": 0.0}))
+    told = json.dumps({"state": "zero", "text": "the recorder is gone", "time": 1.0})
+    threading.Timer(0.3, lambda: word.write_text(told)).start()
+    assert guardian_word.read_word(word, since=time.time()).state == "zero"

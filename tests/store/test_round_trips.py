@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, seed, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -126,8 +126,6 @@ def assert_same(got: Run, given: Run) -> None:
     assert got.content_sha256 == given.content_sha256
 
 
-@seed(20261121)
-@settings(max_examples=60, deadline=None)
 @given(run=runs())
 def test_a_run_file_gives_the_run_back(run: Run) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -138,8 +136,6 @@ def test_a_run_file_gives_the_run_back(run: Run) -> None:
 
 
 @pytest.mark.parametrize("ending", [".csv", ".xlsx", ".mat"])
-@seed(20261121)
-@settings(max_examples=40, deadline=None)
 @given(run=runs())
 def test_an_export_gives_the_run_back_without_a_map(ending: str, run: Run) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from hypothesis import given, seed, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError, IpmclabError
@@ -296,8 +296,6 @@ def test_a_name_that_no_file_can_have_is_not_read() -> None:
         read_run("a" * 300 + ".nc")
 
 
-@seed(20261121)
-@settings(max_examples=100, deadline=None)
 @given(data=st.data())
 def test_no_damage_gives_a_traceback_or_other_numbers(
     data: st.DataObject, content: bytes, run: Run, tmp_path_factory: pytest.TempPathFactory

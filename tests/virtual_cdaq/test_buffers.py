@@ -32,6 +32,18 @@ def test_an_input_buffer_gives_every_sample_once_or_says_that_it_lost_some(size,
         assert buffer.take(count).tolist() == [expected, [-each for each in expected]]
 
 
+def test_a_full_input_buffer_has_lost_nothing_and_one_sample_more_is_lost():
+    buffer = InputBuffer(1, 5)
+    buffer.put(np.arange(5, dtype=np.int32)[None, :])
+    assert not buffer.overwritten
+    buffer.put(np.array([[5]], dtype=np.int32))
+    assert buffer.overwritten
+    with pytest.raises(ChassisError):
+        buffer.take(1)
+    buffer.skip_lost()
+    assert buffer.take(5).tolist() == [[1, 2, 3, 4, 5]]
+
+
 @given(st.integers(1, 20), st.lists(st.tuples(st.booleans(), st.integers(0, 30)), max_size=30))
 def test_an_output_buffer_without_regeneration_is_a_queue(size, steps):
     buffer = OutputBuffer(1, size)

@@ -78,3 +78,29 @@ def test_noise_is_standard_normal_and_differs_between_channels_and_acquisitions(
 )
 def test_a_pt100_reads_as_the_standard_says(ohms, celsius):
     assert rtd_temperature(np.array([ohms]), 100.0, RTD_CURVES[10071])[0] == pytest.approx(celsius, abs=0.02)
+
+
+# What a 100 ohm sensor has at 100 degC: 100 (1 + 100 alpha), alpha being in its name; by ITS-90 that of Pt3928 is more.
+@pytest.mark.parametrize(
+    ("curve", "alpha"),
+    [(12481, 3.750e-3), (10071, 3.851e-3), (12482, 3.911e-3), (10069, 3.916e-3), (10053, 3.920e-3), (12483, 3.9295e-3)],
+)
+def test_each_curve_rises_as_its_name_says(curve, alpha):
+    assert rtd_temperature(np.array([100.0 * (1.0 + 100.0 * alpha)]), 100.0, RTD_CURVES[curve]) == pytest.approx(
+        100.0, abs=0.15
+    )
+
+
+# 100 P of GOST 6651 is Pt3911, JPt100 of JIS C 1604-1981 is Pt3916.
+@pytest.mark.parametrize(
+    ("curve", "ohms", "celsius"),
+    [
+        (12482, 59.64, -100.0),
+        (12482, 80.00, -50.0),
+        (12482, 139.11, 100.0),
+        (10069, 59.57, -100.0),
+        (10069, 139.16, 100.0),
+    ],
+)
+def test_other_platinum_reads_as_its_standards_say(curve, ohms, celsius):
+    assert rtd_temperature(np.array([ohms]), 100.0, RTD_CURVES[curve])[0] == pytest.approx(celsius, abs=0.05)

@@ -152,7 +152,7 @@ def test_a_fault_from_within_a_test(bench):
         clocked(task)
         task.read(10)
         with bench.chassis.lock:
-            bench.chassis.faults.happen(bench.chassis, Fault("overrun"), bench.chassis.tick)
+            bench.chassis.suffer(Fault("overrun"), bench.chassis.tick)
         with pytest.raises(DaqReadError):
             task.read(10)
 

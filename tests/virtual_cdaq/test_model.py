@@ -1,10 +1,13 @@
 """The chassis without any server: time, edges, engines."""
 
+import time
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.profiles import costly
 from virtual_cdaq.model import transfer
 from virtual_cdaq.model.channels import VOLTS, Channel
 from virtual_cdaq.model.chassis import Chassis
@@ -71,7 +74,7 @@ def test_a_capacitor_charges_as_its_equation_says():
     assert np.sqrt(np.mean((measured - exact) ** 2)) < 0.2e-3  # 116 uV of noise, steps of 160 uV, an offset
 
 
-@settings(max_examples=20, deadline=None)
+@costly()
 @given(st.lists(st.integers(1, 200), min_size=1, max_size=8))
 def test_data_do_not_depend_on_when_somebody_looks(looks):
     volts = np.linspace(-1.0, 1.0, 300)
@@ -180,3 +183,48 @@ def test_a_rate_is_raised_to_a_whole_divider_and_stays_there(rate):
 def test_another_clock_is_refused_with_those_that_are(text):
     with pytest.raises(ValueError, match=r"'real', 'x10' .* 'lock-step'"):
         make_clock(text)
+
+
+@pytest.mark.parametrize("volts", [-5.001, 5.001, np.nan])
+def test_a_voltage_beyond_the_limits_of_its_channel_is_refused(volts):
+    """Not only beyond what the converter can do, which is 10 V."""
+    writing = new_chassis().new_task("out")
+    add(writing, "cDAQ1Mod2/ao0", 5.0)
+    with pytest.raises(ChassisError) as caught:
+        transfer.to_codes(writing, np.array([[0.0, 5.0, volts]]))
+    assert caught.value.code == -200561
+    assert "sample 2" in str(caught.value)
+    assert transfer.to_codes(writing, np.array([[-5.0, 5.0]])).shape == (1, 2)
+
+
+def test_a_fast_clock_waits_for_who_feeds_an_output_as_long_as_life_would():
+    """Half a second ahead is half a second on the wall, at a hundred times the speed too."""
+    with (chassis := Chassis(RcPlant(), make_clock("x100"))).lock:
+        reading, writing = pair(chassis, 1000, mode=CONTINUOUS)
+        writing.regenerate = False
+        ahead = transfer.to_codes(writing, np.ones((1, 25)))
+        transfer.write(writing, ahead, auto_start=False, timeout=1.0)
+        began = time.perf_counter()
+        writing.start()
+        reading.start()
+        while writing.failure is None:
+            time.sleep(0.02)
+            chassis.advance()
+        # 25 edges, the first one at once: the 26th has nothing to give.
+        assert 0.2 < time.perf_counter() - began < 5.0
+        assert writing.failure.code == -200290
+        assert writing.output_buffer.generated == 25
+
+
+def test_a_fast_clock_is_fast_where_an_output_is_fed():
+    with (chassis := Chassis(RcPlant(), make_clock("x100"))).lock:
+        reading, writing = pair(chassis, 2000, mode=CONTINUOUS)
+        writing.regenerate = False
+        transfer.write(writing, transfer.to_codes(writing, np.ones((1, 2000))), auto_start=False, timeout=1.0)
+        began = time.perf_counter()
+        writing.start()
+        reading.start()
+        while writing.output_buffer.generated < 1500:  # 30 s of the chassis
+            time.sleep(0.01)
+            chassis.advance()
+        assert time.perf_counter() - began < 10.0

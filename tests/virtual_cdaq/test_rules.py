@@ -7,6 +7,7 @@ import pytest
 from nidaqmx import DaqError, DaqReadError, DaqWriteError
 from nidaqmx.constants import AcquisitionType, ExcitationSource, ResistanceConfiguration, TaskMode
 from nidaqmx.errors import RpcError
+from nidaqmx.stream_readers import AnalogMultiChannelReader
 
 FOUR_WIRES = {
     "resistance_config": ResistanceConfiguration.FOUR_WIRE,
@@ -160,7 +161,7 @@ def test_a_time_out_delivers_what_came_so_far(reading):
     reading.timing.cfg_samp_clk_timing(1000.0, samps_per_chan=1000)
     reading.start()
     data = np.full((1, 500), np.nan)
-    reader = nidaqmx.stream_readers.AnalogMultiChannelReader(reading.in_stream)
+    reader = AnalogMultiChannelReader(reading.in_stream)
     with pytest.raises(DaqReadError) as caught:
         reader.read_many_sample(data, 500, timeout=0.1)
     assert caught.value.error_code == -200284

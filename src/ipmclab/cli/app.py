@@ -14,10 +14,12 @@ from typing import Annotated, Final
 import typer
 
 from ipmclab.cli import (
+    again,
     check,
     choose,
     demo,
     export,
+    forecast,
     identify,
     import_,
     page,
@@ -45,7 +47,8 @@ TRACEBACK: Final = "IPMCLAB_TRACEBACK"
 """Environment variable that, set to 1, shows where a fault of the program came from. No traceback comes otherwise."""
 
 app = typer.Typer(
-    add_completion=False,
+    # --install-completion and --show-completion, for bash, zsh, fish and PowerShell.
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # rich help costs 0.2 s more
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
@@ -59,9 +62,12 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "check": check.check,
     "plot": plot.plot,
     "identify": identify.identify,
+    "profile": again.profile,
+    "bootstrap": again.bootstrap,
     "posterior": posterior.posterior,
     "procedure": procedure.procedure,
     "validate": validate.validate,
+    "forecast": forecast.forecast,
     "choose": choose.choose,
     "report": report.report,
     "record": record.record,

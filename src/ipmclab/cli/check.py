@@ -117,8 +117,8 @@ def _is_actuator(item: str) -> bool:
 def _conflicts(strip: str, runs: Sequence[Run]) -> tuple[Finding, ...]:
     """The cross-checks on one actuator; to a sample of the thesis belongs what the thesis states of it."""
     from ipmclab import load_actuator, read_fit
+    from ipmclab.consistency import cross_check, published_of
     from ipmclab.data import published_sample
-    from ipmclab.identify.consistency import cross_check, published_of
 
     model = load_actuator(strip)
     fit = read_fit(strip) if model.fit_table is not None else None

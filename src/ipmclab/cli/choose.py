@@ -18,7 +18,7 @@ from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Choice
+    from ipmclab.choosing.choice import Choice
 
 _FIGURES = (".svg", ".png", ".pdf")
 
@@ -61,7 +61,7 @@ def choose(
     \b
     ipmclab choose step.nc sine.nc --actuator friend-2 --models branches=1,2,3
     """
-    from ipmclab.identify.choosing.choose import choose as choose_model
+    from ipmclab.choosing.choose import choose as choose_model
 
     named = [name for listed in models for name in listed.split(",")]
     reads: list[Path | str] = [*actuator_files(actuator, *named), *runs]
@@ -94,13 +94,13 @@ def choose(
 
         write_fit(choice.fit, out, overwrite=force)
     if report is not None:
-        from ipmclab.report.choice import report_choice
+        from ipmclab.reporting.choice import report_choice
 
         words = ["ipmclab", "choose", *map(str, runs), "--models", ",".join(models)]
         words += ["--actuator", actuator] if actuator else []
         report_choice(choice, report, runs=loaded, command=shlex.join(words), overwrite=force)
     if plot is not None:
-        from ipmclab.report.choice import plot_choice
+        from ipmclab.reporting.choice import plot_choice
 
         plot_choice(choice, plot, overwrite=force)
     written = {"out": out, "report": report, "plot": plot}

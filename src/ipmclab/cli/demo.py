@@ -66,9 +66,9 @@ def demo(
     from ipmclab.cli.conflict import finding
     from ipmclab.cli.published import compare_with_thesis
     from ipmclab.data import published_sample
-    from ipmclab.identify.identify import identify as identify_actuator
-    from ipmclab.identify.published.headline import DURATION, RATE
-    from ipmclab.identify.validate import validate as validate_actuator
+    from ipmclab.identification.identify import identify as identify_actuator
+    from ipmclab.prediction.headline import DURATION, RATE
+    from ipmclab.prediction.validate import validate as validate_actuator
     from ipmclab.quality import check as check_run
 
     def say(text: str) -> None:
@@ -116,8 +116,8 @@ def demo(
     say("\n5. Writing the report and one picture of it all")
     report, picture = folder / "report.html", folder / "overview.svg"
     with progress("writing the report"):
-        from ipmclab.report import overview, save_figure
-        from ipmclab.report import report as write_report
+        from ipmclab.reporting import overview, save_figure
+        from ipmclab.reporting import report as write_report
 
         write_report(fit, runs=used, validation_runs=list(unseen.values()), path=report, command="ipmclab demo")
         save_figure(overview(fit, used, validate_actuator(fit.actuator, [runs[PICTURED]])), picture)
@@ -176,7 +176,7 @@ def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[
     """Record each signal of the thesis twice: against the load cell, and free under the laser."""
     from ipmclab import write_run
     from ipmclab.cli.published import SIGNALS
-    from ipmclab.identify.published.headline import DURATION, RATE
+    from ipmclab.prediction.headline import DURATION, RATE
     from ipmclab.rig import record
 
     runs: dict[str, Run] = {}

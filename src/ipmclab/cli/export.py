@@ -7,26 +7,36 @@ from typing import Annotated
 
 import typer
 
-from ipmclab.cli.files import check_output, read_runs
-from ipmclab.cli.options import Force, Json, RunFile
+from ipmclab.cli.files import actuator_files, check_output, fit_or_actuator, read_runs
+from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import print_json, progress
 
 SUFFIXES = (".csv", ".xlsx", ".mat")
 
 
 def export(
-    run: RunFile,
-    out: Annotated[Path, typer.Option(metavar="FILE.csv|.xlsx|.mat", help="The file to write.")],
+    what: Annotated[
+        str, typer.Argument(metavar="RUN|ACTUATOR", help="A run (.nc); with --to an actuator.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write: .csv, .xlsx, .mat; with --to its own.")],
+    to: Annotated[
+        str | None, typer.Option(metavar="TOOL", help="The tool that an actuator is for: matlab (.m with its .mat).")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Export a run as CSV, XLSX or MAT.
+    """Export a run as CSV, XLSX or MAT, or an actuator for another tool.
 
     \b
     ipmclab export step.nc --out step.csv
+    ipmclab export fitted.toml --to matlab --out strip.m
     """
+    if to is not None:
+        _export_actuator(what, out, to, force=force, as_json=as_json)
+        return
     from ipmclab import export_run
 
+    run = Path(what)
     check_output(out, force=force, suffixes=SUFFIXES, reads=[run])
     (loaded,) = read_runs([run])
     with progress(f"writing {out.name}"):
@@ -35,3 +45,19 @@ def export(
         print_json({"run": run, "rows": len(loaded), "channels": list(loaded.channels), "out": out})
     else:
         print(f"wrote {out}: {len(loaded)} rows of {', '.join(['time', *loaded.channels])}")
+
+
+def _export_actuator(name: str, out: Path, to: str, *, force: bool, as_json: bool) -> None:
+    """Write an actuator, with the covariance of its fit where its file has one."""
+    from ipmclab import export_actuator
+    from ipmclab.destination import keep_what_is_read
+    from ipmclab.fit.fit import Fit
+
+    given = fit_or_actuator(name)
+    actuator, covariance = (given.actuator, given.covariance) if isinstance(given, Fit) else (given, {})
+    keep_what_is_read(out, actuator_files(name), where=f"--out {out}")
+    written = export_actuator(actuator, out, to=to, covariance=covariance, overwrite=force)
+    if as_json:
+        print_json({"actuator": name, "to": to, "out": out, "written": written})
+    else:
+        print(f"wrote {' and '.join(str(path) for path in written)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,8 @@ from ipmclab.errors import InputError
 from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
+    from ipmclab.fit.fit import Fit
+    from ipmclab.model import Actuator
     from ipmclab.run import Run
 
 
@@ -62,6 +63,20 @@ def actuator_files(*names: str | None) -> list[str]:
     return [stages_after(name)[0] for name in names if name is not None]
 
 
+def fit_or_actuator(name: str) -> Fit | Actuator:
+    """The fit of a file that has one, else the actuator.
+
+    Raises
+    ------
+    InputError
+        What ``load_actuator`` and ``read_fit`` refuse.
+    """
+    from ipmclab import load_actuator, read_fit
+
+    is_fit = name.lower().endswith(".toml") and "fit" in (glance(Path(name)) or {})
+    return read_fit(name) if is_fit else load_actuator(name)
+
+
 def read_runs(paths: Sequence[Path]) -> list[Run]:
     """Read runs.
 
@@ -70,7 +85,7 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
     InputError
         A file that is no run; for a foreign record the repair is the command that imports it.
     """
-    from ipmclab.store import read_run
+    from ipmclab.workflows.reading import read_named_run
 
     runs = []
     for path in paths:
@@ -84,11 +99,7 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
                 where=str(path),
                 repair=f"import it first: ipmclab import {path} --map MAP.toml --out {path.with_name(name)}.nc",
             )
-        run = read_run(path)
-        if run.metadata.source_file is None and run.metadata.signal is None:
-            # Tables and findings name a run by one of these; this one is known by its file alone.
-            run = replace(run, metadata=replace(run.metadata, source_file=path.name))
-        runs.append(run)
+        runs.append(read_named_run(path))
     return runs
 
 

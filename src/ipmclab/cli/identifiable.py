@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ipmclab.cli.output import print_paragraph, significant
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Fit
+    from ipmclab.fit.fit import Fit
 
 _VISIBLE: Final = 0.1  # of the width of an interval
 
@@ -21,7 +21,7 @@ def collinearity(fit: Fit, name: str) -> str:
 
 def print_profiles(fit: Fit) -> None:
     """Say where profiles end elsewhere than the intervals of the table, and which to quote."""
-    from ipmclab.identify.uncertainty.profiles import WHY_NOT_PROFILE, flat_within
+    from ipmclab.identification.uncertainty.profiles import WHY_NOT_PROFILE, flat_within
 
     known = fit.actuator.parameters()
     flat = [name for name in fit.profiles if flat_within(fit, name)]
@@ -63,15 +63,18 @@ def _profile_ends(fit: Fit, name: str, factor: float) -> str:
 
 
 def print_collinear(fit: Fit) -> None:
-    """Print the smallest set of parameters that nearly change places, if any do."""
-    from ipmclab.identify.undetermined.practical import COLLINEAR
+    """Print the smallest set of nearly collinear parameters, if there is one."""
+    from ipmclab.identification.undetermined.practical import COLLINEAR
 
     sets = fit.practical.sets if fit.practical is not None else ()
     worst = next((one for one in sets if one.index >= COLLINEAR), None)
     if worst is not None:
         *most, last = worst.names
-        size = f"to one part in {worst.index:.2g}" if math.isfinite(worst.index) else "altogether"
-        print_paragraph(f"{', '.join(most)} and {last} can change places {size}.")
+        listed = f"{', '.join(most)} and {last}"
+        if math.isfinite(worst.index):
+            print_paragraph(f"{listed} are nearly collinear (collinearity index {worst.index:.2g}).")
+        else:
+            print_paragraph(f"{listed} are collinear: these runs show only a combination of them.")
 
 
 def identifiability_document(fit: Fit) -> dict[str, Any]:

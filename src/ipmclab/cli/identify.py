@@ -26,7 +26,7 @@ from ipmclab.cli.output import (
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Fit
+    from ipmclab.fit.fit import Fit
 
 
 def identify(
@@ -53,29 +53,21 @@ def identify(
     ipmclab identify friend-2 step.nc sine.nc --free electrical --out fitted.toml
     """
     from ipmclab import load_actuator, write_fit
-    from ipmclab.identify.identify import identify as identify_actuator
-    from ipmclab.identify.many_runs.left_out import leave_one_run_out
-    from ipmclab.identify.progress import part, telling
-    from ipmclab.identify.uncertainty.profiles import profile
+    from ipmclab.workflows.fitting import fit_of_runs
 
     check_output(out, force=force, suffixes=(".toml",), reads=[*actuator_files(actuator), *runs])
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:
-        with telling(tell):
-            with part("", 0.0, 0.8):
-                fit = identify_actuator(
-                    model,
-                    loaded,
-                    free=free,
-                    per_run=per_run or [],
-                    per_mounting=per_mounting or [],
-                    prior=prior or [],
-                )
-            with part("", 0.8, 0.9):
-                fit = profile(fit)
-            with part("", 0.9, 1.0):
-                fit = leave_one_run_out(fit) if len(loaded) > 1 else fit
+        fit = fit_of_runs(
+            model,
+            loaded,
+            free=free,
+            per_run=per_run or [],
+            per_mounting=per_mounting or [],
+            prior=prior or [],
+            progress=tell,
+        )
         write_fit(fit, out, overwrite=force)
     if as_json:
         print_json({"fit": fit_document(fit), "runs": runs, "out": out})
@@ -86,9 +78,12 @@ def identify(
 
 def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
-    from ipmclab.identify.diagnostics.output_diagnosis import WORDS
-    from ipmclab.identify.remarks import remarks
+    from ipmclab.fit.output_diagnosis import WORDS
+    from ipmclab.identification.mountings.remarks import remarks
+    from ipmclab.quality.scale import CODE as UNIT_OFF
 
+    causes = [finding for finding in fit.findings if finding.code == UNIT_OFF]
+    print_briefly(causes)
     known = fit.actuator.parameters()
     said = remarks(fit)
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
@@ -134,7 +129,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
     shown = [finding for finding in fit.findings if every_finding or finding.severity != "info"]
     # The sentences above say what is not determined.
-    print_briefly([finding for finding in shown if finding.code != "undetermined"])
+    print_briefly([finding for finding in shown if finding.code not in ("undetermined", UNIT_OFF)])
 
 
 def _digits(value: float, width: float) -> int:

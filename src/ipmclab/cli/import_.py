@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,36 +12,63 @@ import typer
 from ipmclab.cli.files import check_output
 from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, read, with_unit
+from ipmclab.destination import target_of
+from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS, TIME
 
 if TYPE_CHECKING:
     from ipmclab.run import Run
+    from ipmclab.store.guess import Guess, Question
 
 
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The foreign record.", show_default=False)],
-    out: Annotated[Path, typer.Option(metavar="RUN.nc", help="The run to write.")],
+    out: Annotated[Path | None, typer.Option(metavar="RUN.nc", help="The run to write.")] = None,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="MAP.toml", help="What its columns are. A file of `export` needs none."),
+        typer.Option("--map", metavar="MAP.toml", help="What its columns are; without it, that is guessed and shown."),
+    ] = None,
+    template: Annotated[
+        Path | None,
+        typer.Option(metavar="MAP.toml", help="Write the guessed map, with what is not known, and import nothing."),
+    ] = None,
+    answer: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="What the file does not say, such as sampling_period='20 ms'."),
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Import a foreign record (CSV, XLSX, MAT, TDMS, LVM, the thesis's binary) with a map of its columns.
+    """Import a foreign record (CSV, XLSX, MAT, TDMS, LVM, the thesis's binary).
+
+    What its columns are is guessed, shown, and written beside the run as a map; what cannot be known is asked.
 
     \b
+    ipmclab import step.csv --out step.nc
     ipmclab import step.csv.gz --map platform.toml --out step.nc
     """
     from ipmclab import import_run, write_run
     from ipmclab.quality.record import Record
     from ipmclab.store import load_import_map
 
+    if template is not None:
+        _write_template(file, template, _answers(answer), force=force, as_json=as_json)
+        return
+    if out is None:
+        raise InputError(
+            "neither --out nor --template is given", code="usage", where="import", repair="add --out RUN.nc"
+        )
     check_output(out, force=force, suffixes=(".nc",), reads=[file] if map_file is None else [file, map_file])
     import_map = None if map_file is None else load_import_map(map_file)
+    guessed, own_map = None, out.with_suffix(".map.toml")
+    if import_map is None:
+        guessed = _guess(file, own_map, _answers(answer), force=force)
+        import_map = None if guessed is None else guessed.map
     with progress(f"importing {file.name}"):
         run = import_run(file, import_map)
         write_run(run, out, overwrite=force)
+    if guessed is not None:
+        own_map.write_text(guessed.as_toml(file.name), encoding="utf-8")
 
     responses = Record.of(run).channels
     far_out = {name: responses[name].beyond if name in responses else () for name in run.channels}
@@ -67,10 +95,14 @@ def import_(
                     }
                     for name, entry in channels.items()
                 },
+                "map": map_file or (own_map if guessed is not None else None),
+                "taken": [] if guessed is None else [*guessed.taken, *guessed.left_out],
                 "out": out,
             }
         )
         return
+    if guessed is not None:
+        print("\n".join((*guessed.taken, *guessed.left_out)))
     rows = [
         [
             CHANNELS[name].name,
@@ -92,7 +124,82 @@ def import_(
         print_paragraph(note)
     if not period_known:
         print("The file does not hold its sampling period: every time constant scales with the one in the map.")
-    print(f"wrote {out}")
+    print(f"wrote {out}" + (f" and {own_map}: see what was taken for what" if guessed is not None else ""))
+
+
+def _answers(given: list[str] | None) -> dict[str, str]:
+    answers = {}
+    for text in given or ():
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(
+                f"{text!r} is no answer", code="usage", where="--answer", repair="write --answer KEY=VALUE"
+            )
+        answers[key.strip()] = value.strip()
+    return answers
+
+
+def _write_template(file: Path, template: Path, answers: dict[str, str], *, force: bool, as_json: bool) -> None:
+    """Write what is guessed as a map, to be corrected."""
+    from ipmclab.store import guess_map
+
+    check_output(template, force=force, suffixes=(".toml",), reads=[file], option="--template")
+    guess = guess_map(file, answers)
+    template.write_text(guess.as_toml(file.name), encoding="utf-8")
+    questions = [{"key": one.key, "text": one.text, "choices": one.choices} for one in guess.questions]
+    if as_json:
+        told = [*guess.taken, *guess.left_out]
+        print_json({"source": file, "map": template, "taken": told, "questions": questions})
+        return
+    print("\n".join((*guess.taken, *guess.left_out)))
+    for question in guess.questions:
+        print_paragraph(f"not known: {_asked(question)}")
+    print(f"wrote {template}")
+
+
+def _guess(file: Path, own_map: Path, answers: dict[str, str], *, force: bool) -> Guess | None:
+    """What a file seems to be; None where ipmclab exported it. What cannot be known is asked at a terminal.
+
+    Raises
+    ------
+    InputError
+        Something cannot be known, and there is nobody to ask.
+    """
+    from ipmclab.store import guess_map
+    from ipmclab.store.importing import is_own_export
+
+    if is_own_export(file):
+        return None
+    target_of(own_map, overwrite=force)
+    guess = guess_map(file, answers)
+    while guess.questions and sys.stdin.isatty():
+        print(f"{_asked(guess.questions[0])}\n> ", end="", file=sys.stderr, flush=True)
+        given = sys.stdin.readline()
+        if not given:
+            break
+        said = answers | {guess.questions[0].key: given.strip()}
+        try:
+            guess = guess_map(file, said)
+        except InputError as error:
+            print(error, file=sys.stderr)
+        else:
+            answers = said
+    if guess.questions:
+        asked = "; ".join(f"{question.key}: {_asked(question)}" for question in guess.questions)
+        first = guess.questions[0]
+        raise InputError(
+            f"the file does not say all that is needed. {asked}",
+            code="open-question",
+            where=str(file),
+            repair=f"add for example --answer '{first.key}={first.choices[0] if first.choices else first.example}', or "
+            f"write a map with --template MAP.toml and correct it",
+        )
+    return guess
+
+
+def _asked(question: Question) -> str:
+    choices = f" ({', '.join(question.choices)})" if question.choices else f" (for example {question.example})"
+    return question.text + choices
 
 
 def _describe(run: Run, name: str, far_out: Sequence[float]) -> dict[str, Any]:

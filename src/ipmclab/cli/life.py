@@ -135,7 +135,7 @@ def _documents(rows: Sequence[CatalogueRow], catalogue: Catalogue) -> list[dict[
 
 def draw_life(life: Life, out: Path, *, force: bool) -> None:
     """Write a sample's life as a figure."""
-    from ipmclab.report.figures.life import life_figure
-    from ipmclab.report.save import save_figure
+    from ipmclab.reporting.figures.life import life_figure
+    from ipmclab.reporting.save import save_figure
 
     save_figure(lambda: life_figure(life), out, overwrite=force)

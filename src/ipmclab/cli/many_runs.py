@@ -9,13 +9,13 @@ from ipmclab.cli.output import print_paragraph, print_table, read, significant
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Fit
+    from ipmclab.fit.fit import Fit
 
 
 def print_many_runs(fit: Fit) -> None:
     """Print how far mountings differ, and each run as the others predict it."""
-    from ipmclab.identify.many_runs.mountings import why_unknown
-    from ipmclab.identify.remarks import left_out_remarks
+    from ipmclab.identification.mountings.mountings import why_unknown
+    from ipmclab.identification.mountings.remarks import left_out_remarks
 
     why = why_unknown(fit)
     if why:
@@ -54,8 +54,8 @@ def print_many_runs(fit: Fit) -> None:
 
 def many_runs_document(fit: Fit) -> dict[str, Any]:
     """The same as it stands in a JSON document."""
-    from ipmclab.identify.many_runs.mountings import why_unknown
-    from ipmclab.identify.remarks import left_out_remarks
+    from ipmclab.identification.mountings.mountings import why_unknown
+    from ipmclab.identification.mountings.remarks import left_out_remarks
 
     remarks = left_out_remarks(fit)
     return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,7 +41,7 @@ Prior = Annotated[
 
 
 class SpreadCommand(TyperCommand):
-    """A command whose options may be followed by several values: ``--runs a.nc b.nc``.
+    """A command that takes patterns of files, and options with several values: ``--runs a.nc b.nc``.
 
     The parser takes one value an option, so ``--runs a.nc b.nc`` is read as ``--runs a.nc --runs b.nc``.
     Only options declared as ``SPREAD`` do this, so that a positional argument is never taken by accident elsewhere.
@@ -49,22 +50,32 @@ class SpreadCommand(TyperCommand):
     SPREAD = ("--runs", "--validation")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Repeat a spread option in front of each of its values."""
+        """Repeat a spread option in front of each of its values, and put files in the place of patterns."""
+        valued = {name for one in self.params if not getattr(one, "is_flag", True) for name in one.opts}
         known = {option for parameter in self.params for option in parameter.opts}
         spread: list[str] = []
         current: str | None = None
         values = 0
-        for word in args:
-            if word.startswith("-"):
-                name, joined, _ = word.partition("=")
-                current = name if name in self.SPREAD and name in known else None
-                values = 1 if joined else 0
-            elif current is not None:
-                values += 1
-                if values > 1:
-                    spread.append(current)
-            spread.append(word)
+        for word, before in zip(args, ["", *args], strict=False):
+            is_value = before in valued and before not in self.SPREAD
+            for each in [word] if is_value else matching_files(word):
+                if each.startswith("-"):
+                    name, joined, _ = each.partition("=")
+                    current = name if name in self.SPREAD and name in known else None
+                    values = 1 if joined else 0
+                elif current is not None:
+                    values += 1
+                    if values > 1:
+                        spread.append(current)
+                spread.append(each)
         return super().parse_args(ctx, spread)
+
+
+def matching_files(word: str) -> list[str]:
+    """The files that a pattern such as ``*.nc`` names, which Windows' shells leave as it is; other words as such."""
+    if word.startswith("-") or not any(mark in word for mark in "*?") or Path(word).exists():
+        return [word]
+    return sorted(glob.glob(word)) or [word]
 
 
 def positive(text: str, quantity: Quantity, *, option: str) -> float:

@@ -29,7 +29,7 @@ def plot(
     check_output(out, force=force, suffixes=SUFFIXES, reads=runs)
     loaded = read_runs(runs)
     with progress("drawing"):
-        from ipmclab.report import plot as plot_runs
+        from ipmclab.reporting import plot as plot_runs
 
         plot_runs(loaded, out, labels=labels(runs), overwrite=force)
     if as_json:

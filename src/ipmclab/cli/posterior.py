@@ -20,7 +20,7 @@ from ipmclab.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Posterior
+    from ipmclab.posterior.posterior import Posterior
 
 _FIGURES = (".svg", ".png", ".pdf")
 
@@ -46,9 +46,9 @@ def posterior(
     ipmclab posterior friend-2 step.nc --free electrical --out posterior.nc --figure pairs.svg
     """
     from ipmclab import load_actuator
-    from ipmclab.identify.identify import identify
-    from ipmclab.identify.posterior.packages import bayes_package
-    from ipmclab.identify.posterior.posterior import sample_posterior, write_posterior
+    from ipmclab.identification.identify import identify
+    from ipmclab.posterior.packages import bayes_package
+    from ipmclab.posterior.posterior import sample_posterior, write_posterior
 
     reads: list[Path | str] = [*actuator_files(actuator), *runs]
     check_output(out, force=force, suffixes=(".nc",), reads=reads)
@@ -70,8 +70,8 @@ def posterior(
         found = sample_posterior(fit, steps=steps, progress=tell)
         write_posterior(found, out, overwrite=force)
         if figure is not None:
-            from ipmclab.report.figures.pairs import pairs_figure
-            from ipmclab.report.save import save_figure
+            from ipmclab.reporting.figures.pairs import pairs_figure
+            from ipmclab.reporting.save import save_figure
 
             save_figure(lambda: pairs_figure(found, fit), figure, overwrite=force)
     if as_json:
@@ -85,7 +85,7 @@ def posterior(
 
 def print_posterior(posterior: Posterior) -> None:
     """Print a posterior: its parameters, and how the chains did."""
-    from ipmclab.identify.remarks import AVERAGED
+    from ipmclab.identification.mountings.remarks import AVERAGED
 
     rows = []
     next_known = any(one.interval_next_mounting is not None for one in posterior.parameters.values())

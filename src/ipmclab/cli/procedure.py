@@ -24,8 +24,8 @@ from ipmclab.cli.output import (
 from ipmclab.errors import InputError, IpmclabError
 
 if TYPE_CHECKING:
-    from ipmclab.identify.procedure.follow import Characterisation
-    from ipmclab.identify.procedure.step import Step
+    from ipmclab.procedure.follow import Characterisation
+    from ipmclab.procedure.step import Step
 
 
 def procedure(
@@ -58,7 +58,7 @@ def procedure(
         )
     if out is not None:
         check_output(out, force=force, suffixes=(".toml",), reads=[file])
-    from ipmclab import follow_procedure, read_procedure, write_fit
+    from ipmclab import follow_procedure, read_procedure
 
     given = read_procedure(file)
     if out is not None:
@@ -79,8 +79,14 @@ def procedure(
         if as_json and out is None:
             raise typer.Exit(InputError.exit_status)  # the document holds it
         raise InputError(finding.message, code=finding.code, where=f"{file}: {step.name}", repair=finding.repair)
-    if out is None:
-        return
+    if out is not None:
+        _write(found, file, out, force=force, as_json=as_json)
+
+
+def _write(found: Characterisation, file: Path, out: Path, *, force: bool, as_json: bool) -> None:
+    """Write the fit of all runs at once."""
+    from ipmclab import write_fit
+
     if found.joint is None:
         raise IpmclabError(
             f"{out} was not written: {', '.join(step.title for step in found.missing)} "
@@ -98,7 +104,7 @@ def procedure(
 
 def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json: bool) -> None:
     from ipmclab.destination import replacing
-    from ipmclab.identify.procedure.template import TEMPLATE
+    from ipmclab.procedure.template import TEMPLATE
 
     if file is not None:
         raise InputError(
@@ -140,7 +146,7 @@ def _print(found: Characterisation) -> None:
 
 def _print_steps(steps: Mapping[str, Step]) -> None:
     """The steps that were done before one failed."""
-    from ipmclab.identify.procedure.follow import TO_DO
+    from ipmclab.procedure.follow import TO_DO
 
     for number, name in enumerate(TO_DO, start=1):
         if name in steps:

@@ -13,9 +13,9 @@ from typing import Final, Literal
 import numpy as np
 
 from ipmclab.data import published_measurements
-from ipmclab.identify.published import headline
-from ipmclab.identify.published.headline import DURATION, RATE, Reading, at_end
 from ipmclab.model import Actuator, simulate
+from ipmclab.prediction import headline
+from ipmclab.prediction.headline import DURATION, RATE, Reading, at_end
 from ipmclab.run import FloatArray
 from ipmclab.units import CHANNELS, Quantity
 

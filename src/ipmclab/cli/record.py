@@ -38,7 +38,7 @@ def record(
         typer.Argument(metavar="EXPERIMENT", help="An experiment file (.toml).", show_default=False),
     ] = None,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Start without asking, and answer every question with its default.")
+        bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")
     ] = False,
     answer: Annotated[
         list[str] | None,

@@ -18,12 +18,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from ipmclab.errors import IpmclabError
     from ipmclab.rig.channels import Rig
-    from ipmclab.rig.experiments.desk import Desk
     from ipmclab.rig.experiments.experiment import Experiment
+    from ipmclab.rig.experiments.operator import Operator
     from ipmclab.rig.experiments.plan import Plan
     from ipmclab.rig.experiments.session import Session
-    from ipmclab.rig.process.server import ClientDesk
+    from ipmclab.rig.process.server import ClientOperator
     from ipmclab.rig.recording.recording import Heartbeat
     from ipmclab.store.journal.laboratory import Laboratory
 
@@ -34,35 +35,43 @@ FIRST_CLIENT: Final = 10.0
 def main() -> int:
     """Do one experiment."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from ipmclab.errors import IpmclabError
+    from ipmclab.errors import InputError, IpmclabError
     from ipmclab.rig.process.client import forget_dead_recorders
     from ipmclab.rig.process.hub import Hub
-    from ipmclab.rig.process.server import ClientDesk, end_on_signals
+    from ipmclab.rig.process.server import ClientOperator, end_on_signals
     from ipmclab.store.journal.laboratory import Laboratory
 
     job = json.load(sys.stdin)
-    desk = ClientDesk()
-    desk.unattended = not job["interactive"]
+    operator = ClientOperator()
+    operator.unattended = not job["interactive"]
     try:
         experiment = read_experiment(job)
         rig = rig_of(experiment)
         laboratory = Laboratory.open(experiment.folder)
         forget_dead_recorders(laboratory.root)
         about = {"sample": experiment.sample.id, "rig": rig.name, "experiment": experiment.where}
-        hub = desk.hub = Hub(laboratory.recording, desk.on_request, about)
+        hub = operator.hub = Hub(laboratory.recording, operator.on_request, about)
         log = _log_beside(hub.file)
     except IpmclabError as error:
-        _say({"error": {**error.as_dict(), "exit_status": error.exit_status}})
-        return error.exit_status
-    end_on_signals(desk)
+        return _refuse(error)
+    except OSError as error:
+        refused = InputError(
+            f"the laboratory folder cannot be written: {error.strerror or error}",
+            code="write-failed",
+            where=str(error.filename or job["experiment"]),
+            repair="ask for the right to write there, or name another folder in the experiment file",
+        )
+        return _refuse(refused)
+    end_on_signals(operator)
     _say({"file": str(hub.file)})
     try:
-        return _record(job, experiment, rig, laboratory, desk)
+        return _record(job, experiment, rig, laboratory, operator)
     finally:
         # Whoever started this is about to come: it must not be gone before it was heard.
         hub.had_clients.wait(FIRST_CLIENT)
         hub.close()
         sys.stderr.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Windows removes no file that is open
         with contextlib.suppress(OSError):
             if not log.stat().st_size:
                 log.unlink()
@@ -112,15 +121,23 @@ def plan_of(experiment: Experiment, rig: Rig, laboratory: Laboratory) -> Plan:
     from ipmclab import load_actuator
     from ipmclab.rig.checks.proof import proof_of
     from ipmclab.rig.experiments.plan import make_plan
+    from ipmclab.run import RunMetadata
+    from ipmclab.signals.signal import shortened
 
     named = experiment.actuator or (rig.virtual.actuator if rig.bench == "virtual" else None)
-    return make_plan(
+    plan = make_plan(
         experiment,
         rig,
         bytes_free=laboratory.free_space(),
         actuator=load_actuator(named) if named else None,
         rig_proof=proof_of(rig, experiment.rig) if rig.bench == "ni" else "",
     )
+    for run in plan.runs:
+        name = RunMetadata(
+            rig=rig.name, sample=experiment.sample, purpose=run.purpose, signal=shortened(str(run.signal))
+        )
+        laboratory.check_name(name)
+    return plan
 
 
 def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
@@ -137,13 +154,15 @@ def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
 
     given: dict[str, str] = dict(job["answers"])
     check_answers(plan, given)
-    known = {step.name: step.question.default for step in plan.steps if step.question is not None}
-    if job["yes"]:
-        if plan.rig.bench != "virtual" and "zero" in known:
-            known["zero"] = "skip"  # nobody has said that the tip is clear of the load cell
-        return {FINGERPRINT.step: FINGERPRINT.default, **known, **given}
+    asked = {step.name: step.question for step in plan.steps if step.question is not None}
+    known = {name: question.default for name, question in asked.items()}
     if plan.rig.bench == "virtual":
-        return {**known, **given}  # its hands are simulated too
+        # Its operator is simulated too; but nobody ever takes its strip out of the clamp.
+        simulated = {**known, **({"clamp": "kept"} if "clamp" in known else {})}
+        return {**({FINGERPRINT.step: FINGERPRINT.default} if job["yes"] else {}), **simulated, **given}
+    if job["yes"]:
+        unattended = {name: question.unattended or question.default for name, question in asked.items()}
+        return {FINGERPRINT.step: FINGERPRINT.default, **unattended, **given}
     open_ones = unanswered(plan, given)
     if open_ones and not job["interactive"]:
         listed = " ".join(f"--answer {name}={known[name]}" for name in open_ones)
@@ -158,6 +177,7 @@ def answers_of(job: Mapping[str, Any], plan: Plan) -> dict[str, str]:
 
 def recover_first(laboratory: Laboratory) -> Iterator[str]:
     """Make runs of what an earlier crash left in the folder, and tell what became of it."""
+    from ipmclab.cli.recover import what_is_left
     from ipmclab.store.catalogue.catalogue import Catalogue, safely
     from ipmclab.store.journal.recover import recover
 
@@ -166,11 +186,13 @@ def recover_first(laboratory: Laboratory) -> Iterator[str]:
         if finished.outcome == "run":
             yield f"{finished.state} from an earlier crash: {finished.path}, {finished.rows} rows"
             safely(partial(Catalogue(laboratory.root).add, finished.path))
+        elif finished.is_loss:
+            yield what_is_left(finished)
     for path, error in recovery.failed:
         yield f"{path} could not be recovered: {error}"
 
 
-def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbeat | None) -> Session:
+def session_of(plan: Plan, laboratory: Laboratory, operator: Operator, guardian: Heartbeat | None) -> Session:
     """The session of a plan, with its bench."""
     from ipmclab.cli.benches import make_bench
     from ipmclab.rig.experiments.earlier import earlier_runs
@@ -181,7 +203,7 @@ def session_of(plan: Plan, laboratory: Laboratory, desk: Desk, guardian: Heartbe
         plan,
         make_bench(plan.rig),
         laboratory,
-        desk,
+        operator,
         inspect=inspect,
         earlier=partial(earlier_runs, laboratory),
         guardian=guardian,
@@ -204,7 +226,9 @@ def guardian_of(rig: Rig, log: Path, status: Path | None = None) -> Iterator[Hea
         guardian.close()
 
 
-def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, desk: ClientDesk) -> int:
+def _record(
+    job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, operator: ClientOperator
+) -> int:
     """Plan, wait for the word to start, do it, and tell how it ended."""
     from ipmclab.errors import IpmclabError
     from ipmclab.rig.process.aftermath import SUFFIX, failures
@@ -217,22 +241,22 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
     try:
         failed_before = failures(laboratory.root)
         for _, text in failed_before:
-            desk.tell(Message("note", {"text": text, "passing": False}))
+            operator.tell(Message("note", {"text": text, "passing": False}))
         for text in recover_first(laboratory):
-            desk.tell(Message("note", {"text": text, "passing": False}))
+            operator.tell(Message("note", {"text": text, "passing": False}))
         plan = plan_of(experiment, rig, laboratory)
-        desk.answer_beforehand(answers_of(job, plan))
-        desk.tell(Message("plan", plan.as_dict()))
+        operator.answer_beforehand(answers_of(job, plan))
+        operator.tell(Message("plan", plan.as_dict()))
         if job.get("plan"):
             how = "declined"
         else:
             # While the plan is being read: the guardian, and what drives the bench, take a moment to be ready.
-            assert desk.hub is not None
-            status = desk.hub.file.with_suffix(SUFFIX)
+            assert operator.hub is not None
+            status = operator.hub.file.with_suffix(SUFFIX)
             with guardian_of(rig, laboratory.root / "guardian.log", status) as guardian:
-                session = session_of(plan, laboratory, desk, guardian)
-                started = desk.wait_for_start()
-                desk.steer(session)
+                session = session_of(plan, laboratory, operator, guardian)
+                started = operator.wait_for_start()
+                operator.steer(session)
                 if started or session.ended_early in ("abort", "zero"):
                     for file, _ in failed_before:
                         file.unlink(missing_ok=True)  # it was told, and somebody said to go on
@@ -251,7 +275,7 @@ def _record(job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory
         )
     how = how or (session.ended_early if session else None)
     last = ended(session.recorded if session else (), how, failed, session.reason if session else None)
-    desk.tell(last)
+    operator.tell(last)
     return int(last["status"])
 
 
@@ -262,6 +286,13 @@ def _log_beside(file: Path) -> Path:
     os.dup2(stream, sys.stderr.fileno())
     os.close(stream)
     return log
+
+
+def _refuse(error: IpmclabError) -> int:
+    """Say why nothing is recorded."""
+    status = int(error.exit_status)
+    _say({"error": {**error.as_dict(), "exit_status": status}})
+    return status
 
 
 def _say(document: Mapping[str, str | Mapping[str, Any]]) -> None:

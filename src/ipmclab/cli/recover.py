@@ -52,14 +52,22 @@ def recover(
             }
         )
     else:
+        fresh = {Path(finished.salvaged) for finished in recovery.finished if finished.salvaged}
         for finished in recovery.finished:
             print(_line(finished, laboratory.root))
         if not recovery.finished and not recovery.failed:
             print(f"nothing to recover in {folder}")
+        if earlier := set(laboratory.salvaged()) - fresh:
+            print(
+                f"of {len(earlier)} earlier recordings only the rows are left: {', '.join(map(str, sorted(earlier)))}"
+            )
     print_remarks([remark] if remark else [])
     for _, error in recovery.failed:
         print(f"error: {error}", file=sys.stderr)
-    if recovery.failed:
+    for finished in recovery.finished:
+        if finished.is_loss:
+            print(f"error: {what_is_left(finished)}", file=sys.stderr)
+    if recovery.failed or any(finished.is_loss for finished in recovery.finished):
         raise typer.Exit(1)
 
 
@@ -77,6 +85,17 @@ def _line(finished: Finished, root: Path) -> str:
         note = f"; {finished.note}" if finished.note else ""
         return f"{finished.state}: {shown}: {finished.rows} rows{note}"
     return f"{_WORDS[finished.outcome]}: {shown}" + (f": {finished.note}" if finished.note else "")
+
+
+def what_is_left(finished: Finished) -> str:
+    """What to do about a journal that could not be made into a run."""
+    said = f"a recording could not be made into a run: {finished.note}; it is kept as {finished.path}"
+    if not finished.salvaged:
+        return said
+    return (
+        f"{said}, its rows are in {finished.salvaged}: name the columns by what the experiment measured, "
+        "then ipmclab import; see that the disk is sound"
+    )
 
 
 def _catch_up(root: Path) -> str | None:

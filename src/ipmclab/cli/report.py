@@ -34,7 +34,7 @@ def report(
     fit = read_fit(fitted)
     used, unseen = read_runs(runs), read_runs(validation or [])
     with progress("writing the report"):
-        from ipmclab.report import report as write_report
+        from ipmclab.reporting import report as write_report
 
         command = shlex.join(["ipmclab", "report", str(fitted), "--runs", *map(str, runs)])
         if validation:

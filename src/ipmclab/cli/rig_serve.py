@@ -81,7 +81,7 @@ def serve(
     print(f"{loaded.name}, with {what}; clock {clock}; Ctrl-C stops it", file=sys.stderr, flush=True)
     print(json.dumps({"address": address, "rig": rig, "clock": clock}) if as_json else address, flush=True)
     if hands:
-        threading.Thread(target=_take_hands, args=(chassis, plant), name="hands", daemon=True).start()
+        threading.Thread(target=_take_actions, args=(chassis, plant), name="operator", daemon=True).start()
     while not stop.wait(0.5):  # without a time, Windows would not let Ctrl-C through
         pass
     server.stop()
@@ -220,9 +220,9 @@ def _fault(text: str) -> Fault:
         ) from error
 
 
-def _take_hands(chassis: Chassis, plant: StripPlant) -> None:
+def _take_actions(chassis: Chassis, plant: StripPlant) -> None:
     """Do what stands in the lines of stdin, until it ends; what cannot be done is told on stderr."""
-    from ipmclab.rig.hands import handle
+    from ipmclab.rig.operator_actions import carry_out
 
     for line in sys.stdin:
         if not line.strip():
@@ -230,7 +230,7 @@ def _take_hands(chassis: Chassis, plant: StripPlant) -> None:
         try:
             with chassis.lock:
                 chassis.advance()  # up to here the plant was as before
-                handle(plant, line)
+                carry_out(plant, line)
             print(f"done: {line.strip()}", file=sys.stderr, flush=True)
         except InputError as error:
             print(f"error: {error}", file=sys.stderr, flush=True)

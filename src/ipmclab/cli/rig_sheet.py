@@ -41,9 +41,9 @@ def sheet(
     \b
     ipmclab rig sheet rig.toml --width "5 mm"
     """
-    from ipmclab.identify.procedure.amounts import exact
-    from ipmclab.identify.procedure.four_probe import FourProbes, sheet_resistance
-    from ipmclab.identify.procedure.step import Result, advice_for
+    from ipmclab.measurement.uncertain import exact
+    from ipmclab.procedure.four_probe import FourProbes, sheet_resistance
+    from ipmclab.procedure.step import Result, advice_for
     from ipmclab.rig.files.rig_file import load_rig
     from ipmclab.rig.sheet_meter import RATE, read_four_probe
 

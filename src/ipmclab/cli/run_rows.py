@@ -47,8 +47,9 @@ def what_cell(row: CatalogueRow) -> str:
 
 
 def state_cell(row: CatalogueRow) -> str:
-    """What became of a run; nothing where all is well."""
-    return "" if row.state in (None, "complete") else str(row.state)
+    """What became of a run, and which version of it this is; nothing where all is well with the only one."""
+    told = [] if row.state in (None, "complete") else [str(row.state)]
+    return ", ".join([*told, *([f"version {row.version}"] if row.version > 1 else [])])
 
 
 def codes_cell(row: CatalogueRow) -> str:
@@ -62,6 +63,7 @@ def run_document(row: CatalogueRow, catalogue: Catalogue) -> dict[str, Any]:
     """A run of the catalogue as it stands in a JSON document."""
     return {
         "uuid": row.uuid,
+        "version": row.version,
         "content_sha256": row.content_sha256,
         "file": catalogue.file_of(row),
         "state": row.state,

@@ -24,8 +24,8 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.units import CHANNELS, FREQUENCY, TIME, Quantity
 
 if TYPE_CHECKING:
-    from ipmclab.identify.many_runs.answer import SureAnswer
     from ipmclab.model import Actuator
+    from ipmclab.prediction.answer import SureAnswer
     from ipmclab.run import Hold, Run
 
 HOLDS: Final[tuple[Hold, ...]] = ("zero", "zero-before", "first")
@@ -115,7 +115,7 @@ def _sureness(model: Actuator, run: Run, named: str) -> SureAnswer | None:
     """What a fit says of the answer; the rest of the program is not loaded for an actuator without one."""
     if model.fit_table is None and "+" not in named:
         return None
-    from ipmclab.identify.many_runs.answer import sure_answer
+    from ipmclab.prediction.answer import sure_answer
 
     return sure_answer(model, run, named=named)
 

@@ -22,8 +22,8 @@ from ipmclab.cli.output import (
 from ipmclab.units import CHANNELS, TIME
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Validation
-    from ipmclab.identify.scores import Score
+    from ipmclab.prediction.scores import Score
+    from ipmclab.prediction.validate import Validation
 
 
 def validate(
@@ -40,7 +40,7 @@ def validate(
     ipmclab validate fitted.toml square.nc --also friend-2
     """
     from ipmclab import load_actuator
-    from ipmclab.identify.validate import validate as validate_actuator
+    from ipmclab.prediction.validate import validate as validate_actuator
 
     names = [actuator, *(also or [])]
     models = [load_actuator(name) for name in names]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.actuator import Actuator
 from ipmclab.model.actuator_file import (
     actuator_from_text,
     actuator_to_text,
@@ -11,10 +11,12 @@ from ipmclab.model.actuator_file import (
     write_actuator,
 )
 from ipmclab.model.curvature import curvature
+from ipmclab.model.line_error import ErrorBound, line_error_bound
+from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.parameters import Parameter
-from ipmclab.model.sensitivity import Sensitivities, sensitivities, simulate_outputs
+from ipmclab.model.ports import OUTPUTS
+from ipmclab.model.sensitivity import Sensitivities, sensitivities
 from ipmclab.model.simulate import simulate
-from ipmclab.model.stages.line import ErrorBound, line_error_bound
 from ipmclab.model.stepping import Simulator
 from ipmclab.model.variants import with_stages
 

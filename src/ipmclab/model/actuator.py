@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,29 +15,33 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
 from ipmclab.model.assemble import System, assemble
 from ipmclab.model.blocks import Block
+from ipmclab.model.environment import Environment, EnvironmentLaw
+from ipmclab.model.export import to_control, to_scipy
 from ipmclab.model.parameters import Parameter, Values
+from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
+from ipmclab.model.response import frequency_response
 from ipmclab.model.stages.circuit import Circuit, Elements
+from ipmclab.model.stepping import Simulator
 from ipmclab.model.structure import Structure
 from ipmclab.sample import Sample
+from ipmclab.shown import Shown
 
 if TYPE_CHECKING:
     import control
     import scipy.signal
 
-    from ipmclab.model.stepping import Simulator
     from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 
-OUTPUTS: Final = ("current", "applied_voltage", "displacement", "force")
-"""What an actuator gives out, always in this order."""
+_Kept = TypeVar("_Kept")
 
-OUTPUT_PORTS: Final = tuple("node_voltage" if name == "applied_voltage" else name for name in OUTPUTS)
-"""The port behind each output, in the same order."""
+_MOST_KEPT: Final = 32
+"""Results kept with an actuator: a session meets a few rates and holds, a sweep of rates must not fill the memory."""
 
 
 @dataclass(frozen=True, eq=False)
-class Actuator:
+class Actuator(Shown):
     """The model of a sample: its dimensions and its stages; which stages it has, its parameters tell.
 
     Parameters
@@ -51,6 +55,8 @@ class Actuator:
         What the strip is made of.
     fit_table : mapping, optional
         The ``[fit]`` table of a fitted actuator's file, as it stands there.
+    environment_laws : tuple of EnvironmentLaw
+        How parameters follow the environment, for ``at``. A file does not hold laws.
 
     Raises
     ------
@@ -73,11 +79,12 @@ class Actuator:
     standard_uncertainties: Mapping[str, float] = field(default_factory=dict)
     sample: Sample | None = None
     fit_table: dict[str, Any] | None = None
+    environment_laws: tuple[EnvironmentLaw, ...] = ()
 
     def __post_init__(self) -> None:
         given = dict(self.parameter_values)
         known = Structure.of(given).declarations
-        for name in (*given, *self.standard_uncertainties):
+        for name in (*given, *self.standard_uncertainties, *(law.parameter for law in self.environment_laws)):
             if name not in known:
                 raise unknown_parameter(name, known)
         for name, declaration in known.items():
@@ -105,6 +112,24 @@ class Actuator:
                 )
         geometry.check(given)
         object.__setattr__(self, "parameter_values", {name: given[name] for name in known})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy and a pickle take along: the fields; what was worked out from them is worked out again."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+    def keep(self, key: Hashable, make: Callable[[], _Kept]) -> _Kept:
+        """What a computation works out of this actuator once, under a key of its own; the latest few are kept."""
+        kept: dict[Hashable, Any] = self.__dict__.setdefault("_kept", {})
+        try:  # and not "if key in kept": another thread may clear it in between
+            found: _Kept = kept[key]
+        except KeyError:
+            pass
+        else:
+            return found
+        if len(kept) >= _MOST_KEPT:
+            kept.clear()
+        kept[key] = made = make()
+        return made
 
     def __getitem__(self, name: str) -> float:
         """The value [SI] of one parameter."""
@@ -160,6 +185,36 @@ class Actuator:
         values = {**self.parameter_values, **changes}
         return replace(self, parameter_values=values, standard_uncertainties=kept, fit_table=None)
 
+    def at(self, environment: Environment) -> Actuator:
+        """The actuator in a constant environment: its parameters as its laws say, and no laws left.
+
+        Parameters
+        ----------
+        environment : Environment
+
+        Returns
+        -------
+        actuator : Actuator
+            This one where it has no laws.
+
+        Raises
+        ------
+        InputError
+            A law gives a value outside the parameter's allowed range.
+
+        Examples
+        --------
+        >>> from ipmclab import load_actuator
+        >>> from ipmclab.model.environment import Environment
+        >>> strip = load_actuator("friend-2")
+        >>> strip.at(Environment(temperature=25.0, relative_humidity=50.0)) is strip
+        True
+        """
+        if not self.environment_laws:
+            return self
+        there = {law.parameter: law.value(self[law.parameter], environment) for law in self.environment_laws}
+        return replace(self.replace(**there), environment_laws=())
+
     @cached_property
     def structure(self) -> Structure:
         """Which stages this actuator has."""
@@ -186,15 +241,39 @@ class Actuator:
         at = self.parameter_values if values is None else values
         return self.structure.blocks(at)
 
-    def assembled(self, values: Values | None = None) -> System:
-        """The joined system, for these or for other (also complex) parameter values."""
+    def assembled(self, values: Values | None = None, *, inputs: Sequence[str] = ("voltage",)) -> System:
+        """The joined system, for these or for other (also complex) parameter values.
+
+        Parameters
+        ----------
+        values : mapping of dotted name to number [SI], optional
+        inputs : sequence of str
+            Some of ``ports.INPUTS``; the others stay at 0.
+
+        Raises
+        ------
+        InputError
+            An unknown input.
+        """
         at = self.parameter_values if values is None else values
-        return assemble(self.blocks(at), external="voltage", outputs=OUTPUT_PORTS, laws=self.structure.laws(at))
+        return assemble(
+            self.blocks(at),
+            inputs=inputs,
+            outputs=OUTPUT_PORTS,
+            laws=self.structure.laws(at),
+            at_rest=left_at_rest(inputs),
+        )
 
     @cached_property
     def system(self) -> System:
-        """The joined system of this actuator."""
+        """The joined system of this actuator, driven by the voltage alone."""
         return self.assembled()
+
+    def driven_by(self, inputs: Sequence[str]) -> System:
+        """The joined system of this actuator, driven by some of ``ports.INPUTS``."""
+        if tuple(inputs) == ("voltage",):
+            return self.system
+        return self.keep(("driven by", *inputs), lambda: self.assembled(inputs=inputs))
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -202,7 +281,12 @@ class Actuator:
         return self.system.states
 
     def simulator(
-        self, rate: float, hold: Hold = "zero", *, initial_state: Mapping[str, float] | npt.ArrayLike | None = None
+        self,
+        rate: float,
+        hold: Hold = "zero",
+        *,
+        initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
+        inputs: Sequence[str] = ("voltage",),
     ) -> Simulator:
         """The actuator as something that is stepped, sample by sample or block by block.
 
@@ -212,35 +296,32 @@ class Actuator:
         hold : "zero", "zero-before" or "first"
         initial_state : mapping of state name to float, or array of shape (n_states,), optional
             Rest where it is left out.
+        inputs : sequence of str
+            What drives it: the voltage alone, or ``("voltage", "external_force")``.
         """
-        from ipmclab.model.stepping import Simulator
-
-        return Simulator(self, rate, hold, initial_state=initial_state)
+        return Simulator(self.driven_by(inputs), self.parameter_values, rate, hold, initial_state=initial_state)
 
     def frequency_response(
-        self, frequency: npt.ArrayLike, outputs: Sequence[str] | None = None
+        self, frequency: npt.ArrayLike, outputs: Sequence[str] | None = None, *, driven_by: str = "voltage"
     ) -> npt.NDArray[np.complex128]:
-        """Output over voltage at some frequencies, ``c (2 pi j f - a)^-1 b + d``.
+        """Output over an input at some frequencies, ``c (2 pi j f - a)^-1 b + d``.
 
         Parameters
         ----------
         frequency : float array, shape (n_frequency,) [Hz]
         outputs : sequence of str, optional
             Some of ``OUTPUTS``; all of them where it is left out.
+        driven_by : "voltage" or "external_force"
 
         Returns
         -------
-        response : complex array, shape (n_outputs, n_frequency) [SI unit of the output per V]
+        response : complex array, shape (n_outputs, n_frequency) [SI unit of the output per V, or per N]
         """
-        from ipmclab.model.response import frequency_response
-
-        return frequency_response(self, frequency, outputs)
+        return frequency_response(self.driven_by([driven_by]), frequency, outputs)
 
     def to_scipy(self) -> scipy.signal.StateSpace:
         """The linear system as a ``scipy.signal.StateSpace``: voltage [V] to ``OUTPUTS`` [SI]."""
-        from ipmclab.model.export import to_scipy
-
-        return to_scipy(self)
+        return to_scipy(self.system)
 
     def to_control(self) -> control.StateSpace:
         """The linear system as a python-control ``StateSpace``: voltage [V] to ``OUTPUTS`` [SI].
@@ -250,59 +331,9 @@ class Actuator:
         InputError
             When python-control is not installed.
         """
-        from ipmclab.model.export import to_control
-
-        return to_control(self)
+        return to_control(self.system, self.name)
 
 
 def unknown_parameter(name: str, known: Iterable[str]) -> InputError:
     """The error for a parameter name that an actuator does not have."""
     return InputError(f"unknown parameter {name!r}", code="unknown-parameter", where=name, repair=suggest(name, known))
-
-
-def choose_outputs(outputs: Sequence[str] | None) -> list[int]:
-    """The places in ``OUTPUTS`` of some output names.
-
-    Raises
-    ------
-    InputError
-        For an unknown name.
-    """
-    if outputs is None:
-        return list(range(len(OUTPUTS)))
-    for name in outputs:
-        if name not in OUTPUTS:
-            raise InputError(
-                f"unknown output {name!r}", code="unknown-output", where="outputs", repair=suggest(name, OUTPUTS)
-            )
-    return [OUTPUTS.index(name) for name in outputs]
-
-
-def state_vector(actuator: Actuator, state: Mapping[str, float] | npt.ArrayLike | None) -> FloatArray:
-    """A state as an array in the order of ``state_names``; rest for None, and for names left out.
-
-    Raises
-    ------
-    InputError
-        An unknown state name, a wrong number of values, or a value that is not finite.
-    """
-    names = actuator.state_names
-    if state is None:
-        return np.zeros(len(names))
-    if isinstance(state, Mapping):
-        for name in state:
-            if name not in names:
-                raise InputError(
-                    f"unknown state {name!r}", code="unknown-state", where="initial_state", repair=suggest(name, names)
-                )
-        vector = np.array([float(state.get(name, 0.0)) for name in names])
-    else:
-        vector = np.array(state, dtype=np.float64)
-    if vector.shape != (len(names),) or not np.all(np.isfinite(vector)):
-        raise InputError(
-            f"{vector.tolist()} is not one finite value for each of {', '.join(names)}",
-            code="bad-state",
-            where="initial_state",
-            repair=f"give {len(names)} numbers, or a mapping from these names",
-        )
-    return vector

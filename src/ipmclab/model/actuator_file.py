@@ -13,6 +13,7 @@ from ipmclab.destination import replacing
 from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator
+from ipmclab.model.kinds import kinds
 from ipmclab.model.parameters import Declaration
 from ipmclab.model.structure import Structure
 from ipmclab.model.variants import with_stages
@@ -21,9 +22,6 @@ from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import Quantity, format_quantity, parse_quantity
 
 _LIBRARY: Final = resources.files("ipmclab.model") / "library"
-_TABLES: Final = (
-    *("geometry", "circuit", "clamp", "line", "leak", "coupling", "relaxation", "beam", "viscoelastic", "laser"),
-)
 _OTHER_KEYS: Final = ("name", "sample", "fit")
 _UNCERTAIN_KEYS: Final = ("value", "standard_uncertainty")
 _RUN_SIGNATURE: Final = b"\x89HDF\r\n\x1a\n"
@@ -140,9 +138,10 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
     InputError
     """
     document = parse_table(text, where=where, repair="compare with the library's friend-2")
+    tables = tuple(dict.fromkeys(kind.prefix.partition(".")[0] for kind in kinds()))
     for key in document:
-        if key not in (*_TABLES, *_OTHER_KEYS):
-            known = (*_TABLES, *_OTHER_KEYS)
+        if key not in (*tables, *_OTHER_KEYS):
+            known = (*tables, *_OTHER_KEYS)
             raise InputError(
                 f"unknown key {key!r}", code="unknown-key", where=f"{where}: {key}", repair=suggest(key, known)
             )
@@ -156,7 +155,7 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
             raise InputError(
                 f"{table!r} is not a table", code="bad-value", where=f"{where}: {key}", repair=f"write it below [{key}]"
             )
-    values, uncertainties = _read_parameters({key: document[key] for key in _TABLES if key in document}, where)
+    values, uncertainties = _read_parameters({key: document[key] for key in tables if key in document}, where)
     return Actuator(
         name=name,
         parameter_values=values,
@@ -278,6 +277,11 @@ def write_actuator(actuator: Actuator, path: str | Path, *, overwrite: bool = Fa
 def actuator_to_text(actuator: Actuator) -> str:
     """The text of an actuator's TOML file.
 
+    Raises
+    ------
+    InputError
+        An actuator with laws of the environment, which a file does not hold.
+
     Examples
     --------
     >>> print(actuator_to_text(load_actuator("friend-2")).splitlines()[2])
@@ -285,6 +289,13 @@ def actuator_to_text(actuator: Actuator) -> str:
     """
     import tomli_w
 
+    if actuator.environment_laws:
+        raise InputError(
+            "a file does not hold the laws by which parameters follow the environment",
+            code="laws-in-file",
+            where="environment_laws",
+            repair="write the actuator of one environment: actuator.at(environment)",
+        )
     lines = [tomli_w.dumps({"name": actuator.name}).rstrip()]
     table = ""
     for name, parameter in actuator.parameters().items():

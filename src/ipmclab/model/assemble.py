@@ -15,14 +15,15 @@ class LawPorts:
     """The static laws of a system, and how it is joined to them.
 
     With w the vector of what the laws give and p of what they read, w = law(p), the system is
-    ``x' = a x + b v + drive w``, ``y = c x + d v + reach w`` and ``p = c_law x + d_law v + loop w``.
+    ``x' = a x + b u + drive w``, ``y = c x + d u + reach w`` and ``p = c_law x + d_law u + loop w``.
 
     Parameters
     ----------
     laws : tuple of Law
         One for each entry of w and p.
     drive, reach, c, d, loop : matrix
-        Shapes (n_states, n_laws), (n_outputs, n_laws), (n_laws, n_states), (n_laws, 1), (n_laws, n_laws); SI units.
+        Shapes (n_states, n_laws), (n_outputs, n_laws), (n_laws, n_states), (n_laws, n_inputs), (n_laws, n_laws); SI
+        units.
     """
 
     laws: tuple[Law, ...]
@@ -35,19 +36,20 @@ class LawPorts:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """``x' = a x + b v``, ``y = c x + d v``: what every computation below the stages works on.
+    """``x' = a x + b u``, ``y = c x + d u``: what every computation below the stages works on.
 
     Parameters
     ----------
-    states, outputs : tuple of str
-        Names of the states, and of the ports that are read.
+    states, inputs, outputs : tuple of str
+        Names of the states, of the ports that are driven from outside, and of those that are read.
     a, b, c, d : matrix
-        Shapes (n_states, n_states), (n_states, 1), (n_outputs, n_states), (n_outputs, 1); SI units.
+        Shapes (n_states, n_states), (n_states, n_inputs), (n_outputs, n_states), (n_outputs, n_inputs); SI units.
     law_ports : LawPorts, optional
         Static laws at ports; None in a linear system.
     """
 
     states: tuple[str, ...]
+    inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     a: Matrix
     b: Matrix
@@ -56,7 +58,14 @@ class System:
     law_ports: LawPorts | None = None
 
 
-def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str], laws: Sequence[Law] = ()) -> System:
+def assemble(
+    blocks: Sequence[Block],
+    *,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    laws: Sequence[Law] = (),
+    at_rest: Sequence[str] = (),
+) -> System:
     """Join blocks: an input port is driven by the output port of that name, or from outside.
 
     With the blocks stacked to ``y = C x + D u`` and their inputs ``u = E y + F v``, the joined
@@ -65,12 +74,14 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str], 
     Parameters
     ----------
     blocks : sequence of Block
-    external : str
-        The port that is driven from outside.
+    inputs : sequence of str
+        The ports that are driven from outside.
     outputs : sequence of str
         The ports that the system gives out.
     laws : sequence of Law
         Each reads an output port and drives an input port; it stays outside the linear system.
+    at_rest : sequence of str
+        Input ports at which nothing happens: they stay at 0, and the joined system does not have them.
 
     Raises
     ------
@@ -79,9 +90,10 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str], 
         a mistake in a stage, never in what a user gave.
     """
     output_ports = [port for block in blocks for port in block.outputs]
-    input_ports = [port for block in blocks for port in block.inputs]
+    moving = [[column for column, port in enumerate(block.inputs) if port not in at_rest] for block in blocks]
+    input_ports = [block.inputs[column] for block, columns in zip(blocks, moving, strict=True) for column in columns]
     drivers = {port: row for row, port in enumerate(output_ports)}
-    outside = [external, *(law.current for law in laws)]
+    outside = [*inputs, *(law.current for law in laws)]
     if len(drivers) < len(output_ports) or set(outside) & set(drivers) or len(set(outside)) < len(outside):
         raise ValueError(f"a port has two drivers: {sorted([*outside, *output_ports])}")
     read = [*outputs, *(law.voltage for law in laws)]
@@ -94,12 +106,12 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str], 
     a, b = np.zeros((n, n), kind), np.zeros((n, len(input_ports)), kind)
     c, d = np.zeros((len(output_ports), n), kind), np.zeros((len(output_ports), len(input_ports)), kind)
     state = column = row = 0
-    for block in blocks:
+    for block, driven_columns in zip(blocks, moving, strict=True):
         states = slice(state, state := state + len(block.states))
-        columns = slice(column, column := column + len(block.inputs))
+        columns = slice(column, column := column + len(driven_columns))
         rows = slice(row, row := row + len(block.outputs))
-        a[states, states], b[states, columns] = block.a, block.b
-        c[rows, states], d[rows, columns] = block.c, block.d
+        a[states, states], b[states, columns] = block.a, block.b[:, driven_columns]
+        c[rows, states], d[rows, columns] = block.c, block.d[:, driven_columns]
 
     joined = np.zeros((len(input_ports), len(output_ports)))
     driven = np.zeros((len(input_ports), len(outside)))
@@ -116,20 +128,22 @@ def assemble(blocks: Sequence[Block], *, external: str, outputs: Sequence[str], 
     a, b, c, d = a + b @ from_states, b @ from_outside, c + d @ from_states, d @ from_outside
     chosen = [drivers[port] for port in outputs]
     at_laws = [drivers[law.voltage] for law in laws]
+    first_law = len(inputs)
     return System(
         states=tuple(name for block in blocks for name in block.states),
+        inputs=tuple(inputs),
         outputs=tuple(outputs),
         a=a,
-        b=b[:, :1],
+        b=b[:, :first_law],
         c=c[chosen],
-        d=d[chosen, :1],
+        d=d[chosen, :first_law],
         law_ports=LawPorts(
             laws=tuple(laws),
-            drive=b[:, 1:],
-            reach=d[chosen, 1:],
+            drive=b[:, first_law:],
+            reach=d[chosen, first_law:],
             c=c[at_laws],
-            d=d[at_laws, :1],
-            loop=d[at_laws, 1:],
+            d=d[at_laws, :first_law],
+            loop=d[at_laws, first_law:],
         )
         if laws
         else None,

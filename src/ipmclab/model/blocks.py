@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,19 @@ class Block:
     b: Matrix
     c: Matrix
     d: Matrix
+
+    def giving(self, rows: Sequence[int]) -> Block:
+        """The same with some of its outputs, and without the inputs that then do nothing."""
+        used = [k for k in range(len(self.inputs)) if np.any(self.b[:, k]) or np.any(self.d[rows, k])]
+        return Block(
+            self.states,
+            tuple(self.inputs[k] for k in used),
+            tuple(self.outputs[k] for k in rows),
+            self.a,
+            self.b[:, used],
+            self.c[rows],
+            self.d[np.ix_(rows, used)],
+        )
 
 
 @dataclass(frozen=True)
@@ -75,3 +88,27 @@ def block(
         np.array(c).reshape(p, n),
         np.array(d).reshape(p, m),
     )
+
+
+def standing_in(blocks: Sequence[Block]) -> tuple[Block, ...]:
+    """The blocks, those that read a port which they write too put in the way of it.
+
+    What drove the port before then drives the block, and all others read what the block makes of it.
+
+    Examples
+    --------
+    >>> twice = dict(outputs=["y"], states=[], a=[], b=[], c=[], d=[[2.0]])
+    >>> first, second = standing_in([block(inputs=["u"], **twice), block(inputs=["y"], **twice)])
+    >>> first.outputs == second.inputs, second.outputs
+    (True, ('y',))
+    """
+    found = list(blocks)
+    for place, own in enumerate(blocks):
+        for port in set(own.inputs) & set(own.outputs):
+            before = f"{port} before {place}"
+            for other in range(place):
+                outputs = tuple(before if one == port else one for one in found[other].outputs)
+                found[other] = replace(found[other], outputs=outputs)
+            inputs = tuple(before if one == port else one for one in found[place].inputs)
+            found[place] = replace(found[place], inputs=inputs)
+    return tuple(found)

@@ -12,11 +12,10 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
 from ipmclab.model.numerics.timeline import timeline
-from ipmclab.model.sensitivity import run_dense
-from ipmclab.model.simulate import check_hold, with_shunt
-from ipmclab.model.stages.coupling import Coupling
+from ipmclab.model.outputs import run_dense
+from ipmclab.model.request import check_hold
+from ipmclab.model.simulate import with_shunt
 from ipmclab.model.stages.leak import Leak
-from ipmclab.model.stages.relaxation import Relaxation
 from ipmclab.run import Run
 
 FloatArray = npt.NDArray[np.float64]
@@ -56,25 +55,30 @@ def curvature(actuator: Actuator, run: Run, positions: npt.ArrayLike) -> FloatAr
     >>> bool(at_clamp > 1.1 * at_end > 0.0)
     True
     """
+    if actuator.structure.load:
+        raise InputError(
+            "a load bends the strip beside its own curvature",
+            code="loaded",
+            where="load.stiffness",
+            repair="take the curvature of the strip without its load",
+        )
     places = _places(actuator, positions)
     check_hold(run.hold)
     strip = with_shunt(actuator, run)
     values, structure = strip.parameter_values, strip.structure
     ports, weights = structure.electrical.profile(values, places)
     blocks = [structure.electrical.block(values, along=True)]
-    bending: list[Block] = []
     for stage in structure.stages:
         if isinstance(stage, Leak):
             blocks += stage.blocks(values, structure.law_ports(values))
-        elif isinstance(stage, Coupling) or (isinstance(stage, Relaxation) and stage.drive == "displacement"):
-            bending.append(stage.block(values))
+    bending = structure.drive_blocks(values, "displacement")
     # Drives are linear in the voltage: one chain for each port of which the voltage along the strip is made.
     blocks += [_at(port, block) for port in ports for block in bending]
     drives = [f"displacement_drive of {port}" for port in ports]
-    system = assemble(blocks, external="voltage", outputs=drives, laws=structure.laws(values))
+    system = assemble(blocks, inputs=("voltage",), outputs=drives, laws=structure.laws(values))
     outputs = np.empty((len(drives), len(run.time)))
     line = timeline(run.time, run.voltage, run.hold, delay=0.0, from_rest=True)
-    run_dense(system, line, np.zeros(len(system.states)), outputs)
+    run_dense(system, [line], np.zeros(len(system.states)), outputs)
     found: FloatArray = 6.0 / strip["geometry.thickness"] ** 2 * (weights @ outputs)
     return found
 

@@ -5,33 +5,34 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ipmclab.errors import InputError
-from ipmclab.model.actuator import OUTPUTS, Actuator
+from ipmclab.model.assemble import System
 from ipmclab.model.numerics.reduce import small_signal
+from ipmclab.model.ports import OUTPUTS
 
 if TYPE_CHECKING:
     import control
     import scipy.signal
 
 
-def to_scipy(actuator: Actuator) -> scipy.signal.StateSpace:
-    """The actuator as a ``scipy.signal.StateSpace``: voltage [V] to ``OUTPUTS`` [A, V, m, N].
+def to_scipy(system: System) -> scipy.signal.StateSpace:
+    """A system as a ``scipy.signal.StateSpace``: voltage [V] to ``OUTPUTS`` [A, V, m, N].
 
     A leak is in it with its slope at 0 V, as for small voltages.
 
     Examples
     --------
     >>> from ipmclab import load_actuator
-    >>> to_scipy(load_actuator("friend-2")).A.shape
+    >>> to_scipy(load_actuator("friend-2").system).A.shape
     (6, 6)
     """
     import scipy.signal
 
-    system = small_signal(actuator.system)
-    return scipy.signal.StateSpace(system.a, system.b, system.c, system.d)
+    linear = small_signal(system)
+    return scipy.signal.StateSpace(linear.a, linear.b, linear.c, linear.d)
 
 
-def to_control(actuator: Actuator) -> control.StateSpace:
-    """The actuator as a python-control ``StateSpace`` with named signals; dots in names become underscores.
+def to_control(system: System, name: str) -> control.StateSpace:
+    """A system as a python-control ``StateSpace`` with named signals; dots in names become underscores.
 
     A leak is in it with its slope at 0 V; the name then says that it holds about 0 V.
 
@@ -50,11 +51,11 @@ def to_control(actuator: Actuator) -> control.StateSpace:
             repair="install it with: pip install 'ipmclab[control]'",
         ) from error
 
-    system = small_signal(actuator.system)
+    linear = small_signal(system)
     return control.StateSpace(
-        *(system.a, system.b, system.c, system.d),
+        *(linear.a, linear.b, linear.c, linear.d),
         inputs=["voltage"],
         outputs=list(OUTPUTS),
-        states=[name.replace(".", "_") for name in system.states],
-        name=actuator.name.replace(".", "_") + ("" if actuator.system.law_ports is None else " about 0 V"),
+        states=[state.replace(".", "_") for state in linear.states],
+        name=name.replace(".", "_") + ("" if system.law_ports is None else " about 0 V"),
     )

@@ -6,16 +6,43 @@ from collections.abc import Mapping
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.model.parameters import Declaration, Values
+from ipmclab.model.parameters import Declaration, Measurement, Values
+from ipmclab.model.stages.kind import StageKind
 from ipmclab.units import LENGTH, NUMBER
 
 DECLARATIONS: Final = (
-    Declaration("geometry.free_length", LENGTH, "L_f", 1e-4, 1.0),
-    Declaration("geometry.clamped_length", LENGTH, "L_c", 0.0, 1.0, "linear"),
-    Declaration("geometry.width", LENGTH, "w", 1e-5, 1.0),
-    Declaration("geometry.thickness", LENGTH, "h", 1e-6, 0.01),
-    Declaration("geometry.sensing_length", LENGTH, "L_s", 1e-4, 1.0),
+    Declaration(
+        *("geometry.free_length", LENGTH, "L_f", 1e-4, 1.0),
+        typical=25e-3,
+        measured=Measurement("measure the free length", 2),
+    ),
+    Declaration(
+        *("geometry.clamped_length", LENGTH, "L_c", 0.0, 1.0, "linear"),
+        typical=5e-3,
+        scale=1e-3,
+        measured=Measurement("measure the clamped length", 3),
+    ),
+    Declaration(
+        *("geometry.width", LENGTH, "w", 1e-5, 1.0),
+        typical=5e-3,
+        measured=Measurement("measure the width", 4),
+    ),
+    Declaration(
+        *("geometry.thickness", LENGTH, "h", 1e-6, 0.01),
+        typical=0.2e-3,
+        measured=Measurement("measure the thickness", 5),
+    ),
+    Declaration(
+        *("geometry.sensing_length", LENGTH, "L_s", 1e-4, 1.0),
+        typical=20e-3,
+        measured=Measurement("measure where the sensor stands", 6),
+    ),
 )
+
+KIND: Final = StageKind("geometry", "geometry.", outputs=("current", "displacement", "force"), electrical=True)
+"""No stage, but every stage has its dimensions."""
+
+DIMENSIONS: Final = frozenset(declaration.name for declaration in DECLARATIONS)
 
 DIRECT_SHARE: Final = Declaration("clamp.direct_share", NUMBER, "φ_c", 0.0, 1.0, "linear", typical=1.0)
 """How much of the clamped section the contacts feed at once: it charges without bending."""

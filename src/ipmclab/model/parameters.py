@@ -16,6 +16,22 @@ Values = Mapping[str, complex]
 
 
 @dataclass(frozen=True)
+class Measurement:
+    """An experiment that gives a parameter without the model.
+
+    Parameters
+    ----------
+    how : str
+        As an instruction: ``"measure the width"``.
+    place : int
+        Among the measurements of a strip, the quickest first.
+    """
+
+    how: str
+    place: int
+
+
+@dataclass(frozen=True)
 class Declaration:
     """What a stage says about one of its parameters.
 
@@ -38,6 +54,17 @@ class Declaration:
         A usual size, with which a stage is added to an actuator; where it is left out, the default.
     likely : pair of float [SI], optional
         Where 19 of 20 strips lie, where the literature knows it: what is known of a strip before it is measured.
+    scale : float [SI]
+        What counts as a change of order one where it is moved on a linear scale: at zero its own size says nothing.
+    least : float [SI], optional
+        For a parameter that may be zero but is moved as a logarithm, because its size trades against an exponent: the
+        smallest value that a fit tries. Whether it is zero is asked of the readings apart.
+    in_group : bool
+        Whether the group of its stage frees it; else only its name does.
+    outputs : tuple of str
+        Readings of which any shows it; where it is empty, those of its stage.
+    measured : Measurement, optional
+        How it is measured on its own.
     """
 
     name: str
@@ -49,6 +76,11 @@ class Declaration:
     default: float | None = None
     typical: float | None = None
     likely: tuple[float, float] | None = None
+    scale: float = 1.0
+    least: float | None = None
+    in_group: bool = True
+    outputs: tuple[str, ...] = ()
+    measured: Measurement | None = None
 
     @property
     def usual(self) -> float | None:

@@ -1,4 +1,4 @@
-"""Frequency response of an actuator."""
+"""Frequency response of a strip."""
 
 from __future__ import annotations
 
@@ -8,28 +8,29 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.model.actuator import Actuator, choose_outputs
+from ipmclab.model.assemble import System
 from ipmclab.model.numerics.reduce import small_signal
+from ipmclab.model.ports import choose_outputs
 
 
 def frequency_response(
-    actuator: Actuator, frequency: npt.ArrayLike, outputs: Sequence[str] | None = None
+    system: System, frequency: npt.ArrayLike, outputs: Sequence[str] | None = None
 ) -> npt.NDArray[np.complex128]:
-    """Output over voltage at some frequencies, in closed form.
+    """Output over the first input at some frequencies, in closed form.
 
     With a leak it is that of small voltages about 0 V, where a leak above a threshold draws nothing: at larger
     voltages there is no frequency response, and ``simulate`` tells what happens.
 
     Parameters
     ----------
-    actuator : Actuator
+    system : System
     frequency : float array, shape (n_frequency,) [Hz]
     outputs : sequence of str, optional
         Some of ``OUTPUTS``; all of them where it is left out.
 
     Returns
     -------
-    response : complex array, shape (n_outputs, n_frequency) [SI unit of the output per V]
+    response : complex array, shape (n_outputs, n_frequency) [SI unit of the output per that of the input]
 
     Raises
     ------
@@ -39,7 +40,7 @@ def frequency_response(
     Examples
     --------
     >>> from ipmclab import load_actuator
-    >>> response = frequency_response(load_actuator("friend-2"), [0.0], ["displacement"])
+    >>> response = frequency_response(load_actuator("friend-2").system, [0.0], ["displacement"])
     >>> round(1e3 * abs(complex(response[0, 0])), 4)
     0.6254
     """
@@ -52,8 +53,8 @@ def frequency_response(
             where="frequency",
             repair="give a list of frequencies in Hz, from 0 up",
         )
-    system = small_signal(actuator.system)
+    about_rest = small_signal(system)
     s = 2j * np.pi * frequencies[:, None, None]
-    state = np.linalg.solve(s * np.eye(len(system.states)) - system.a, system.b[None].astype(complex))
-    response: npt.NDArray[np.complex128] = (system.c @ state + system.d)[:, :, 0].T
+    state = np.linalg.solve(s * np.eye(len(about_rest.states)) - about_rest.a, about_rest.b[None].astype(complex))
+    response: npt.NDArray[np.complex128] = (about_rest.c @ state + about_rest.d)[:, :, 0].T
     return np.ascontiguousarray(response[chosen])

@@ -1,4 +1,4 @@
-"""Outputs at the rows of a record, and their exact derivatives: what identification needs."""
+"""Outputs at the rows of a record with their exact derivatives: what identification needs."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.actuator import OUTPUTS, Actuator, choose_outputs, state_vector
+from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import System
 from ipmclab.model.blocks import Matrix
-from ipmclab.model.numerics.dense import Dense, check_solved, law_numbers, parts
+from ipmclab.model.numerics.dense import check_solved, law_numbers, parts
 from ipmclab.model.numerics.discretise import Transition, transitions
-from ipmclab.model.numerics.law_modal import law_loop
 from ipmclab.model.numerics.reduce import reduced, seen_states
-from ipmclab.model.numerics.regular import regular
 from ipmclab.model.numerics.timeline import Timeline, divided, timeline
-from ipmclab.model.simulate import check_hold, checked_voltage, modal_coefficients
-from ipmclab.model.stages.laser import Laser, read_far
-from ipmclab.run import Hold, check_time
+from ipmclab.model.ports import OUTPUTS, choose_outputs
+from ipmclab.model.request import check_hold, checked_record, state_vector
+from ipmclab.model.stages.laser import Laser
+from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,95 +54,6 @@ class Sensitivities:
     delay: FloatArray
 
 
-def simulate_outputs(
-    actuator: Actuator,
-    time: npt.ArrayLike,
-    voltage: npt.ArrayLike,
-    hold: Hold,
-    *,
-    outputs: Sequence[str] | None = None,
-    initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
-    delay: float = 0.0,
-) -> FloatArray:
-    """What the outputs read at the rows of a record.
-
-    Parameters
-    ----------
-    actuator : Actuator
-    time : float array, shape (n_time,) [s]
-        Increasing; need not be regular.
-    voltage : float array, shape (n_time,) [V]
-    hold : "zero", "zero-before" or "first"
-    outputs : sequence of str, optional
-        Some of ``OUTPUTS``, in the wanted order; all where it is left out.
-    initial_state : mapping of state name to float, or float array of shape (n_states,), optional
-        The state at row 0. None: at rest and at 0 V until the first edge.
-    delay : float [s]
-        By how much the voltage reaches the strip later than its rows say; negative for earlier.
-        With a given state, the voltage before the first edge is the first voltage.
-
-    Returns
-    -------
-    values : float array, shape (n_outputs, n_time) [SI]
-
-    Raises
-    ------
-    InputError
-        An unknown output or state, a hold that says nothing, time that does not increase, unequal
-        lengths, a voltage that is not finite.
-
-    Where a laser has lost the strip, its reading goes on in a straight line here, for a search to follow;
-    ``simulate`` gives none (NaN).
-
-    Examples
-    --------
-    >>> from ipmclab import load_actuator
-    >>> current = simulate_outputs(load_actuator("friend-2"), [0, 0.02], [1, 1], "zero", outputs=["current"])
-    >>> round(float(current[0, 0]), 6)
-    0.060348
-    """
-    from ipmclab.model.numerics import kernels
-
-    check_hold(hold)
-    times, volts = _record(time, voltage)
-    chosen = choose_outputs(outputs)
-    names = [OUTPUTS[place] for place in chosen]
-    if initial_state is None and delay == 0.0 and _is_regular(times):
-        period = (times[-1] - times[0]) / (len(times) - 1)
-        coefficients, with_law = modal_coefficients(actuator, period, hold), law_loop(actuator, period, hold)
-        if coefficients is not None or with_law is not None:
-            every = np.empty((len(OUTPUTS), len(times)))
-            if coefficients is not None:
-                kernels.modal(volts, coefficients, every)
-            elif with_law is not None:
-                with_law(volts, every)
-            values = every[chosen]
-            read_far(values, names, actuator.parameter_values)
-            return values
-        dense = regular(actuator, period, chosen)
-        if dense is not None:
-            values = np.empty((len(chosen), len(times)))
-            dense.write(volts, hold, values)
-            read_far(values, names, actuator.parameter_values)
-            return values
-    line = timeline(times, volts, hold, delay=delay, from_rest=initial_state is None)
-    state = state_vector(actuator, initial_state)
-    seen = seen_states([actuator.system], chosen)
-    values = np.empty((len(chosen), len(times)))
-    run_dense(reduced(actuator.system, chosen, seen), line, state[seen], values)
-    read_far(values, names, actuator.parameter_values)
-    return values
-
-
-def run_dense(system: System, line: Timeline, state: FloatArray, values: FloatArray) -> None:
-    """Write the outputs over a time line into ``values``, by the path that does not need poles.
-
-    The state is overwritten: on return it is that at the end.
-    """
-    line = divided(line, parts(system, line.durations))
-    Dense.of(system, line.durations).run(line.interval, line.start, line.end, line.row, line.reading, state, values)
-
-
 def sensitivities(
     actuator: Actuator,
     names: Sequence[str],
@@ -173,7 +83,7 @@ def sensitivities(
     kept : Kept, optional
         What an earlier call worked out and this one can use.
 
-    The other parameters are those of ``simulate_outputs``.
+    The other parameters are those of ``outputs.simulate_outputs``.
 
     Returns
     -------
@@ -193,11 +103,11 @@ def sensitivities(
     True
     """
     check_hold(hold)
-    times, volts = _record(time, voltage)
+    times, volts = checked_record(time, voltage)
     chosen = choose_outputs(outputs)
     kept = Kept() if kept is None else kept
     line = kept.line(times, volts, hold, delay, from_rest=initial_state is None)
-    state = state_vector(actuator, initial_state)
+    state = state_vector(actuator.state_names, initial_state)
     line = divided(line, parts(actuator.system, line.durations))
     point = kept.point(actuator, tuple(names), tuple(chosen))
     system, stepped, seen = point.system, point.stepped, point.seen
@@ -293,7 +203,7 @@ class _Moves:
 
 
 def _parts(move: Transition) -> tuple[Matrix, ...]:
-    return move.state, move.constant, move.slope, move.law_begin, move.law_end
+    return move.state, move.constant[..., 0], move.slope[..., 0], move.law_begin, move.law_end
 
 
 def _moves(system: System, stepped: Sequence[System], durations: FloatArray) -> _Moves:
@@ -383,7 +293,8 @@ def _with_laws(
     derivatives = np.empty((len(c), rows, count + by_states + 1))
     along: list[Any] = [line.durations, line.interval, line.start, line.end, line.row, line.reading]
     moving: list[Any] = [line.rate, line.reading_rate, line.arrives, line.leaves]
-    at_ports: list[Any] = [laws.ports, d_ports, laws.forms, laws.coefficients, d_coefficients]
+    own_ports = laws.ports[0], np.ascontiguousarray(laws.ports[1][:, 0])
+    at_ports: list[Any] = [own_ports, d_ports, laws.forms, laws.coefficients, d_coefficients]
     matrices: list[Any] = [moves.at, moves.by, laws.drop, *along, *moving, flow, (c, d, laws.reach), d_read, *at_ports]
     check_solved(dense_laws_tangents(*[*matrices, state, tangents, values, derivatives]))
     return Sensitivities(
@@ -392,14 +303,3 @@ def _with_laws(
         states=derivatives[:, :, count:-1] if by_states else np.zeros((*values.shape, n)),
         delay=derivatives[:, :, -1] if "delay" in asked else np.zeros_like(values),
     )
-
-
-def _record(time: npt.ArrayLike, voltage: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    times = np.ascontiguousarray(time, dtype=np.float64)
-    check_time("time", times)
-    return times, checked_voltage(voltage, len(times))
-
-
-def _is_regular(times: FloatArray) -> bool:
-    steps = np.diff(times)
-    return bool(steps.max() - steps.min() <= 1e-6 * steps.mean())

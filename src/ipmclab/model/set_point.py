@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.assemble import System, assemble
-from ipmclab.model.stages.coupling import Coupling
-from ipmclab.model.stages.relaxation import Relaxation
 
 if TYPE_CHECKING:
     from ipmclab.model.actuator import Actuator
@@ -163,7 +161,7 @@ def set_point(actuator: Actuator, drive: str = "displacement") -> SetPoint:
 
 
 def drive_system(actuator: Actuator, drive: Drive) -> System:
-    """The coupling with its slow modes: from the node voltage to one drive [m], for the parameters of an actuator.
+    """The coupling with all that stands in one drive: from the node voltage to that drive [m].
 
     Examples
     --------
@@ -171,9 +169,8 @@ def drive_system(actuator: Actuator, drive: Drive) -> System:
     >>> drive_system(load_actuator("friend-2"), "force").outputs
     ('force_drive',)
     """
-    stages = [s for s in actuator.structure.stages if isinstance(s, (Coupling, Relaxation))]
-    wanted = [s.block(actuator.parameter_values) for s in stages if isinstance(s, Coupling) or s.drive == drive]
-    return assemble(wanted, external="node_voltage", outputs=[f"{drive}_drive"])
+    wanted = actuator.structure.drive_blocks(actuator.parameter_values, drive)
+    return assemble(wanted, inputs=("node_voltage",), outputs=[f"{drive}_drive"])
 
 
 def ratio_names(actuator: Actuator, drive: str) -> tuple[str, ...]:
@@ -222,12 +219,12 @@ def _wrong_side(system: System) -> float:
 def _step(system: System, times: FloatArray) -> FloatArray:
     from ipmclab.model.numerics.discretise import transitions
 
-    drive: FloatArray = transitions([system], times).constant[0] @ system.c[0]
+    drive: FloatArray = transitions([system], times).constant[0, :, :, 0] @ system.c[0]
     return drive
 
 
 def _zeros(system: System) -> ComplexArray:
-    """Where the drive gives nothing: the finite generalised eigenvalues of its system matrix."""
+    """Where the drive gives nothing: the finite generalised eigenvalues of its system matrix, the smallest first."""
     from scipy.linalg import eigvals
 
     n = len(system.states)
@@ -240,4 +237,11 @@ def _zeros(system: System) -> ComplexArray:
     finite = np.abs(below) > 1e-13 * np.abs(above)
     zeros: ComplexArray = above[finite] / below[finite]
     zeros[np.abs(zeros) < _ROUNDING * slowest * n * 100.0] = 0.0
-    return zeros[np.argsort(np.abs(zeros))]
+    return _in_order(zeros)
+
+
+def _in_order(zeros: ComplexArray) -> ComplexArray:
+    """The smallest first, in pairs of exact conjugates, of which the one above the real axis comes first."""
+    above = sorted(map(complex, zeros[zeros.imag >= 0.0]), key=lambda zero: (float(f"{abs(zero):.9g}"), zero.real))
+    found = [each for zero in above for each in ([zero, zero.conjugate()] if zero.imag else [zero])]
+    return np.array(found, dtype=np.complex128)

@@ -11,23 +11,21 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, suggest
-from ipmclab.model.actuator import OUTPUT_PORTS, OUTPUTS, Actuator
+from ipmclab.errors import InputError
+from ipmclab.model.actuator import Actuator
 from ipmclab.model.given import need_actuator
-from ipmclab.model.numerics.modal import coefficients, modes
+from ipmclab.model.outputs import modal_coefficients, simulate_outputs
+from ipmclab.model.ports import OUTPUTS
+from ipmclab.model.request import above_zero, check_hold, checked_voltage, count_rows
+from ipmclab.model.stages.circuit import CONTACT
 from ipmclab.model.stages.laser import blank_lost, read_far
 from ipmclab.model.validity import validity
-from ipmclab.run import Hold, Run, RunMetadata
+from ipmclab.run import Finding, Hold, Run, RunMetadata
 
 if TYPE_CHECKING:
     from ipmclab.signals import Signal
 
 FloatArray = npt.NDArray[np.float64]
-
-KNOWN_HOLDS: Final = ("zero", "zero-before", "first")
-
-MOST_ROWS: Final = 20_000_000
-"""Rows of one simulated run: about 1 GB of outputs."""
 
 _TOO_LARGE: Final = 1e300
 """No output reaches this; sums of numbers below it are finite."""
@@ -36,77 +34,15 @@ _SHORT_RECORD: Final = 5000
 _has_simulated = False
 
 
-def check_hold(hold: str) -> None:
-    """Refuse a hold that does not say what the voltage did between rows.
-
-    Raises
-    ------
-    InputError
-    """
-    if hold in KNOWN_HOLDS:
-        return
-    if hold == "unknown":
-        raise InputError(
-            "this record does not say what its voltage did between rows",
-            code="unknown-hold",
-            where="hold",
-            repair=f"choose one of {', '.join(KNOWN_HOLDS)}; identify estimates the delay of its edges instead",
-        )
-    raise InputError(f"unknown hold {hold!r}", code="unknown-hold", where="hold", repair=suggest(hold, KNOWN_HOLDS))
-
-
-def checked_voltage(voltage: npt.ArrayLike, rows: int) -> FloatArray:
-    """The voltage as a contiguous array of that many finite values.
-
-    Raises
-    ------
-    InputError
-    """
-    try:
-        volts = np.ascontiguousarray(voltage, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            "not an array of numbers", code="bad-array", where="voltage", repair="give one voltage [V] for each row"
-        ) from error
-    if volts.shape != (rows,):
-        raise InputError(
-            f"the array has shape {volts.shape}, there are {rows} rows",
-            code="unequal-lengths",
-            where="voltage",
-            repair="give one voltage [V] for each of round(duration x rate) rows",
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = volts.sum()
-    if not math.isfinite(total):  # one NaN or infinity makes the sum one; overflow is looked at below
-        bad = np.flatnonzero(~np.isfinite(volts))
-        if len(bad):
-            raise InputError(
-                f"row {bad[0]} is {volts[bad[0]]}",
-                code="bad-voltage",
-                where="voltage",
-                repair="every row needs the voltage that was applied",
-            )
-    return volts
-
-
-def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatArray | None:
-    """The numbers of the modal recursion, kept with the actuator; None where the dense path must answer."""
-    kept: dict[tuple[float, str], FloatArray | None] = actuator.__dict__.setdefault("_modal_coefficients", {})
-    key = (period, hold)
-    if key not in kept:
-        found = modes(actuator.blocks(), external="voltage", outputs=OUTPUT_PORTS)
-        kept[key] = None if found is None else coefficients(found, period, hold)
-    return kept[key]
-
-
 def simulate(
     actuator: Actuator,
     signal: Run | Signal | str | npt.ArrayLike,
     *,
-    duration: float | None = None,
-    rate: float | None = None,
+    duration: float | str | None = None,
+    rate: float | str | None = None,
     hold: Hold = "zero",
     initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
+    external_force: npt.ArrayLike | None = None,
 ) -> Run:
     """Simulate what an actuator answers to a voltage, exactly for the chosen hold.
 
@@ -119,13 +55,16 @@ def simulate(
         A signal or its text (``"sine 1 V 0.1 Hz"``), an array with one voltage for each row, or
         a run: then its own voltage, times and hold are used, and a shunt that its voltage was sensed
         upstream of is put in series.
-    duration : float [s]
+    duration : float [s], or a text such as "40 s"
     rate : float [Hz]
         There are round(duration x rate) rows, at k/rate. Both are left out for a run.
     hold : "zero", "zero-before" or "first"
         What the voltage does between rows (see ``ipmclab.run.Hold``).
     initial_state : mapping of state name to float, or float array of shape (n_states,), optional
         The state at row 0; rest where it is left out. The names are ``actuator.state_names``.
+    external_force : float array, shape (n_time,) [N], optional
+        A force on the strip at its sensing point, one value for each row, positive as the displacement; between rows
+        it does as the voltage does. A run does not keep it: a finding says that it acted.
 
     Returns
     -------
@@ -148,22 +87,24 @@ def simulate(
     """
     need_actuator(actuator)
     if isinstance(signal, Run):
-        return _simulate_run(actuator, signal, duration, rate, initial_state)
+        return _simulate_run(actuator, signal, duration, rate, initial_state, external_force)
     check_hold(hold)
     rows, frequency = count_rows(duration, rate)
     time = np.arange(rows) / frequency
     volts, given = _voltage(signal, time, duration, frequency)
-    numbers = None if initial_state is not None else modal_coefficients(actuator, 1.0 / frequency, hold)
+    general = initial_state is not None or external_force is not None
+    numbers = None if general else modal_coefficients(actuator, 1.0 / frequency, hold)
     if numbers is not None:
         values = np.empty((len(OUTPUTS), rows))
         with np.errstate(over="ignore", invalid="ignore"):  # the result is looked at below
             _modal_loop(rows)(volts, numbers, values)
             read_far(values, OUTPUTS, actuator.parameter_values)
     else:
-        from ipmclab.model.sensitivity import simulate_outputs
-
-        values = simulate_outputs(actuator, time, volts, hold, initial_state=initial_state)
-    return _as_run(actuator, time, volts, values, hold, given, from_rest=initial_state is None)
+        values = simulate_outputs(
+            actuator, time, volts, hold, initial_state=initial_state, external_force=external_force
+        )
+    simulated = _as_run(actuator, time, volts, values, hold, given, from_rest=initial_state is None)
+    return simulated if external_force is None else _pushed(simulated)
 
 
 def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], None]:
@@ -183,9 +124,21 @@ def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], Non
     return kernels.modal
 
 
-def _simulate_run(actuator: Actuator, run: Run, duration: Any, rate: Any, initial_state: Any) -> Run:
-    from ipmclab.model.sensitivity import simulate_outputs
+def _pushed(run: Run) -> Run:
+    """The run, saying that a force acted which it does not keep."""
+    said = Finding(
+        code="external-force",
+        severity="warning",
+        message="an external force acted on this strip, and a run does not keep it: "
+        "a fit or a validation would take its effect for the strip's own",
+        repair="compare it only with a simulation under the same force",
+    )
+    return replace(run, metadata=replace(run.metadata, findings=(*run.metadata.findings, said)))
 
+
+def _simulate_run(
+    actuator: Actuator, run: Run, duration: Any, rate: Any, initial_state: Any, external_force: Any
+) -> Run:
     for name, value in (("duration", duration), ("rate", rate)):
         if value is not None:
             raise InputError(
@@ -195,11 +148,14 @@ def _simulate_run(actuator: Actuator, run: Run, duration: Any, rate: Any, initia
                 repair="leave it out, or give run.voltage with a duration and a rate",
             )
     strip = with_shunt(actuator, run)
-    values = simulate_outputs(strip, run.time, run.voltage, run.hold, initial_state=initial_state)
+    values = simulate_outputs(
+        strip, run.time, run.voltage, run.hold, initial_state=initial_state, external_force=external_force
+    )
     rest, about = initial_state is None, run.metadata
     simulated = _as_run(strip, run.time, run.voltage, values, run.hold, about.signal, from_rest=rest)
     sensed = replace(simulated.metadata, voltage_sensed=about.voltage_sensed, shunt_resistance=about.shunt_resistance)
-    return replace(simulated, metadata=sensed)
+    found = replace(simulated, metadata=sensed)
+    return found if external_force is None else _pushed(found)
 
 
 def with_shunt(actuator: Actuator, run: Run) -> Actuator:
@@ -219,8 +175,7 @@ def with_shunt(actuator: Actuator, run: Run) -> Actuator:
     1.0
     """
     shunt = series_shunt(run, where="metadata.shunt_resistance")
-    name = "circuit.contact_resistance"
-    return actuator.replace(**{name: actuator[name] + shunt}) if shunt else actuator
+    return actuator.replace(**{CONTACT: actuator[CONTACT] + shunt}) if shunt else actuator
 
 
 def series_shunt(run: Run, *, where: str) -> float:
@@ -290,48 +245,6 @@ def _as_run(
     return replace(run, metadata=replace(run.metadata, findings=found)) if found else run
 
 
-def above_zero(name: str, value: Any, unit: str) -> float:
-    """The value as a float.
-
-    Raises
-    ------
-    InputError
-        Not a number, not finite, or not above 0.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise InputError(
-            f"the {name} is {value!r}, it must be a number above 0",
-            code=f"bad-{name}",
-            where=name,
-            repair=f"give it in {unit}, such as {'40' if unit == 's' else '50'}",
-        )
-    return number
-
-
-def count_rows(duration: Any, rate: Any, *, most: int = MOST_ROWS) -> tuple[int, float]:
-    """The rows of a record, and its rate [Hz] as a float.
-
-    Raises
-    ------
-    InputError
-        A duration or rate that is not a number above 0, fewer than 2 or more than ``most`` rows.
-    """
-    seconds, hertz = above_zero("duration", duration, "s"), above_zero("rate", rate, "Hz")
-    wanted = seconds * hertz
-    if not 1.5 < wanted < most + 0.5:
-        raise InputError(
-            f"{seconds:g} s at {hertz:g} Hz are {wanted:.0f} rows, allowed are 2 to {most}",
-            code="bad-duration",
-            where="duration",
-            repair="change the duration or the rate",
-        )
-    return round(wanted), hertz
-
-
 def _voltage(signal: Any, time: FloatArray, duration: Any, rate: float) -> tuple[FloatArray, Signal | None]:
     if isinstance(signal, str):
         from ipmclab.signals import parse
@@ -339,5 +252,5 @@ def _voltage(signal: Any, time: FloatArray, duration: Any, rate: float) -> tuple
         signal = parse(signal)
     if not hasattr(signal, "voltage"):
         return checked_voltage(signal, len(time)), None
-    signal.check_fits(float(duration), rate)
+    signal.check_fits(above_zero("duration", duration, "s"), rate)
     return checked_voltage(signal.voltage(time), len(time)), signal

@@ -13,11 +13,13 @@ from types import MappingProxyType
 
 from ipmclab.errors import InputError
 from ipmclab.model import geometry
-from ipmclab.model.blocks import Block, Law
+from ipmclab.model.blocks import Block, Law, standing_in
+from ipmclab.model.kinds import edition, further_kinds
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.model.stages.beam import Beam
 from ipmclab.model.stages.circuit import Circuit
 from ipmclab.model.stages.coupling import Coupling
+from ipmclab.model.stages.kind import Stage, StageKind, number_of
 from ipmclab.model.stages.laser import Laser
 from ipmclab.model.stages.leak import FORMS, Leak
 from ipmclab.model.stages.line import Line
@@ -48,6 +50,10 @@ class Structure:
         Whether the displacement is what a laser at a fixed place reads, with large bending.
     displacement_pairs, force_pairs : int
         Slow modes of each drive that come in pairs, whose poles may meet or be complex.
+    load : bool
+        Whether a spring holds the strip at the sensing point.
+    further : tuple of pair of StageKind and int
+        Stages that were registered, and how many of each.
     """
 
     branches: int
@@ -61,6 +67,8 @@ class Structure:
     laser: bool = False
     displacement_pairs: int = 0
     force_pairs: int = 0
+    load: bool = False
+    further: tuple[tuple[StageKind, int], ...] = ()
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Structure:
@@ -76,7 +84,7 @@ class Structure:
         >>> Structure.of(["circuit.branches.0.resistivity", "leak.cubic.cubic"])
         Structure(branches=1, leak='cubic', ...)
         """
-        return _of(tuple(names))
+        return _of(tuple(names), edition())
 
     @property
     def declarations(self) -> Mapping[str, Declaration]:
@@ -91,9 +99,9 @@ class Structure:
         return Circuit(self.branches, leak=bool(self.leak), clamp=self.clamp)
 
     @property
-    def stages(self) -> tuple[Circuit | Line | Leak | Coupling | Relaxation | Beam | Laser, ...]:
+    def stages(self) -> tuple[Circuit | Line | Leak | Laser | Stage, ...]:
         """The stages in the order of the cascade."""
-        found: list[Circuit | Line | Leak | Coupling | Relaxation | Beam | Laser] = [self.electrical]
+        found: list[Circuit | Line | Leak | Laser | Stage] = [self.electrical]
         if self.leak:
             found.append(Leak(self.leak, slow=self.slow_leak))
         slow = [
@@ -103,7 +111,8 @@ class Structure:
         relaxing = [one for one in slow if one.modes or one.pairs]
         found.append(Coupling(displacement_fast=slow[0] in relaxing, force_fast=slow[1] in relaxing))
         found += relaxing
-        found.append(Beam(self.viscoelastic))
+        found += [kind.build(count) for kind, count in self.further if kind.build is not None]
+        found.append(Beam(self.viscoelastic, self.load))
         if self.laser:
             found.append(Laser())
         return tuple(found)
@@ -117,7 +126,28 @@ class Structure:
                 found += stage.blocks(values, law_ports)
             elif not isinstance(stage, Laser):
                 found.append(stage.block(values))
-        return tuple(found)
+        return standing_in(found)
+
+    def drive_blocks(self, values: Values, drive: str) -> tuple[Block, ...]:
+        """The blocks that make a drive of the node voltage, in the order of the cascade.
+
+        Parameters
+        ----------
+        values : mapping of dotted name to number [SI]
+        drive : "displacement" or "force"
+        """
+        wanted, found = {f"{drive}_drive"}, []
+        for block in reversed(self.blocks(values)):
+            rows = [row for row, port in enumerate(block.outputs) if port in wanted]
+            if rows:
+                found.append(block.giving(rows))
+                wanted |= set(found[-1].inputs) - {"node_voltage"}
+        return tuple(reversed(found))
+
+    @property
+    def is_lumped(self) -> bool:
+        """Whether the current is that of the linear lumped circuit, of which poles and residues are all there is."""
+        return not (self.leak or self.clamp or self.line or any(kind.electrical for kind, _ in self.further))
 
     def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
         """Where a leak sits: port of the voltage, port of the current, and the area [m^2] that leaks there."""
@@ -131,7 +161,7 @@ class Structure:
 
 
 @lru_cache(maxsize=256)
-def _of(names: tuple[str, ...]) -> Structure:
+def _of(names: tuple[str, ...], _edition: int) -> Structure:
     """Kept, because an actuator asks at every change of a value."""
     given = set(names)
     forms = refuse_two_forms("leak", [form for form in FORMS if _under(given, f"leak.{form}.")])
@@ -144,18 +174,31 @@ def _of(names: tuple[str, ...]) -> Structure:
             where="leak.slow",
             repair=f"add one of {', '.join(f'leak.{form}' for form in FORMS)}",
         )
+    if _under(given, "load.") and _under(given, "laser."):
+        raise InputError(
+            "a laser's reading is that of a strip that bends as an arc, and a load bends it otherwise",
+            code="load-and-laser",
+            where="load.stiffness",
+            repair="keep one of load and laser",
+        )
     return Structure(
-        branches=max(1, _count(given, "circuit.branches.")),
+        branches=max(1, number_of(given, "circuit.branches.")),
         leak=forms or (FORMS[0] if leaks else ""),
         slow_leak=_under(given, "leak.slow."),
         clamp=_under(given, "clamp."),
         line=line or ("segments" if _under(given, "line.") else ""),
-        displacement_modes=_count(given, "relaxation.displacement."),
-        force_modes=_count(given, "relaxation.force."),
-        viscoelastic=_count(given, "viscoelastic."),
+        displacement_modes=number_of(given, "relaxation.displacement."),
+        force_modes=number_of(given, "relaxation.force."),
+        viscoelastic=number_of(given, "viscoelastic."),
         laser=_under(given, "laser."),
-        displacement_pairs=_count(given, "relaxation.displacement_pair."),
-        force_pairs=_count(given, "relaxation.force_pair."),
+        displacement_pairs=number_of(given, "relaxation.displacement_pair."),
+        force_pairs=number_of(given, "relaxation.force_pair."),
+        load=_under(given, "load."),
+        further=tuple(
+            (kind, number_of(given, kind.prefix) if kind.counted else 1)
+            for kind in further_kinds()
+            if _under(given, kind.prefix)
+        ),
     )
 
 
@@ -167,10 +210,6 @@ def _declarations(structure: Structure) -> Mapping[str, Declaration]:
 
 def _under(names: set[str], prefix: str) -> bool:
     return any(name.startswith(prefix) for name in names)
-
-
-def _count(names: set[str], prefix: str) -> int:
-    return len({name.removeprefix(prefix).split(".")[0] for name in names if name.startswith(prefix)})
 
 
 def refuse_two_forms(stage: str, found: Sequence[str], *, where: str = "") -> str:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.assemble import assemble
+from ipmclab.model.ports import left_at_rest
 from ipmclab.model.stages.beam import Resonance, resonance
-from ipmclab.model.stages.leak import Leak
+from ipmclab.model.stages.leak import ELECTROLYSIS, Leak
 from ipmclab.run import Finding, Run
 from ipmclab.units import LENGTH
 
@@ -19,9 +21,6 @@ if TYPE_CHECKING:
     from ipmclab.signals import Signal
 
 FloatArray = npt.NDArray[np.float64]
-
-ELECTROLYSIS: Final = 1.23
-"""Water decomposes above this voltage [V]."""
 
 LEAKS_KNOWN_TO: Final = 3.5
 """Voltage [V] up to which leaks of strips were measured: the thesis and the open records end at 3 V."""
@@ -246,7 +245,7 @@ def _ring(actuator: Actuator, run: Run) -> list[Finding]:
 def _most_at_resonance(actuator: Actuator, frequency: float) -> float:
     """What the gain below cannot exceed, at hardly any cost: all of the voltage reaches the node."""
     structure, values = actuator.structure, actuator.parameter_values
-    if structure.displacement_modes or structure.displacement_pairs:
+    if structure.displacement_modes or structure.displacement_pairs or structure.further:
         return math.inf
     s = 2j * math.pi * frequency
     coupling = values["coupling.gain"] * (s + values["coupling.zero"])
@@ -260,18 +259,20 @@ def _displacement_per_drive(actuator: Actuator) -> float:
 
 def _gain_at_resonance(actuator: Actuator, frequency: float) -> float:
     """The displacement of small bending [m] that a volt at the resonance would drive without the beam."""
-    kept: dict[str, float] = actuator.__dict__.setdefault("_gain_at_resonance", {})
-    if "value" not in kept:
-        from ipmclab.model.assemble import assemble
 
-        values = actuator.parameter_values
-        laws = actuator.structure.laws(values)
-        system = assemble(actuator.blocks(), external="voltage", outputs=["displacement_drive"], laws=laws)
+    def made() -> float:
+        system = assemble(
+            actuator.blocks(),
+            inputs=["voltage"],
+            outputs=["displacement_drive"],
+            laws=actuator.structure.laws(actuator.parameter_values),
+            at_rest=left_at_rest(["voltage"]),
+        )
         s = 2j * math.pi * frequency
         moving = np.linalg.solve(s * np.eye(len(system.states)) - system.a, system.b[:, 0].astype(complex))
-        drive = abs(complex(system.c[0] @ moving + system.d[0, 0]))
-        kept["value"] = _displacement_per_drive(actuator) * drive
-    return kept["value"]
+        return _displacement_per_drive(actuator) * abs(complex(system.c[0] @ moving + system.d[0, 0]))
+
+    return actuator.keep(("gain at resonance", frequency), made)
 
 
 def highest_frequency(signal: Signal | str | None) -> float | None:

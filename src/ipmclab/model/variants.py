@@ -7,29 +7,17 @@ from typing import Final
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import Actuator
+from ipmclab.model.kinds import kind_named, optional_kinds
+from ipmclab.model.stages.kind import StageKind
 from ipmclab.model.structure import Structure, refuse_two_forms
-
-_COUNTED: Final = {
-    "branches": "circuit.branches.",
-    "relaxation.displacement": "relaxation.displacement.",
-    "relaxation.displacement_pair": "relaxation.displacement_pair.",
-    "relaxation.force": "relaxation.force.",
-    "relaxation.force_pair": "relaxation.force_pair.",
-    "viscoelastic": "viscoelastic.",
-}
-_NUMBERED: Final = ("line.modes", "line.segments")
-_PLAIN: Final = (*("leak.cubic", "leak.exponential", "leak.butler_volmer", "leak.slow", "clamp", "laser"),)
-STAGES: Final = (*_COUNTED, *_NUMBERED, *_PLAIN)
-"""What may follow a plus."""
-
-_FORMS: Final = {
-    "leak": tuple(name for name in _PLAIN if name.startswith("leak.") and name != "leak.slow"),
-    "line": _NUMBERED,
-}
-"""Of these a strip has one form."""
 
 _MOST: Final = 99
 """Branches or modes of one kind; the counts of a line have their own range."""
+
+
+def stage_names() -> tuple[str, ...]:
+    """What may follow a plus."""
+    return tuple(kind.name for kind in optional_kinds())
 
 
 def with_stages(actuator: Actuator, *stages: str) -> Actuator:
@@ -39,8 +27,8 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
     ----------
     actuator : Actuator
     *stages : str
-        ``leak.cubic``, ``leak.exponential``, ``leak.butler_volmer``, ``leak.slow``, ``clamp``, ``laser``; with a count
-        ``branches=3``, ``relaxation.displacement=2``, ``relaxation.force``,
+        ``leak.cubic``, ``leak.exponential``, ``leak.butler_volmer``, ``leak.slow``, ``clamp``, ``laser``, ``load``;
+        with a count ``branches=3``, ``relaxation.displacement=2``, ``relaxation.force``,
         ``relaxation.displacement_pair``, ``relaxation.force_pair``, ``viscoelastic``, ``line.modes=12``,
         ``line.segments=10``. A stage that is there keeps its values; a count that is smaller takes some away; another
         form of the leak or of the line takes the place of the one that is there.
@@ -64,20 +52,14 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
     values = dict(actuator.parameter_values)
     asked = _parse_all(stages)
     for stage, count in asked.items():
-        if stage in _COUNTED:
-            names = _counted(names, _COUNTED[stage], count or 1)
-        elif stage in _NUMBERED:
-            names = {name for name in names if not name.startswith("line.")} | {stage}
-            if count is not None:
-                values[stage] = float(count)
-        elif stage == "leak.slow":
-            names.add("leak.slow.growth")
-        elif stage.startswith("leak."):
-            slow = {name for name in names if name.startswith("leak.slow.")}
-            names = {name for name in names if not name.startswith("leak.") or name.startswith(f"{stage}.")} | slow
-            names.add(f"{stage}.current_density" if stage != "leak.cubic" else "leak.cubic.cubic")
-        else:
-            names.add(f"{stage}.")
+        kind = kind_named(stage)
+        if kind.counted:
+            names = _counted(names, kind.prefix, count or 1)
+            continue
+        others = [one.prefix for one in optional_kinds() if one.one_of and one.one_of == kind.one_of and one != kind]
+        names = {name for name in names if not name.startswith(tuple(others))} | {kind.prefix}
+        if count is not None:
+            values[stage] = float(count)
     declarations = Structure.of(names).declarations
     chosen = {name: values.get(name, declaration.usual) for name, declaration in declarations.items()}
     return Actuator(
@@ -85,6 +67,7 @@ def with_stages(actuator: Actuator, *stages: str) -> Actuator:
         parameter_values={name: value for name, value in chosen.items() if value is not None},
         standard_uncertainties={n: u for n, u in actuator.standard_uncertainties.items() if n in chosen},
         sample=actuator.sample,
+        environment_laws=tuple(law for law in actuator.environment_laws if law.parameter in chosen),
     )
 
 
@@ -102,7 +85,10 @@ def _named(base: str, asked: dict[str, int | None]) -> str:
 
 
 def _replaces(stage: str, there: str) -> bool:
-    return stage == there or any(stage in forms and there in forms for forms in _FORMS.values())
+    if stage == there or there not in stage_names():
+        return stage == there
+    family = kind_named(stage).one_of
+    return bool(family) and family == kind_named(there).one_of
 
 
 def _parse_all(texts: Sequence[str]) -> dict[str, int | None]:
@@ -117,25 +103,30 @@ def _parse_all(texts: Sequence[str]) -> dict[str, int | None]:
                 repair="name it once",
             )
         asked[stage] = count
-    for kind, forms in _FORMS.items():
-        refuse_two_forms(kind, [form.partition(".")[2] for form in forms if form in asked], where="stages")
+    forms: dict[str, list[str]] = {}
+    for kind in optional_kinds():
+        if kind.one_of and kind.name in asked:
+            forms.setdefault(kind.one_of, []).append(kind.name.partition(".")[2])
+    for family, those in forms.items():
+        refuse_two_forms(family, those, where="stages")
     return asked
 
 
 def _parse(text: str) -> tuple[str, int | None]:
     stage, equals, count = (part.strip() for part in text.partition("="))
-    if stage not in STAGES:
+    if stage not in stage_names():
         raise _unknown(stage, text.strip())
     if not equals:
         return stage, None
-    if stage in _PLAIN:
+    kind = kind_named(stage)
+    if not kind.counted and not _is_number(kind):
         raise InputError(
             f"{text.strip()!r} gives {stage!r} a count, it has none",
             code="bad-count",
             where="stages",
             repair=f"give {stage!r} alone; values are set in a file or by replace()",
         )
-    least, most = _range(stage)
+    least, most = _range(kind)
     if not (count.isascii() and count.isdigit() and len(count) < 9 and least <= int(count) <= most):
         whole = count.removeprefix("-")
         is_whole = whole.isascii() and whole.isdigit()
@@ -148,16 +139,22 @@ def _parse(text: str) -> tuple[str, int | None]:
     return stage, int(count)
 
 
-def _range(stage: str) -> tuple[int, int]:
-    if stage not in _NUMBERED:
+def _is_number(kind: StageKind) -> bool:
+    """Whether the stage is itself a whole number: how many pieces its one form has."""
+    return kind.name in Structure.of([kind.prefix]).declarations
+
+
+def _range(kind: StageKind) -> tuple[int, int]:
+    if kind.counted:
         return 1, _MOST
-    declaration = Structure.of([stage]).declarations[stage]
+    declaration = Structure.of([kind.prefix]).declarations[kind.name]
     return int(declaration.lower), int(declaration.upper)
 
 
 def _unknown(stage: str, text: str) -> InputError:
     """What to do about a name that is no stage: a parameter of one, a stage without its form, or a slip."""
-    owner = max((one for one in STAGES if stage.startswith(f"{one}.")), key=len, default=None)
+    known = stage_names()
+    owner = max((one for one in known if stage.startswith(f"{one}.")), key=len, default=None)
     if owner is not None:
         return InputError(
             f"{text!r} is not a stage but a parameter of one",
@@ -165,10 +162,10 @@ def _unknown(stage: str, text: str) -> InputError:
             where="stages",
             repair=f"name the stage, {owner}; values are set in a file or by replace()",
         )
-    forms = [one for one in STAGES if stage and one.startswith(f"{stage}.")]
+    forms = [one for one in known if stage and one.startswith(f"{stage}.")]
     return InputError(
         f"{stage!r} alone does not say which" if forms else f"no stage is called {text!r}",
         code="unknown-stage",
         where="stages",
-        repair=f"choose one of {', '.join(forms)}" if forms else suggest(stage, STAGES),
+        repair=f"choose one of {', '.join(forms)}" if forms else suggest(stage, known),
     )

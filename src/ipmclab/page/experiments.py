@@ -16,6 +16,7 @@ import numpy as np
 from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import Panel, Series
 from ipmclab.page.lab import Lab, files_of, plain_name
+from ipmclab.platform import replace_file
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.toml_file import glance, parse_table, read_text
@@ -590,5 +591,5 @@ def save(lab: Lab, draft: Draft, *, replace: bool = False) -> Path:
             )
     new = path.with_name(f".{path.name}.new")
     new.write_text(tomli_w.dumps(table), encoding="utf-8")
-    new.replace(path)
+    replace_file(new, path)
     return path

@@ -36,6 +36,13 @@ _REPORT_POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src 
 def routes(workshop: Workshop) -> APIRouter:
     """The routes of a workshop."""
     router = APIRouter()
+    for add in (_add_simulate, _add_uploads, _add_runs, _add_reports, _add_fits):
+        add(router, workshop)
+    return router
+
+
+def _add_simulate(router: APIRouter, workshop: Workshop) -> None:
+    """Answers to sliders."""
 
     @router.post("/simulate", response_model=None)
     async def simulate(request: Request) -> Response:
@@ -55,6 +62,10 @@ def routes(workshop: Workshop) -> APIRouter:
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
             return JSONResponse({"message": "this is no question of the page", "where": "", "repair": "reload it"}, 400)
         return Response(pack(frame.document, frame.arrays), media_type=MEDIA)
+
+
+def _add_uploads(router: APIRouter, workshop: Workshop) -> None:
+    """Files that come from a browser."""
 
     @router.post("/uploads", response_model=None)
     async def upload(request: Request, name: str = "record") -> Response:
@@ -76,6 +87,10 @@ def routes(workshop: Workshop) -> APIRouter:
         called = name.replace("\\", "/").rpartition("/")[2][:200]  # by its owner
         return JSONResponse({"key": path.name, "name": called or stem})
 
+
+def _add_runs(router: APIRouter, workshop: Workshop) -> None:
+    """Runs to download: the file, as another format, as a figure."""
+
     @router.get("/runs/file", response_model=None)
     def run_file(run: str) -> Response:
         return _sent(lambda: workshop.run_path(run), "application/x-netcdf")
@@ -87,6 +102,10 @@ def routes(workshop: Workshop) -> APIRouter:
     @router.get("/runs/figure", response_model=None)
     async def run_figure(run: Annotated[list[str], Query()], kind: str = "svg") -> Response:
         return await _made(workshop, "figure", {"runs": run}, kind, _FIGURES)
+
+
+def _add_reports(router: APIRouter, workshop: Workshop) -> None:
+    """Reports to look at and to download."""
 
     @router.get("/reports/{name}", response_model=None)
     def report(name: str, save: bool = False) -> Response:
@@ -101,6 +120,10 @@ def routes(workshop: Workshop) -> APIRouter:
         return FileResponse(
             path, media_type="text/html", headers=headers, filename=path.name, content_disposition_type=how
         )
+
+
+def _add_fits(router: APIRouter, workshop: Workshop) -> None:
+    """Fits to download, and their profiles."""
 
     @router.get("/fits/{key}", response_model=None)
     def fit(key: str) -> Response:
@@ -118,8 +141,6 @@ def routes(workshop: Workshop) -> APIRouter:
         name = f"{header_name(card.asked.name)}-profiles.{kind}"
         headers = {"Content-Disposition": f'attachment; filename="{name}"'}
         return Response(part["files"][kind], media_type={**_EXPORTS, **_FIGURES}[kind], headers=headers)
-
-    return router
 
 
 def _simulation(workshop: Workshop, given: Mapping[str, Any]) -> dict[str, Any]:

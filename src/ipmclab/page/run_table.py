@@ -80,6 +80,7 @@ def table_row(row: CatalogueRow) -> dict[str, Any]:
     """One run as the table shows it; ``key`` is its path below the folder, empty where it has no sound file."""
     codes = [code for code in row.codes or () if code != "fingerprint"]
     state = "" if row.state in (None, "complete") else str(row.state)
+    version = f"version {row.version}" if row.version > 1 else ""
     if row.codes is None:
         told = "not checked yet" if row.path and not row.problem else ""
     else:
@@ -97,7 +98,7 @@ def table_row(row: CatalogueRow) -> dict[str, Any]:
         "measured": ", ".join(CHANNELS[name].name if name in CHANNELS else name for name in row.measured),
         "duration": None if row.duration is None else float(f"{row.duration:.4g}"),
         "humidity": None if row.relative_humidity is None else float(f"{row.relative_humidity:.3g}"),
-        "findings": "; ".join(part for part in (state, row.problem or told) if part),
+        "findings": "; ".join(part for part in (state, version, row.problem or told) if part),
     }
 
 

@@ -10,7 +10,7 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -225,7 +225,7 @@ class Workshop:
         InputError
             No such run, or a damaged one.
         """
-        from ipmclab.store.run_file import read_run
+        from ipmclab.workflows.reading import read_named_run
 
         path = self.run_path(key)
         about = path.stat()
@@ -234,9 +234,7 @@ class Workshop:
             if this in self._runs:
                 self._runs.move_to_end(this)
                 return self._runs[this]
-        run = read_run(path)
-        if run.metadata.source_file is None and run.metadata.signal is None:
-            run = replace(run, metadata=replace(run.metadata, source_file=path.name))
+        run = read_named_run(path)
         with self._lock:
             self._runs[this] = run
             while len(self._runs) > 1 and sum(len(one) for one in self._runs.values()) > _KEPT_ROWS:

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from ipmclab.quality.asked import asked_beyond
+from ipmclab.quality.at_rest import not_at_rest
 from ipmclab.quality.contact import missing_contact
+from ipmclab.quality.cut_off import cut_off
 from ipmclab.quality.drift import before_step
 from ipmclab.quality.kept import kept
 from ipmclab.quality.kink import RATE_ROWS, rate_jumps
@@ -17,6 +19,7 @@ from ipmclab.quality.response import no_excitation, nothing_but_noise, opposite_
 from ipmclab.quality.ringing import predicted_ringing, seen_ringing
 from ipmclab.quality.rising import rising_current
 from ipmclab.quality.sampling import sampling
+from ipmclab.quality.scale import without_consequences, wrong_scales
 from ipmclab.quality.skew import channel_skew
 from ipmclab.quality.stale import stale_readings
 from ipmclab.quality.sudden import sudden_changes
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
     from ipmclab.model import Actuator
 
 _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
+    cut_off,
     sampling,
     no_excitation,
     missing_contact,
@@ -42,6 +46,7 @@ _CHECKS: Final[tuple[Callable[[Record], list[Finding]], ...]] = (
     nothing_but_noise,
     rising_current,
     before_step,
+    not_at_rest,
     seen_ringing,
     asked_beyond,
 )
@@ -80,7 +85,10 @@ def check_record(record: Record, actuator: Actuator | None = None) -> tuple[Find
     found = list(kept(record.run, "check", lambda: _checked(record)))
     if actuator is not None:
         found += predicted_ringing(record, actuator)
-    return tuple(sorted(found, key=lambda finding: _ORDER[finding.severity]))
+    noise = frozenset(finding.channel for finding in found if finding.code == "noise-only" and finding.channel)
+    off = wrong_scales(record, noise, actuator)
+    # A cause comes first, and what follows from it is not said.
+    return (*off, *sorted(without_consequences(found, off), key=lambda finding: _ORDER[finding.severity]))
 
 
 def _checked(record: Record) -> list[Finding]:
@@ -95,6 +103,7 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
     clipped = {finding.channel for finding in findings if finding.code == "clipped"}
     opposite = {finding.channel for finding in findings if finding.code == "response-opposite"}
 
+    moving = {finding.channel for finding in findings if finding.code == "not-at-rest"}
     stated = [finding for finding in findings if finding.code == "range-limit"]
     jumped: dict[str | None, set[int]] = {}
     for finding in findings:
@@ -119,6 +128,8 @@ def _without_echoes(findings: list[Finding]) -> list[Finding]:
                 return any(abs(start - row) <= 2 * RATE_ROWS for start in starts for row in ends_of_it)
             case "current-rises":
                 return "current" in opposite or any(min(starts) <= stop < max(stops) for stop in lost)
+            case "drift-before-step" | "offset-before-step":
+                return finding.channel in moving
             case "possible-range-limit":
                 return finding.channel in clipped
         return False

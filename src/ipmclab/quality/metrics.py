@@ -340,21 +340,25 @@ def _half_period_ends(record: Record, response: _Response, period: float) -> lis
     if len(edges) < 2 or np.count_nonzero(whole) < 2 or not whole[0]:
         return []
     rows = max(1, round(0.02 * half))
-    last = np.array([np.nanmedian(values[end - rows : end]) for end in ends[whole]])
+    stretches = [values[end - rows : end] for end in ends[whole]]
+    read = [stretch[np.isfinite(stretch)] for stretch in stretches]
+    if any(len(stretch) == 0 for stretch in (read[0], *read[-2:])):
+        return []
+    last = [float(np.median(stretch)) for stretch in (read[0], *read[-2:])]
     error = channel.noise * math.sqrt(math.pi / 2.0 / rows)
     words = f"median of the last {rows} row{'s' if rows > 1 else ''} of it"
     return [
         _metric(
             channel,
             "half_period_end",
-            float(last[0]),
+            last[0],
             math.hypot(error, response.rest_error),
             f"The current at the end of the first half period of the square: {words}. " + _FROM_REST,
         ),
         _metric(
             channel,
             "half_period_end_last",
-            0.5 * abs(float(last[-1] - last[-2])),
+            0.5 * abs(last[-1] - last[-2]),
             error / math.sqrt(2.0),
             f"The current at the end of a half period of the square: {words}; half the difference between the last two "
             "whole half periods.",

@@ -45,6 +45,8 @@ class Channel:
         How many of the missing rows held a sentinel.
     beyond : float array
         The values of missing rows that were no sentinel but lay far out beside one.
+    edges : int array, optional
+        Rows at which the voltage jumps.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Channel:
     missing: BoolArray | None = None
     sentinels: int = 0
     beyond: tuple[float, ...] = ()
+    edges: IntArray | None = None
 
     @cached_property
     def rows(self) -> IntArray:
@@ -69,14 +72,22 @@ class Channel:
         return self.values[1:] - self.values[:-1]
 
     @cached_property
+    def changes_with_voltage_alone(self) -> bool:
+        """Whether every change of the readings is at a jump of the voltage, as of a resistor read in coarse steps."""
+        changes = self.rows[1:][self.steps != 0.0]
+        if self.edges is None or not len(changes) or len(changes) > (2 * GUARD_ROWS + 1) * len(self.edges):
+            return False
+        return bool(np.all(np.abs(changes[:, None] - self.edges[None, :]).min(axis=1) <= GUARD_ROWS))
+
+    @cached_property
     def noise(self) -> float:
         """Standard deviation of the noise."""
-        return noise_of_readings(self.values)
+        return 0.0 if self.changes_with_voltage_alone else noise_of_readings(self.values)
 
     @cached_property
     def quantum(self) -> float:
-        """The smallest change from row to row."""
-        return quantum_of(self.steps)
+        """The smallest change from row to row that is no answer to a jump of the voltage."""
+        return 0.0 if self.changes_with_voltage_alone else quantum_of(self.steps)
 
     @cached_property
     def stale(self) -> float:
@@ -261,7 +272,7 @@ def _channel(run: Run, name: str, readings: FloatArray, edges: IntArray) -> Chan
     if flags is not None and flags.any():
         finite &= (flags & (QUALITY_FLAGS["missing"] | QUALITY_FLAGS["sentinel"])) == 0
     elif finite.all() and not _may_hold_sentinel(name, readings, edges):
-        return Channel(name, readings)
+        return Channel(name, readings, edges=edges)
     missing = ~finite
     if name == "displacement":
         missing |= _raw_sentinels(readings, finite, edges)
@@ -269,13 +280,14 @@ def _channel(run: Run, name: str, readings: FloatArray, edges: IntArray) -> Chan
     beyond = _beyond(readings, missing) if sentinels and not missing.all() else np.zeros(0, dtype=np.intp)
     missing[beyond] = True
     if not missing.any():
-        return Channel(name, readings)
+        return Channel(name, readings, edges=edges)
     return Channel(
         name,
         np.where(missing, np.nan, readings),
         missing,
         sentinels=sentinels,
         beyond=tuple(float(value) for value in readings[beyond]),
+        edges=edges,
     )
 
 

@@ -74,6 +74,7 @@ def predicted_ringing(record: Record, actuator: Actuator) -> list[Finding]:
     from dataclasses import replace
 
     from ipmclab.model import simulate
+    from ipmclab.model.stages.beam import WEIGHTLESS
     from ipmclab.model.stages.beam import resonance as first_mode
 
     channel = record.channels.get("displacement")
@@ -83,7 +84,7 @@ def predicted_ringing(record: Record, actuator: Actuator) -> list[Finding]:
     rate = 1.0 / record.period
     if resonance < 0.5 * rate:
         return []
-    light = actuator.replace(**{"beam.density": actuator.parameters()["beam.density"].lower})
+    light = actuator.replace(**WEIGHTLESS)
     run = replace(record.run, quality={})
     with_beam, without = simulate(actuator, run).displacement, simulate(light, run).displacement
     assert with_beam is not None

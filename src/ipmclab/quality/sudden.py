@@ -45,6 +45,8 @@ def _changes(record: Record, channel: Channel) -> tuple[list[tuple[int, int]], l
     spikes: list[tuple[int, int]] = []
     jumps: list[tuple[int, float]] = []
     rows, values, steps = channel.rows, channel.values, channel.steps
+    # Over a gap of the time a slow change is as large as a jump.
+    time, near_in_time = record.run.time, (_SPIKE_ROWS + 0.5) * record.period
     if len(steps) < 8:
         return spikes, jumps
     if channel.stale > STALE_EXCESS:
@@ -74,7 +76,7 @@ def _changes(record: Record, channel: Channel) -> tuple[list[tuple[int, int]], l
         others = np.concatenate((size[max(place - 2, 0) : place], size[place + 1 : place + 3]))
         is_jump = (
             abs(height) >= max(_SMALLEST_JUMP * channel.span, 3.0 * float(others.max()))
-            and rows[place + 1] - rows[place] <= _SPIKE_ROWS
+            and time[rows[place + 1]] - time[rows[place]] <= near_in_time
         )
         near = slice(max(place - _NEIGHBOURS, 0), place + _NEIGHBOURS)
         if not (is_spike or is_jump) or abs(height) <= _SIGNIFICANT * noise_of_readings(values[near]):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.rows import RowSource
 from ipmclab.sample import Sample
 from ipmclab.signals import Signal
 
@@ -99,8 +100,8 @@ class Bench(Protocol):
             The hardware is not there, or in use.
         """
 
-    def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
-        """Give a signal out, and read: each row just before the output changes.
+    def apply(self, source: Signal | RowSource, rows: int | None = None) -> Iterator[Block]:
+        """Give a signal, or what else has rows, out, and read: each row just before the output changes.
 
         The first block may be asked for any time after the call; the clock starts then. ``zero`` may be called between
         blocks: the output is at 0 V from then on, and the blocks go on coming. An iterator that is closed early
@@ -108,19 +109,21 @@ class Bench(Protocol):
 
         Parameters
         ----------
-        signal : Signal
-            Its time starts at 0 with the first row.
-        rows : int
+        source : Signal or RowSource
+            The time of a signal starts at 0 with the first row.
+        rows : int, optional
+            Of a signal; any other source knows how many it has.
 
         Yields
         ------
         block : Block
-            Blocks of ``block_rows(rate)`` rows (the last may be shorter), ``rows`` rows together.
+            Blocks of ``block_rows(rate)`` rows (the last may be shorter), as many rows together as there are.
 
         Raises
         ------
         InputError
-            A voltage beyond what the output can give: nothing is given out then.
+            A voltage beyond what the output can give, or a source whose voltages nothing holds within a limit: nothing
+            is given out then.
         BenchError
             The hardware failed; frozen when no block came for max(1 s, 5 block periods), reported within 2 s more.
         """

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.numerics.course import voltage_course
+
 if TYPE_CHECKING:
     from ipmclab.model.assemble import System
     from ipmclab.model.numerics.dense import Dense
@@ -58,7 +60,7 @@ class ExactSystem:
         self._ladder = np.tile(np.eye(n + 1 + 2 * m), (_RUNGS, 1, 1))
         laws, rates = slice(n + 1, n + 1 + m), slice(n + 1 + m, None)
         self._ladder[:, :n, :n] = steps.state[0]
-        self._ladder[:, :n, n] = steps.constant[0]
+        self._ladder[:, :n, n : n + 1] = steps.constant[0]
         self._ladder[:, :n, laws] = steps.law_begin[0] + steps.law_end[0]
         self._ladder[:, :n, rates] = steps.law_end[0] * lengths[:, None, None]
         self._ladder[:, laws, rates] = lengths[:, None, None] * np.eye(m)
@@ -91,7 +93,8 @@ class ExactSystem:
             row = np.full(len(intervals) + 1, -1, dtype=np.int64)
             row[np.cumsum(counts)] = np.arange(rows)
         lengths, kind = _kinds(intervals)
-        self._over(lengths).run(kind, levels, levels, row, inputs, self.state, outputs)
+        course = voltage_course(kind, levels, levels, row, inputs)
+        self._over(lengths).run(course, self.state, outputs)
         return outputs
 
     def _over(self, lengths: tuple[int, ...]) -> Dense:
@@ -107,7 +110,7 @@ class ExactSystem:
             moves = np.array([self._transition(length) for length in lengths])
             held, grown = moves[:, :n, n + 1 : n + 1 + laws], moves[:, :n, n + 1 + laws :]
             ramped = grown / np.maximum(np.array(lengths) * TICK, TICK)[:, None, None]
-            constant = moves[:, :n, n]
+            constant = moves[:, :n, n : n + 1]
             # Within an interval the input has no slope.
             move = Transition(moves[:, :n, :n], constant, np.zeros_like(constant), held - ramped, ramped)
             self._dense[lengths] = Dense(self._system, move)

@@ -19,9 +19,11 @@ from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.in_use import Hold
+from ipmclab.rig.daqmx.look_back import SETTLED, read_output
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks, rows_ahead
-from ipmclab.rig.request import Feed, check_measured, check_signal, check_voltage
-from ipmclab.rig.safety.readback import left_at_output
+from ipmclab.rig.request import check_measured, check_rows, check_voltage
+from ipmclab.rig.rows import ENDLESS, Feed, RowSource, as_rows
+from ipmclab.rig.safety.readback import TOLERANCE, channels_at_output, left_at_output
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:
@@ -31,9 +33,6 @@ FloatArray = npt.NDArray[np.float64]
 
 AHEAD: Final = 0.5
 """How far [s] the output is fed ahead: a program that hangs leaves no more than this of its signal."""
-
-AHEAD_OF_SIMULATED: Final = 20.0
-"""The same for a simulated chassis: nothing can be harmed, and at ten times real time it is 2 s of a busy computer."""
 
 _ANSWER: Final = 5.0
 """Time [s] for a server to answer when a bench is opened."""
@@ -47,12 +46,9 @@ _RESET_TIME: Final = 5.0
 _LONGEST_RESET: Final = 1.2
 """What a guardian allows a reset at most [s]: it leaves behind what takes 1.5 s."""
 
-_SETTLED: Final = 0.1
-"""Time [s] after which a reading of 0 V shows the output, not what came before."""
-
 
 def reset(rig: Rig) -> None:
-    """Bring the output of a rig to 0 V from anywhere, through a connection of its own.
+    """Bring the output of a rig to 0 V from anywhere, through a connection of its own, and read it back.
 
     Resets every module of the rig: outputs go to 0 V, reservations are freed, and whatever another program
     was doing on them is aborted. This is what the guardian does when the recorder is silent, and what every
@@ -65,12 +61,14 @@ def reset(rig: Rig) -> None:
     Raises
     ------
     BenchError
-        No driver, no server, no such module.
+        No driver, no server, no such module; ``"output-stuck"`` where a voltage is still read, ``"output-unread"``
+        where nothing could be read.
     """
     driver = Driver(client(), rig, wait=_ANSWER_AFTER_FAILURE, patience=_ANSWER_AFTER_FAILURE)
     try:
         driver.be_patient(_RESET_TIME)
         driver.reset(driver.modules())
+        _see_zero(driver)
     finally:
         driver.close()
 
@@ -81,7 +79,7 @@ class Resetter:
     Parameters
     ----------
     rig : Rig
-        Of which only the output and the address are looked at.
+        Of which only the output, the address and the channels that tell what the output gives are looked at.
     within : float [s]
         How long a reset may take. The next one after a failure may take so much longer, up to 1.2 s: a server that
         is slow would else never be known to have brought its output to 0 V.
@@ -106,13 +104,34 @@ class Resetter:
         ------
         BenchError
         """
+        self._connect()
+        self._driver.reset(self._driver.modules()[:1])
+        self._allowed = self._within
+        self._driver.be_patient(self._within)
+
+    def read(self) -> float:
+        """What the output gives [V]. Inputs that a recorder holds which is gone, or silent, are reset for it.
+
+        Raises
+        ------
+        BenchError
+            It cannot be read.
+        """
+        self._connect()
+        try:
+            return read_output(self._driver)
+        except BenchError as error:
+            if error.code != "bench-in-use":
+                raise
+        self._driver.reset(self._driver.modules(channels_at_output(self._rig)))
+        return read_output(self._driver)
+
+    def _connect(self) -> None:
+        """Anew, where the connection was lost."""
         if self._driver.lost is not None:
             self._driver.close()
             self._allowed = min(self._allowed + self._within, max(_LONGEST_RESET, self._within))
             self._driver = Driver(client(), self._rig, wait=self._allowed, patience=self._allowed)
-        self._driver.reset(self._driver.modules()[:1])
-        self._allowed = self._within
-        self._driver.be_patient(self._within)
 
     def close(self) -> None:
         """Let go of the connection. May be called twice."""
@@ -153,8 +172,8 @@ class NiBench:
     rig : Rig
         With the physical names of its channels; ``address`` names a gRPC server.
     ahead : float [s], optional
-        How far the output is fed ahead of its clock; ``AHEAD`` where it is left out, on a simulated chassis
-        ``AHEAD_OF_SIMULATED``.
+        How far the output is fed ahead of its clock; a simulated chassis is fed as one of metal is, so that what is
+        proven there holds.
 
     Examples
     --------
@@ -165,10 +184,9 @@ class NiBench:
 
     origin: Literal["measured", "virtual bench"] = "measured"
 
-    def __init__(self, rig: Rig, *, ahead: float | None = None) -> None:
+    def __init__(self, rig: Rig, *, ahead: float = AHEAD) -> None:
         self.rig = rig
-        self._ahead_wanted = ahead
-        self._ahead = AHEAD
+        self._ahead = ahead
         self._about = "NI-DAQmx"
         self._driver: Driver | None = None
         self._hold: Hold | None = None
@@ -195,7 +213,7 @@ class NiBench:
 
     def open(self, measured: Collection[str], rate: float) -> None:
         """Take hold of the chassis, with the output reset to 0 V: see ``Bench.open``."""
-        from ipmclab.model.simulate import above_zero
+        from ipmclab.model.request import above_zero
 
         rate = above_zero("rate", rate, "Hz")
         check_measured(self.rig, measured)
@@ -209,7 +227,6 @@ class NiBench:
             hold = Hold(self.rig.address, modules)
             driver.reset(modules)
             self._about, simulated = driver.describe(names)
-            self._ahead = self._ahead_wanted or (AHEAD_OF_SIMULATED if simulated else AHEAD)
             # Made once to see that the modules can do what will be asked of them, before anything is given out.
             TimedTasks(driver, names, rate, self._ahead).close()
             demand = OnDemand(driver, names)
@@ -231,13 +248,14 @@ class NiBench:
         self._safe = True
         self._told_danger = False
 
-    def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
-        """Give a signal out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
+    def apply(self, source: Signal | RowSource, rows: int | None = None) -> Iterator[Block]:
+        """Give rows out, and read: see ``Bench.apply``. Blocks come as the chassis samples them."""
         self._opened()
-        check_signal(self.rig, signal, rows, self._rate)
-        feed = Feed(signal, rows, self._rate)
+        played = as_rows(source, rows)
+        check_rows(self.rig, played, self._rate)
+        feed = Feed(played, self._rate)
         feed.prepare(rows_ahead(self._rate, self._ahead))
-        return self._blocks(feed, rows)
+        return self._blocks(feed, ENDLESS if played.length is None else played.length)
 
     def _blocks(self, feed: Feed, rows: int) -> Iterator[Block]:
         if rows < 1:
@@ -249,6 +267,8 @@ class NiBench:
             before = self._output
             while told < rows:
                 count = min(block_rows(self._rate), rows - told)
+                # A source may take its time: zero does not wait for it.
+                feed.prepare(timed.wanted(told + count))
                 with self._lock:
                     timed.feed(feed, told + count)
                 # No block for this long means that the chassis stands still.
@@ -300,7 +320,7 @@ class NiBench:
 
     def _is_stuck(self, block: Block) -> bool:
         """Whether a block shows a voltage that should long be gone."""
-        if self._zero_from is None or block.first_row < self._zero_from + _SETTLED * self._rate:
+        if self._zero_from is None or block.first_row < self._zero_from + SETTLED * self._rate:
             return False
         left = left_at_output(self.rig, {name: float(np.mean(values)) for name, values in block.readings.items()})
         return left is not None
@@ -392,7 +412,9 @@ class NiBench:
             if error.code == "output-stuck":
                 raise error
             if self._timed is not None:
-                self._zero_from = self._timed.sampled()
+                self._zero_from = self._timed.sampled()  # what is read from here on shows it
+            else:
+                _see_zero(driver)
         except IpmclabError as also:
             self._told_danger = True
             raise self._failed(_not_zeroed(self._failure, also)) from also
@@ -435,6 +457,29 @@ class NiBench:
         return error
 
 
+def _see_zero(driver: Driver) -> None:
+    """Read the output back; a rig whose channels cannot tell it is known for that.
+
+    Raises
+    ------
+    BenchError
+        It is not at 0 V, or it could not be read.
+    """
+    if not channels_at_output(driver.rig):
+        return
+    try:
+        volts = read_output(driver)
+    except IpmclabError as error:
+        raise BenchError(
+            f"the output was reset, but it could not be read back: {error.message}",
+            code="output-unread",
+            where=error.where,
+            repair="see that it is at 0 V, or switch the amplifier off",
+        ) from error
+    if abs(volts) > TOLERANCE:
+        raise _stuck_error(volts)
+
+
 def _stuck_error(volts: float) -> BenchError:
     return BenchError(
         f"the output was set to 0 V, but {volts:.3g} V are still read",
@@ -446,11 +491,12 @@ def _stuck_error(volts: float) -> BenchError:
 
 def _not_zeroed(first: IpmclabError | None, also: IpmclabError) -> IpmclabError:
     """That the output may still drive the strip, told with the first failure where there was one."""
-    danger = "the output could not be brought to 0 V"
+    unread = also.code == "output-unread"
+    danger = "it is not known that the output is at 0 V" if unread else "the output could not be brought to 0 V"
     if first is None:
         return BenchError(
             f"{danger}: {also.message}",
-            code="output-not-zero",
+            code=also.code if unread else "output-not-zero",
             where=also.where,
             repair="switch the amplifier off",
         )

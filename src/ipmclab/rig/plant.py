@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.model.four_probe import sheet_factor
+from ipmclab.model.stages.circuit import CONTACT, SHEET
 from ipmclab.rig.chamber import Lag, platinum_resistance
 from ipmclab.rig.channels import Channel, FourProbe, Rig
 from ipmclab.rig.exact import TICK, ExactSystem, to_ticks
@@ -215,17 +216,16 @@ class StripPlant:
             return CONTACT_RESISTANCE["open"]
         width, length = self._actuator["geometry.width"], _length(self._actuator)
         squares = 1.0 / sheet_factor(probe.contacts, probe.spacing, width, length)
-        return self._actuator["circuit.sheet_resistance"] * squares + self.rig.virtual.meter_offset
+        return self._actuator[SHEET] * squares + self.rig.virtual.meter_offset
 
     def _system(self) -> System:
         """The strip, or the dummy load, as the output sees it."""
         in_series = self.rig.shunt_resistance + self.rig.source_resistance + CONTACT_RESISTANCE[self._contact]
         if self._actuator is None:
             return _dummy(in_series)
-        name = "circuit.contact_resistance"
-        declared = self._actuator.parameters()[name]
-        resistance = min(self._actuator[name] + in_series, declared.upper)
-        return self._actuator.replace(**{name: resistance}).system
+        declared = self._actuator.parameters()[CONTACT]
+        resistance = min(self._actuator[CONTACT] + in_series, declared.upper)
+        return self._actuator.replace(**{CONTACT: resistance}).system
 
     @property
     def tip(self) -> Tip:
@@ -319,6 +319,7 @@ def _dummy(in_series: float) -> System:
     rate = 1.0 / (resistance * DUMMY_CAPACITANCE)
     return System(
         states=("dummy.capacitor",),
+        inputs=("voltage",),
         outputs=("current", "applied_voltage", "displacement", "force"),
         a=np.array([[-rate]]),
         b=np.array([[rate]]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Collection, Iterator
 from typing import Final
 
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
-from ipmclab.rig.safety.clamped import Clamped
+from ipmclab.rig.rows import ClampedRows, RowSource, SignalRows
 from ipmclab.signals import Signal
 
 FloatArray = npt.NDArray[np.float64]
@@ -95,6 +94,27 @@ def check_rate(rig: Rig, rate: float) -> None:
         )
 
 
+def check_rows(rig: Rig, source: RowSource, rate: float) -> None:
+    """Refuse a source of rows that may go beyond what the output can give.
+
+    Raises
+    ------
+    InputError
+        A signal, with its first row that is beyond; a source that is neither known beforehand nor clamped.
+    """
+    low, high = rig.output.low, rig.output.high
+    if isinstance(source, ClampedRows) and low <= source.low and source.high <= high:
+        return
+    if not isinstance(source, SignalRows):
+        raise InputError(
+            "its voltages are not known beforehand, and nothing holds them within a limit",
+            code="unclamped",
+            where="signal",
+            repair="hand it to the bench through a GuardedBench",
+        )
+    check_signal(rig, source.signal, source.length, rate)
+
+
 def check_signal(rig: Rig, signal: Signal, rows: int, rate: float) -> None:
     """Refuse a signal of which a row is beyond what the output can give.
 
@@ -104,8 +124,6 @@ def check_signal(rig: Rig, signal: Signal, rows: int, rate: float) -> None:
         With the first such row.
     """
     low, high = rig.output.low, rig.output.high
-    if isinstance(signal, Clamped) and low <= -signal.most and signal.most <= high:
-        return
     for first, voltage in chunks(signal, rows, rate):
         beyond = np.flatnonzero(~((voltage >= low) & (voltage <= high)))
         if len(beyond):
@@ -123,73 +141,3 @@ def chunks(signal: Signal, rows: int, rate: float) -> Iterator[tuple[int, FloatA
     """A signal in pieces: the first row of each, and its voltages [V]."""
     for first in range(0, rows, _CHUNK):
         yield first, signal.voltage(np.arange(first, min(first + _CHUNK, rows)) / rate)
-
-
-class Feed:
-    """A signal that is taken row by row, and goes on with its last voltage for as long as it is asked for.
-
-    It is computed as it is taken, once: what was taken can be had once more, in the same order.
-
-    Parameters
-    ----------
-    signal : Signal
-    rows : int
-        At least 1.
-    rate : float [Hz]
-    """
-
-    def __init__(self, signal: Signal, rows: int, rate: float) -> None:
-        self._signal = signal
-        self._rows = rows
-        self._rate = rate
-        self._computed = 0
-        self._ready = np.empty(0)
-        self._last = 0.0
-        self._taken: deque[FloatArray] = deque()
-        self._told = 0.0
-
-    def prepare(self, count: int) -> None:
-        """Compute the next ``count`` voltages, before time is short."""
-        parts, missing = [self._ready], count - len(self._ready)
-        while missing > 0 and self._computed < self._rows:
-            stop = min(self._computed + min(missing, _CHUNK), self._rows)
-            parts.append(self._signal.voltage(np.arange(self._computed, stop) / self._rate))
-            missing -= stop - self._computed
-            self._computed = stop
-            self._last = float(parts[-1][-1])
-        if missing > 0:
-            parts.append(np.full(missing, self._last))
-        if len(parts) > 1:
-            self._ready = np.concatenate(parts)
-
-    def take(self, count: int) -> FloatArray:
-        """The next ``count`` voltages [V].
-
-        Examples
-        --------
-        >>> from ipmclab.signals import Square
-        >>> feed = Feed(Square(amplitude=1.0, frequency=1.0), rows=4, rate=4.0)
-        >>> feed.take(3).tolist(), feed.take(3).tolist()
-        ([1.0, 1.0, -1.0], [-1.0, -1.0, -1.0])
-        >>> feed.again(2).tolist(), feed.again(3).tolist()
-        ([1.0, 1.0], [-1.0, -1.0, -1.0])
-        """
-        self.prepare(count)
-        found, self._ready = self._ready[:count], self._ready[count:]
-        self._taken.append(found)
-        return found
-
-    def again(self, count: int) -> FloatArray:
-        """The next ``count`` voltages [V] of those that were taken; from their end on the last of them."""
-        parts, missing = [], count
-        while missing and self._taken:
-            part = self._taken.popleft()
-            if len(part) > missing:
-                self._taken.appendleft(part[missing:])
-                part = part[:missing]
-            missing -= len(part)
-            parts.append(part)
-        found = np.concatenate([*parts, np.empty(0)])
-        if len(found):
-            self._told = float(found[-1])
-        return np.concatenate([found, np.full(missing, self._told)])

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.model.simulate import above_zero
+from ipmclab.model.request import above_zero
 from ipmclab.rig.bench import Block, block_rows
 from ipmclab.rig.chamber import platinum_temperature
 from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.plant import StripPlant
-from ipmclab.rig.request import check_measured, check_signal, check_voltage
+from ipmclab.rig.request import check_measured, check_rows, check_voltage
+from ipmclab.rig.rows import ENDLESS, RowSource, as_rows
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class VirtualBench:
         self._start = 0.0
         self._rows = 0
         self._output = 0.0
+        self._playing: RowSource | None = None
         self._given_out: FloatArray = np.empty(0)
 
     @property
@@ -89,10 +91,10 @@ class VirtualBench:
         return None if self.plant.actuator is None else self.plant.actuator.sample
 
     def hands(self, words: str) -> None:
-        """Do what an operator does with his hands: see ``ipmclab.rig.hands``."""
-        from ipmclab.rig.hands import handle
+        """Do what an operator does: see ``ipmclab.rig.operator_actions``."""
+        from ipmclab.rig.operator_actions import carry_out
 
-        handle(self.plant, words)
+        carry_out(self.plant, words)
 
     def open(self, measured: Collection[str], rate: float) -> None:
         """Take the strip as it was left, with the output at 0 V: see ``Bench.open``.
@@ -107,18 +109,22 @@ class VirtualBench:
         self._start, self._rows = self.plant.time, 0
         self._output = 0.0
 
-    def apply(self, signal: Signal, rows: int) -> Iterator[Block]:
-        """Give a signal out, and read: see ``Bench.apply``. Blocks come as fast as they are asked for."""
+    def apply(self, source: Signal | RowSource, rows: int | None = None) -> Iterator[Block]:
+        """Give rows out, and read: see ``Bench.apply``. Blocks come as fast as they are asked for."""
         self._check_open()
-        check_signal(self.rig, signal, rows, self._rate)
-        voltage = np.array(signal.voltage(np.arange(rows) / self._rate))  # a copy, which zero may write to
-        self._given_out = voltage
-        return self._blocks(voltage)
+        played = as_rows(source, rows)
+        check_rows(self.rig, played, self._rate)
+        self._playing = played
+        return self._blocks(played)
 
-    def _blocks(self, voltage: FloatArray) -> Iterator[Block]:
-        length = block_rows(self._rate)
-        for start in range(0, len(voltage), length):
-            given = voltage[start : start + length]
+    def _blocks(self, played: RowSource) -> Iterator[Block]:
+        length, rows = block_rows(self._rate), ENDLESS if played.length is None else played.length
+        for start in range(0, rows, length):
+            # A copy, which zero may write to at any moment, also from another thread.
+            given = np.array(played.voltages(start, min(length, rows - start), self._rate))
+            self._given_out = given
+            if self._playing is not played:
+                given[:] = 0.0
             output = np.concatenate([[self._output], given[:-1]])
             readings, temperature = self._read(output)
             self._output = float(given[-1])
@@ -133,7 +139,8 @@ class VirtualBench:
         return {name: float(readings[name][0]) for name in self._measured}
 
     def zero(self) -> None:
-        """Bring the output to 0 V: also what is left of a signal that is being given out."""
+        """Bring the output to 0 V: also what is left of the rows that are being given out."""
+        self._playing = None
         self._given_out[:] = 0.0
         self._output = 0.0
 

@@ -167,23 +167,10 @@ def attributes_of(hold: Hold, metadata: RunMetadata, content_sha256: str) -> dic
             continue
         if key == "sample":
             known |= {f"sample_{name}": text for name, text in value.to_table().items()}
-        elif key == "marks":
-            known[key] = "; ".join(f"{float(mark.time)!r} s: {mark.text}" for mark in value)
-        elif key == "zeros":
-            known[key] = "; ".join(_zero_text(zero) for zero in value)
-        elif key == "findings":
-            known[key] = "; ".join(f"{finding.severity} {finding.code}: {finding.message}" for finding in value)
-        elif key in ("calibrations", "limits"):
-            known[key] = "; ".join(f"{name}: {text}" for name, text in value.items())
-        elif key == "uncertainties":
-            known[key] = "; ".join(f"{name}: {float(u)!r} {_unit(name)}".rstrip() for name, u in value.items())
-        elif key == "parameters":
-            known[key] = "; ".join(f"{name} = {float(number)!r}" for name, number in value.items())
-        elif key == "ranges":
-            known[key] = "; ".join(
-                f"{name}: {float(low)!r} to {float(high)!r} {_unit(name)}".rstrip()
-                for name, (low, high) in value.items()
-            )
+        elif key in _LISTED:
+            known[key] = "; ".join(_LISTED[key](one) for one in value)
+        elif key in _NAMED:
+            known[key] = "; ".join(_NAMED[key](name, one).rstrip() for name, one in value.items())
         elif key in METADATA_QUANTITIES:
             known[key] = format_quantity(value, METADATA_QUANTITIES[key])
         elif key.startswith("minutes_"):
@@ -202,6 +189,23 @@ def _zero_text(zero: ZeroReading) -> str:
     text = f"{zero.channel}: {zero.kind} {zero.when} {float(zero.value)!r} {unit}".rstrip()
     text += f", standard uncertainty {float(zero.standard_uncertainty)!r} {unit}".rstrip()
     return text if zero.drift is None else f"{text}, drift {float(zero.drift)!r} {unit}/s"
+
+
+_LISTED: Final[Mapping[str, Callable[[Any], str]]] = {
+    "marks": lambda mark: f"{float(mark.time)!r} s: {mark.text}",
+    "zeros": _zero_text,
+    "findings": lambda finding: f"{finding.severity} {finding.code}: {finding.message}",
+}
+"""How one entry of a list in the metadata reads."""
+
+_NAMED: Final[Mapping[str, Callable[[str, Any], str]]] = {
+    "calibrations": lambda name, text: f"{name}: {text}",
+    "limits": lambda name, text: f"{name}: {text}",
+    "uncertainties": lambda name, uncertainty: f"{name}: {float(uncertainty)!r} {_unit(name)}",
+    "parameters": lambda name, number: f"{name} = {float(number)!r}",
+    "ranges": lambda name, ends: f"{name}: {float(ends[0])!r} to {float(ends[1])!r} {_unit(name)}",
+}
+"""How one entry of a table in the metadata reads, from its name and what it holds."""
 
 
 def checked(run: Run) -> Run:

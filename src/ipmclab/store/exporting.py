@@ -8,7 +8,7 @@ from pathlib import Path
 from ipmclab.destination import replacing
 from ipmclab.run import Run
 from ipmclab.store.document import checked, to_document
-from ipmclab.store.exports import format_of
+from ipmclab.store.exports.formats import format_of
 
 
 def export_run(run: Run, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:

@@ -15,6 +15,7 @@ from ipmclab.run import Hold, RunMetadata
 from ipmclab.sample import Sample
 from ipmclab.store.document import METADATA_QUANTITIES, parse_metadata
 from ipmclab.store.importers import File
+from ipmclab.store.importers.dates import DateOrder
 from ipmclab.store.strict import Pair, Rows, Strict, as_input_error
 from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import CHANNELS, TIME, Quantity, parse_quantity, spell_unit
@@ -58,6 +59,8 @@ class ChannelMap(Strict):
 
     The number in the file is scaled (``factor * number + offset``, or the straight line through two
     ``points``), read in ``unit``, zeroed (``zero_at``, or the mean over ``zero_rows``), then given its ``sign``.
+    Times that are written as dates have ``dates``, the order of day, month and year, and no unit; of rows with one
+    time ``duplicates = "drop"`` keeps the first.
     """
 
     column: Column
@@ -71,6 +74,9 @@ class ChannelMap(Strict):
     zero_rows: Rows | None = None
     sign: Literal[1, -1] = 1
     range: Pair | None = None
+    dates: DateOrder | None = None
+    date_column: Column | None = None
+    duplicates: Literal["drop"] | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> ChannelMap:
@@ -166,6 +172,7 @@ class ImportMap(Strict):
         _check_rows("rows", self.rows)
         named: dict[Column, str] = {}
         for name, channel in self.channels.items():
+            _check_time_keys(name, channel)
             if channel.column in named:
                 raise _contradiction(
                     f"channels.{name}.column",
@@ -260,6 +267,19 @@ def load_import_map(path: str | os.PathLike[str]) -> ImportMap:
 
 def _contradiction(where: str, message: str, repair: str) -> InputError:
     return InputError(message, code="bad-value", where=where, repair=repair)
+
+
+def _check_time_keys(name: str, channel: ChannelMap) -> None:
+    for key in ("dates", "date_column", "duplicates"):
+        if name != "time" and getattr(channel, key) is not None:
+            raise _contradiction(f"channels.{name}.{key}", f"{key} is a key of the time", "move it to [channels.time]")
+    if channel.date_column is not None and channel.dates in (None, "time of day"):
+        raise _contradiction(
+            "channels.time.date_column", "the order of the date is not stated", 'add dates, such as "day-month-year"'
+        )
+    given = [key for key in ("unit", "factor", "offset", "points", "index") if getattr(channel, key) is not None]
+    if channel.dates is not None and given:
+        raise _contradiction(f"channels.time.{given[0]}", f"dates and {given[0]} are both given", "keep one of them")
 
 
 def _check_rows(where: str, rows: tuple[int, int] | None) -> None:

@@ -14,11 +14,12 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.run import QUALITY_FLAGS, FloatArray, Run
 from ipmclab.store.document import locate
-from ipmclab.store.exports import format_of
+from ipmclab.store.exports.formats import format_of
 from ipmclab.store.import_map import MAPPED, ChannelMap, ImportMap, load_import_map
 from ipmclab.store.importers import read_columns
 from ipmclab.store.importers.columns import Clock, Columns
-from ipmclab.units import parse_number, parse_quantity, spell_unit
+from ipmclab.store.importers.unpacked import refuse_large
+from ipmclab.units import parse_quantity, spell_unit
 
 # A sentinel that went through a float32 still counts as that sentinel.
 _SENTINEL_TOLERANCE = 1e-7
@@ -70,7 +71,7 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
     (array([0.  , 0.06,  nan]), array([0, 0, 1], dtype=uint8))
     """
     source = Path(path)
-    _check_source(source)
+    check_source(source)
     if map is None:
         return _read_own_export(source)
     import_map = map if isinstance(map, ImportMap) else load_import_map(map)
@@ -89,6 +90,9 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
     _check_zero_rows(import_map, channels["voltage"].values, start, source)
     channels = {name: _zero(channel, name, import_map.channels[name], source) for name, channel in channels.items()}
     time = channels.pop("time").values if "time" in channels else _clock(import_map, columns, n_rows)
+    kept = np.arange(start, stop)
+    if "time" in import_map.channels:
+        kept = _rows_in_time(time, kept, import_map.channels["time"], columns)
     from ipmclab.version import __version__
 
     metadata = replace(
@@ -99,15 +103,14 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
         source_file=source.name,
         software_version=__version__,
     )
-    cut = slice(start, stop)
     return locate(
         str(source),
         Run.from_arrays,
-        time=time[cut],
-        quality={name: channel.flags[cut] for name, channel in channels.items() if channel.flags[cut].any()},
+        time=time[kept],
+        quality={name: channel.flags[kept] for name, channel in channels.items() if channel.flags[kept].any()},
         hold=import_map.hold,
         metadata=metadata,
-        **{name: channel.values[cut] for name, channel in channels.items()},
+        **{name: channel.values[kept] for name, channel in channels.items()},
     )
 
 
@@ -130,8 +133,8 @@ class _Channel:
         return replace(self, values=values, flags=flags, rows=np.arange(n_rows))
 
 
-def _check_source(source: Path) -> None:
-    """Refuse a file that is not there, a folder, and an empty file."""
+def check_source(source: Path) -> None:
+    """Refuse a file that is not there, a folder, an empty file, and one that holds more than memory can."""
     where = str(source)
     try:
         about = source.stat()
@@ -148,6 +151,25 @@ def _check_source(source: Path) -> None:
             where=where,
             repair="copy it again from where it was recorded",
         )
+    refuse_large(source)
+
+
+def is_own_export(path: str | os.PathLike[str]) -> bool:
+    """Whether ipmclab exported a file, so that it needs no map.
+
+    Raises
+    ------
+    InputError
+        No such file, an empty one, or an export that was changed since.
+    """
+    check_source(Path(path))
+    try:
+        _read_own_export(Path(path))
+    except InputError as error:
+        if error.code == "missing-map":
+            return False
+        raise
+    return True
 
 
 def _read_own_export(source: Path) -> Run:
@@ -163,13 +185,17 @@ def _read_own_export(source: Path) -> Run:
             "not a file that ipmclab exported: nothing says what its columns mean",
             code="missing-map",
             where=str(source),
-            repair="read a run file with read_run" if source.suffix == ".nc" else "give an import map",
+            repair="read a run file with read_run"
+            if source.suffix == ".nc"
+            else "give an import map: guess_map makes one",
         )
     return run
 
 
 def _read(name: str, channel: ChannelMap, columns: Columns) -> _Channel:
     number = columns.find(channel.column, where=f"channels.{name}.column")
+    if channel.dates is not None:
+        return _read_dates(channel, columns, number)
     raw = columns.numbers(number)
     flags = np.where(np.isnan(raw), QUALITY_FLAGS["missing"], 0).astype(np.uint8)
     for sentinel in channel.sentinels:
@@ -207,6 +233,45 @@ def _read(name: str, channel: ChannelMap, columns: Columns) -> _Channel:
     )
 
 
+def _read_dates(channel: ChannelMap, columns: Columns, number: int) -> _Channel:
+    assert channel.dates is not None
+    of_date = (
+        [] if channel.date_column is None else [columns.find(channel.date_column, where="channels.time.date_column")]
+    )
+    values = columns.dates([*of_date, number], channel.dates)
+    return _Channel(
+        values=values,
+        flags=np.zeros(len(values), dtype=np.uint8),
+        rows=np.arange(len(values)),
+        scaling=f"column {channel.column!r}, dates",
+        limits=None,
+    )
+
+
+def _rows_in_time(
+    time: FloatArray, rows: npt.NDArray[np.int64], channel: ChannelMap, columns: Columns
+) -> npt.NDArray[np.int64]:
+    """The rows with a time after the one before; refuses others, save those that the map drops."""
+    if channel.duplicates == "drop":
+        rows = rows[np.append(True, np.diff(time[rows]) != 0.0)]  # the first row has none before it
+    wrong = np.flatnonzero(~(np.diff(time[rows]) > 0)) + 1
+    if not len(wrong):
+        return rows
+    here, before = int(rows[wrong[0]]), int(rows[wrong[0] - 1])
+    number = columns.find(channel.column, where="channels.time.column")
+    where = f"{columns.file}: {columns.place(here, number)}"
+    if np.isnan(time[here]):
+        message, repair = "the row has no time", "cut the record there with rows in the map, or give the row its time"
+    elif time[here] == time[before]:
+        again = int(np.count_nonzero(np.diff(time[rows]) == 0.0))
+        message = f"the time {time[here]:.9g} s is that of the row before ({again} such rows in all)"
+        repair = 'write duplicates = "drop" under [channels.time] of the map to keep the first row of each time'
+    else:
+        message = f"the time {time[here]:.9g} s is not after that of the row before, {time[before]:.9g} s"
+        repair = "sort the rows, or cut the record there with rows in the map"
+    raise InputError(message, code="bad-time", where=where, repair=repair)
+
+
 def _row_numbers(name: str, index: int | str, columns: Columns) -> npt.NDArray[np.int64]:
     """The row of each cell, from the index column beside it, which may end early."""
     number = columns.find(index, where=f"channels.{name}.index")
@@ -238,7 +303,7 @@ def _unit(name: str, channel: ChannelMap, columns: Columns, number: int) -> str:
     units = MAPPED[name].units
     where = f"channels.{name}.unit"
     written = columns.units[number] if columns.units else ""
-    in_file = parse_number(f"1 {written}", where=where)[1] if written.isprintable() and "," not in written else ""
+    in_file = spell_unit(written)
     heading = columns.names[number] if number < len(columns.names) else ""
     in_heading = _HEADING_UNIT.search(heading)
     if in_heading and not in_file:

@@ -6,10 +6,11 @@ from dataclasses import replace
 from typing import Any
 
 from virtual_cdaq.attributes.table import Property, Table, constant, kept
+from virtual_cdaq.model.chassis import HostedTask
 from virtual_cdaq.model.clock import TICKS_PER_SECOND, sample_period
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.names import expand
-from virtual_cdaq.model.task import CONTINUOUS, FEWEST_SAMPLES, FINITE, ON_DEMAND, SAMPLE_CLOCK, State, Task, Timing
+from virtual_cdaq.model.task import CONTINUOUS, FEWEST_SAMPLES, FINITE, ON_DEMAND, SAMPLE_CLOCK, State, Timing
 
 ALLOW_REGENERATION, NO_REGENERATION = 10097, 10158
 OVERWRITE, DO_NOT_OVERWRITE = 10252, 10159
@@ -19,11 +20,11 @@ NO_TRIGGER, DIGITAL_EDGE = 10230, 10150
 NEW_DEFAULTS = Timing()
 
 
-def _names(task: Task) -> str:
+def _names(task: HostedTask) -> str:
     return ", ".join(channel.name for channel in task.channels)
 
 
-def _looked_at(task: Task) -> Task:
+def _looked_at(task: HostedTask) -> HostedTask:
     """The task after the chassis has caught up: a look takes time on a clock that stands still."""
     if task.running and task.hardware_timed:
         task.chassis.pass_time()
@@ -34,7 +35,7 @@ def _looked_at(task: Task) -> Task:
 
 
 def _set_timing(name: str) -> Any:
-    def put(task: Task, value: Any) -> None:
+    def put(task: HostedTask, value: Any) -> None:
         task.refuse_while_running()
         timing = replace(task.timing, **{name: value})
         if name == "kind" and value not in (ON_DEMAND, SAMPLE_CLOCK):
@@ -57,24 +58,24 @@ def _set_timing(name: str) -> Any:
 def _timing(name: str) -> Property:
     put = _set_timing(name)
 
-    def reset(task: Task) -> None:
+    def reset(task: HostedTask) -> None:
         task.timing = replace(task.timing, **{name: getattr(NEW_DEFAULTS, name)})
         task.changed()
 
-    def get(task: Task) -> Any:
+    def get(task: HostedTask) -> Any:
         task.check_samples()
         return getattr(task.timing, name)
 
     return Property(get, put, reset)
 
 
-def _source(task: Task) -> str:
+def _source(task: HostedTask) -> str:
     if not task.timing.source:
         return _terminal(task, "SampleClockTimebase")
     return task.chassis.full_terminal(task.timing.source)
 
 
-def _terminal(task: Task, signal: str) -> str:
+def _terminal(task: HostedTask, signal: str) -> str:
     # Which engine a task gets is decided when it is reserved. Before that this is the one that it would get now, and
     # not the one that it will get if another task comes first.
     engine = task.engine or task.chassis.free_engine(task)
@@ -83,7 +84,7 @@ def _terminal(task: Task, signal: str) -> str:
     return f"/{task.chassis.name}/{engine.name}/{signal}"
 
 
-def _conversion_rate(task: Task) -> float:
+def _conversion_rate(task: HostedTask) -> float:
     return task.rate * max(1, len(task.channels)) if task.hardware_timed else task.highest_rate
 
 
@@ -112,13 +113,13 @@ TIMING: Table = {
 # Triggers
 
 
-def _set_trigger(task: Task, source: str) -> None:
+def _set_trigger(task: HostedTask, source: str) -> None:
     task.refuse_while_running()
     task.chassis.engine_of_terminal(source, "StartTrigger")
     task.trigger = source
 
 
-def set_trigger_type(task: Task, kind: int) -> None:
+def set_trigger_type(task: HostedTask, kind: int) -> None:
     """A start trigger on a digital edge, or none."""
     task.refuse_while_running()
     if kind == NO_TRIGGER:
@@ -127,7 +128,7 @@ def set_trigger_type(task: Task, kind: int) -> None:
         raise unsupported_value("StartTrig.Type", kind, "none or digital edge")
 
 
-def _set_retriggerable(task: Task, value: bool) -> None:
+def _set_retriggerable(task: HostedTask, value: bool) -> None:
     task.refuse_while_running()
     task.retriggerable = value
     task.changed()
@@ -155,7 +156,7 @@ TRIGGER: Table = {
 # Buffers
 
 
-def set_input_size(task: Task, size: int) -> None:
+def set_input_size(task: HostedTask, size: int) -> None:
     """Samples per channel of the input buffer."""
     task.refuse_while_running()
     task.input_size = size
@@ -163,7 +164,7 @@ def set_input_size(task: Task, size: int) -> None:
         task.state = State.RESERVED
 
 
-def set_output_size(task: Task, size: int) -> None:
+def set_output_size(task: HostedTask, size: int) -> None:
     """Samples per channel of the output buffer."""
     if task.kind == "ai":
         raise ChassisError(-200452, f"Property: OUTPUT_BUF_SIZE\nTask: {task.name}")
@@ -172,7 +173,7 @@ def set_output_size(task: Task, size: int) -> None:
     task.output_buffer = None
 
 
-def _output_size(task: Task) -> int:
+def _output_size(task: HostedTask) -> int:
     if task.output_buffer is not None:
         return task.output_buffer.size
     return task.output_size or 0
@@ -192,18 +193,18 @@ BUFFER: Table = {
 # Reading
 
 
-def _available(task: Task) -> int:
+def _available(task: HostedTask) -> int:
     _looked_at(task)
     task.raise_failure()
     return task.input_buffer.available if task.input_buffer is not None and task.running else 0
 
 
-def _acquired(task: Task) -> int:
+def _acquired(task: HostedTask) -> int:
     _looked_at(task)
     return task.input_buffer.acquired if task.input_buffer is not None else 0
 
 
-def _default_count(task: Task) -> int:
+def _default_count(task: HostedTask) -> int:
     if not task.hardware_timed:
         return 1
     if task.timing.mode == FINITE and not task.properties.get("READ_ALL_AVAIL_SAMP", False):
@@ -211,7 +212,7 @@ def _default_count(task: Task) -> int:
     return _available(task)
 
 
-def _set_channels_to_read(task: Task, text: str) -> None:
+def _set_channels_to_read(task: HostedTask, text: str) -> None:
     wanted = expand(text)
     known = {channel.name for channel in task.channels}
     for name in wanted:
@@ -220,12 +221,12 @@ def _set_channels_to_read(task: Task, text: str) -> None:
     task.properties["CHANNELS_TO_READ"] = text
 
 
-def _set_overwrite(task: Task, value: int) -> None:
+def _set_overwrite(task: HostedTask, value: int) -> None:
     task.refuse_while_running()
     task.overwrite = value == OVERWRITE
 
 
-def _width(task: Task) -> int:
+def _width(task: HostedTask) -> int:
     return 4 if any(channel.module.bits > 16 for channel in task.channels) else 2
 
 
@@ -259,19 +260,19 @@ READ: Table = {
 # Writing
 
 
-def _set_regeneration(task: Task, value: int) -> None:
+def _set_regeneration(task: HostedTask, value: int) -> None:
     task.refuse_while_running()
     if value not in (ALLOW_REGENERATION, NO_REGENERATION):
         raise unsupported_value("Write.RegenMode", value, "allow or do not allow regeneration")
     task.regenerate = value == ALLOW_REGENERATION
 
 
-def _generated(task: Task) -> int:
+def _generated(task: HostedTask) -> int:
     _looked_at(task)
     return task.output_buffer.generated if task.output_buffer is not None else 0
 
 
-def _space(task: Task) -> int:
+def _space(task: HostedTask) -> int:
     _looked_at(task)
     task.raise_failure()
     return task.output_buffer.space if task.output_buffer is not None else (task.output_size or 0)

@@ -8,11 +8,11 @@ from typing import Any, Literal
 from virtual_cdaq.attributes.channel import INTERNAL
 from virtual_cdaq.attributes.device import PhysicalChannel, find_physical
 from virtual_cdaq.model.channels import DEGREES_C, OHMS, VOLTS, Channel
+from virtual_cdaq.model.chassis import HostedTask
 from virtual_cdaq.model.converters import RTD_CURVES, choose_range
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.modules import EXCITATION, Differential
 from virtual_cdaq.model.names import expand
-from virtual_cdaq.model.task import Task
 from virtual_cdaq.model.waiting import gate
 
 DEFAULT_TERMINAL = -1
@@ -26,7 +26,7 @@ def _chosen(request: Any, name: str) -> int:
 
 
 def _physical(
-    task: Task, request: Any, kind: Literal["ai", "ao"], *, resistive: bool
+    task: HostedTask, request: Any, kind: Literal["ai", "ao"], *, resistive: bool
 ) -> Iterator[tuple[PhysicalChannel, str]]:
     """The physical channels of a request with the names that they get in the task."""
     gate(task.chassis)
@@ -44,7 +44,7 @@ def _physical(
         yield channel, names[index] if index < len(names) else channel.name
 
 
-def _add(task: Task, channel: PhysicalChannel, name: str, request: Any, **more: Any) -> None:
+def _add(task: HostedTask, channel: PhysicalChannel, name: str, request: Any, **more: Any) -> None:
     low, high = request.min_val, request.max_val
     module = channel.slot.module
     if not low < high:
@@ -70,7 +70,7 @@ def _add(task: Task, channel: PhysicalChannel, name: str, request: Any, **more: 
     )
 
 
-def voltage_input(task: Task, request: Any) -> None:
+def voltage_input(task: HostedTask, request: Any) -> None:
     """Add voltage inputs."""
     wanted = _chosen(request, "terminal_config")
     for channel, name in _physical(task, request, "ai", resistive=False):
@@ -85,14 +85,14 @@ def voltage_input(task: Task, request: Any) -> None:
         _add(task, channel, name, request, measurement="voltage", units=VOLTS, terminal=terminal)
 
 
-def voltage_output(task: Task, request: Any) -> None:
+def voltage_output(task: HostedTask, request: Any) -> None:
     """Add voltage outputs."""
     for channel, name in _physical(task, request, "ao", resistive=False):
         _refuse_scale(request)
         _add(task, channel, name, request, measurement="voltage", units=VOLTS)
 
 
-def rtd(task: Task, request: Any) -> None:
+def rtd(task: HostedTask, request: Any) -> None:
     """Add platinum resistors."""
     kind = _chosen(request, "rtd_type")
     for channel, name in _physical(task, request, "ai", resistive=True):
@@ -113,7 +113,7 @@ def rtd(task: Task, request: Any) -> None:
         )
 
 
-def resistance(task: Task, request: Any) -> None:
+def resistance(task: HostedTask, request: Any) -> None:
     """Add resistances."""
     for channel, name in _physical(task, request, "ai", resistive=True):
         wires = _check_excitation(request)

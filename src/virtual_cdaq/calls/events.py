@@ -6,8 +6,9 @@ import queue
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from virtual_cdaq.model.chassis import HostedTask
 from virtual_cdaq.model.errors import ChassisError
-from virtual_cdaq.model.task import Listener, Task
+from virtual_cdaq.model.task import Listener
 from virtual_cdaq.protocol import message
 from virtual_cdaq.service import Service, call
 
@@ -21,13 +22,13 @@ class Stream:
     Parameters
     ----------
     service : Service
-    task : Task
+    task : HostedTask
     listener : Listener
     make : callable
         Takes a status, gives the message.
     """
 
-    def __init__(self, service: Service, task: Task, listener: Listener, make: Callable[[int], Any]) -> None:
+    def __init__(self, service: Service, task: HostedTask, listener: Listener, make: Callable[[int], Any]) -> None:
         self._service = service
         self._task = task
         self._listener = listener
@@ -49,7 +50,7 @@ class Stream:
         self._waiting.put(None)
 
 
-def _register(task: Task, kind: Any, every: int, taken: int) -> Listener:
+def _register(task: HostedTask, kind: Any, every: int, taken: int) -> Listener:
     if any(listener.kind == kind for listener in task.listeners):
         raise ChassisError(taken, f"Task: {task.name}")
     if task.running:
@@ -57,7 +58,7 @@ def _register(task: Task, kind: Any, every: int, taken: int) -> Listener:
     return Listener(kind, every, lambda _: None)
 
 
-def _unregister(task: Task, kind: str) -> None:
+def _unregister(task: HostedTask, kind: str) -> None:
     for listener in [each for each in task.listeners if each.kind == kind]:
         task.listeners.remove(listener)
         listener.close()

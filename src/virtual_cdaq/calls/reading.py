@@ -8,15 +8,15 @@ import numpy as np
 
 from virtual_cdaq import attributes
 from virtual_cdaq.model import transfer
+from virtual_cdaq.model.chassis import HostedTask
 from virtual_cdaq.model.converters import Codes, Floats
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.names import expand
-from virtual_cdaq.model.task import Task
 from virtual_cdaq.protocol import message, packed_doubles
 from virtual_cdaq.service import BY_CHANNEL, Service, call
 
 
-def _selected(task: Task, codes: Codes) -> tuple[list[int], Codes]:
+def _selected(task: HostedTask, codes: Codes) -> tuple[list[int], Codes]:
     """The channels that the task's reads return."""
     wanted = expand(attributes.TABLES["Read"]["CHANNELS_TO_READ"].get(task))
     names = [channel.name for channel in task.channels]
@@ -24,7 +24,7 @@ def _selected(task: Task, codes: Codes) -> tuple[list[int], Codes]:
     return rows, codes if rows == list(range(len(names))) else codes[rows]
 
 
-def read_scaled(task: Task, count: int, timeout: float) -> tuple[list[int], Floats, int]:
+def read_scaled(task: HostedTask, count: int, timeout: float) -> tuple[list[int], Floats, int]:
     """The next samples in the units of their channels.
 
     Returns

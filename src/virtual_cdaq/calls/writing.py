@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from virtual_cdaq.model import transfer
+from virtual_cdaq.model.chassis import HostedTask
 from virtual_cdaq.model.errors import ChassisError
-from virtual_cdaq.model.task import Task
 from virtual_cdaq.protocol import message
 from virtual_cdaq.service import BY_CHANNEL, Service, call
 
@@ -25,7 +25,7 @@ def _written(service: Service, request: Any, values: Any, response: str) -> Any:
     return message(response)(samps_per_chan_written=put)
 
 
-def _put(task: Task, table: Any, request: Any) -> int:
+def _put(task: HostedTask, table: Any, request: Any) -> int:
     if task.kind != "ao":
         codes = np.empty(table.shape, dtype=np.int32)
     else:

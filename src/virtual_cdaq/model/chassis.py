@@ -7,18 +7,20 @@ plant behind the terminals. Inputs are read before outputs change on a common ed
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from virtual_cdaq.model.channels import Channel, Converter
-from virtual_cdaq.model.clock import LockStepClock, RealClock, sample_period, seconds, ticks
-from virtual_cdaq.model.engines import INPUT_ENGINES, OUTPUT_ENGINE, START_DELAY, Engine
+from virtual_cdaq.model.clock import TICKS_PER_SECOND, LockStepClock, RealClock, sample_period, seconds, ticks
+from virtual_cdaq.model.converters import Floats
+from virtual_cdaq.model.engines import INPUT_ENGINES, OUTPUT_ENGINE, START_DELAY, Engine, Ticks
 from virtual_cdaq.model.errors import ChassisError
-from virtual_cdaq.model.exchange import exchange, point
+from virtual_cdaq.model.exchange import exchange
 from virtual_cdaq.model.faults import Fault, Faults
 from virtual_cdaq.model.listening import tell
 from virtual_cdaq.model.modules import MODULES, Module
@@ -46,6 +48,13 @@ class Slot:
     number: int
     device: str
     module: Module
+
+
+@dataclass(eq=False)
+class HostedTask(Task):
+    """A task that gives whoever holds it the whole chassis."""
+
+    chassis: Chassis
 
 
 class Chassis:
@@ -94,6 +103,7 @@ class Chassis:
             raise ValueError(f"a cDAQ-9174 has 4 slots, not {len(modules)} modules")
         self.plant = plant
         self.clock = clock
+        self._fed = (math.inf, 0, 0.0)  # until when the outputs have samples [ticks], seen when [ticks, s]
         self.name = name
         self.seed = seed
         self.slots = [
@@ -106,7 +116,7 @@ class Chassis:
             for index in range(slot.module.channels)
         }
         self.engines = {engine: Engine(engine) for engine in (*self.input_engines, OUTPUT_ENGINE)}
-        self.tasks: list[Task] = []
+        self.tasks: list[HostedTask] = []
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
         self.caller = threading.local()
@@ -134,13 +144,13 @@ class Chassis:
 
     # Tasks and what they hold
 
-    def new_task(self, name: str) -> Task:
+    def new_task(self, name: str) -> HostedTask:
         """A task without channels."""
-        task = Task(self, name)
+        task = HostedTask(self, name)
         self.tasks.append(task)
         return task
 
-    def clear(self, task: Task) -> None:
+    def clear(self, task: HostedTask) -> None:
         """Stop a task and forget it."""
         try:
             if task.running:
@@ -165,21 +175,21 @@ class Chassis:
         free = self.free_engine(task)
         if free is None:
             raise ChassisError(-50103, f"No timing engine is free.\nTask: {task.name}")
-        free.owner = task
+        free.reserved = True
         task.engine = free
         task.clock = self.engine_of_terminal(task.timing.source) or free
 
     def free_engine(self, task: Task) -> Engine | None:
         """The engine that a task would get now."""
         names = self.input_engines if task.kind == "ai" else (OUTPUT_ENGINE,)
-        return next((self.engines[name] for name in names if self.engines[name].owner is None), None)
+        return next((self.engines[name] for name in names if not self.engines[name].reserved), None)
 
     def release(self, task: Task) -> None:
         """Give back what `task` holds."""
         engine = task.engine
         if engine is not None:
             engine.running = False
-            engine.owner = None
+            engine.reserved = False
         task.engine = None
         task.clock = None
 
@@ -242,7 +252,7 @@ class Chassis:
         for task in list(self.tasks):
             if devices & set(task.devices):
                 task.abort(ChassisError(-88709, f"Task: {task.name}"))
-        point(self)
+        self.look()
         for physical in self.levels:
             if physical.split("/")[0] in devices:
                 self.set_level(physical, 0.0)
@@ -293,7 +303,28 @@ class Chassis:
 
     def advance(self) -> None:
         """Catch up with the clock."""
-        self.run_to(self.clock.now())
+        self.run_to(self._present())
+
+    def _present(self) -> int:
+        """The present. A clock that is faster than life waits where an output would run dry.
+
+        It waits until so much time has passed on the wall since the output was fed: whoever feeds it has as much as
+        with a chassis of metal.
+        """
+        now = self.clock.now()
+        if not isinstance(self.clock, RealClock) or self.clock.speed <= 1.0:
+            return now
+        fed, wall = (
+            min((task.fed_until() for task in self.tasks if task.running), default=math.inf),
+            time.perf_counter(),
+        )
+        if fed != self._fed[0]:
+            self._fed = (fed, self.tick, wall)
+        real = self._fed[1] + ticks(wall - self._fed[2])
+        if now > max(fed, real):
+            now = max(int(fed), real, self.tick)
+            self.clock.go_on_from(now)
+        return now
 
     def pass_time(self) -> None:
         """What an on-demand call, or a look at a task, takes on a clock that stands still between calls."""
@@ -309,9 +340,29 @@ class Chassis:
             self._run(stop)
             if due is None or due > target:
                 break
-            self.faults.strike(self, due)
-        tell(self)
+            for fault in self.faults.due_at(due):
+                self.suffer(fault, due)
+        tell(self.tasks)
         self.show()
+
+    def suffer(self, fault: Fault, tick: int) -> None:
+        """Let one fault happen now, with what it does to the tasks."""
+        self.faults.happen(fault, tick)
+        for task in self.tasks:
+            if fault.kind == "unplug" and task.running:
+                task.fail(ChassisError(-201003, f"Device: {self.name}\nTask: {task.name}"))
+            elif fault.kind == "overrun" and task.running and task.kind == "ai" and task.hardware_timed:
+                task.fail(ChassisError(-200279, f"Task: {task.name}", done=0))
+        self.changed.notify_all()
+
+    def look(self) -> tuple[Ticks, Mapping[str, Floats]]:
+        """Let the plant come to the present, with the outputs as they are, and look at its terminals."""
+        tick = max(self._present(), self.tick) + 1
+        self.run_to(tick)
+        points = np.array([tick + 1], dtype=np.int64)
+        self.tick = tick + 1
+        outputs = {physical: np.array([level]) for physical, level in self.levels.items()}
+        return points, self.plant.advance(points / TICKS_PER_SECOND, outputs)
 
     def _run(self, target: int) -> None:
         while self.tick < target:
@@ -328,7 +379,9 @@ class Chassis:
             some = [each for each in edges.values() if each.size]
             if some:
                 points = some[0] if len(some) == 1 else np.unique(np.concatenate(some))
-                exchange(self, points, edges)
+                changes = exchange(self.tasks, self.plant, self.levels, self.faults, points, edges)
+                for physical, level in changes:
+                    self.set_level(physical, level)
                 for engine, each in edges.items():
                     engine.next += each.size
             self.tick = stop

@@ -6,13 +6,8 @@ gets is the chassis's choice: a program that needs the terminal asks the reserve
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from virtual_cdaq.model.task import Task
 
 Ticks = NDArray[np.int64]
 
@@ -31,8 +26,8 @@ class Engine:
 
     Attributes
     ----------
-    owner : Task or None
-        The task that has reserved it.
+    reserved : bool
+        Whether a task holds it.
     running : bool
     start : int [ticks]
         Of the first edge.
@@ -45,7 +40,7 @@ class Engine:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.owner: Task | None = None
+        self.reserved = False
         self.running = False
         self.start = 0
         self.period = 1

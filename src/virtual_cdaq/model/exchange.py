@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,29 +11,34 @@ from virtual_cdaq.model.clock import TICKS_PER_SECOND
 from virtual_cdaq.model.converters import Floats, decode
 from virtual_cdaq.model.engines import Engine, Ticks
 from virtual_cdaq.model.errors import ChassisError
+from virtual_cdaq.model.faults import Faults
+from virtual_cdaq.model.plant import Plant
 from virtual_cdaq.model.task import Task
 
-if TYPE_CHECKING:
-    from virtual_cdaq.model.chassis import Chassis
 
-
-def exchange(chassis: Chassis, points: Ticks, edges: dict[Engine, Ticks]) -> None:
-    """Let outputs follow their edges and inputs read at theirs."""
-    outputs = {physical: np.full(points.size, level) for physical, level in chassis.levels.items()}
+def exchange(
+    tasks: Sequence[Task],
+    plant: Plant,
+    levels: Mapping[str, float],
+    faults: Faults,
+    points: Ticks,
+    edges: dict[Engine, Ticks],
+) -> list[tuple[str, float]]:
+    """Let outputs follow their edges and inputs read at theirs; the level of each output after the last point."""
+    outputs = {physical: np.full(points.size, level) for physical, level in levels.items()}
     updates: list[tuple[str, float]] = []
-    for task in chassis.tasks:
+    for task in tasks:
         if task.kind == "ao" and task.clock in edges and not task.armed and not task.done and task.hardware_timed:
-            updates += _generate(chassis, task, points, edges[task.clock], outputs)
-    terminals = chassis.plant.advance(points / TICKS_PER_SECOND, outputs)
-    for task in chassis.tasks:
+            updates += _generate(task, levels, faults, points, edges[task.clock], outputs)
+    terminals = plant.advance(points / TICKS_PER_SECOND, outputs)
+    for task in tasks:
         if task.kind == "ai" and task.clock in edges and not task.armed and not task.done and task.hardware_timed:
-            _acquire(chassis, task, points, edges[task.clock], terminals)
-    for physical, level in updates:
-        chassis.set_level(physical, level)
+            _acquire(task, faults, points, edges[task.clock], terminals)
+    return updates
 
 
 def _generate(
-    chassis: Chassis, task: Task, points: Ticks, edges: Ticks, outputs: dict[str, Floats]
+    task: Task, levels: Mapping[str, float], faults: Faults, points: Ticks, edges: Ticks, outputs: dict[str, Floats]
 ) -> list[tuple[str, float]]:
     buffer = task.output_buffer
     assert buffer is not None
@@ -49,8 +53,8 @@ def _generate(
     before = np.searchsorted(edges[:taken], points, side="left")
     for channel, row in zip(task.channels, codes, strict=True):
         volts = decode(channel.module, channel.chosen, row)
-        level = chassis.levels[channel.physical]
-        if taken and not chassis.faults.stuck:
+        level = levels[channel.physical]
+        if taken and not faults.stuck:
             outputs[channel.physical] = np.concatenate(([level], volts))[before]
             updates.append((channel.physical, float(volts[-1])))
     task.edges += edges.size
@@ -62,7 +66,7 @@ def _generate(
     return updates
 
 
-def _acquire(chassis: Chassis, task: Task, points: Ticks, edges: Ticks, terminals: object) -> None:
+def _acquire(task: Task, faults: Faults, points: Ticks, edges: Ticks, terminals: Mapping[str, Floats]) -> None:
     buffer = task.input_buffer
     assert buffer is not None
     assert task.clock is not None
@@ -77,7 +81,7 @@ def _acquire(chassis: Chassis, task: Task, points: Ticks, edges: Ticks, terminal
         conversion = (edges - task.clock.start) // task.slow_period
         owner, starts = repeated(conversion, task.conversion)
     for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
-        values = chassis.faults.distort(channel, _terminal(terminals, channel), points)[at]
+        values = faults.distort(channel, terminal_of(terminals, channel), points)[at]
         if channel.module.slow and conversion is not None and owner is not None and starts is not None:
             # A slow module converts when it can, and repeats itself in between.
             fresh = converter.convert_at(values[starts], conversion[starts])
@@ -94,38 +98,9 @@ def _acquire(chassis: Chassis, task: Task, points: Ticks, edges: Ticks, terminal
         task.ended = True
 
 
-def _terminal(terminals: object, channel: Channel) -> Floats:
-    values = terminals.get(channel.physical)  # type: ignore[attr-defined]
+def terminal_of(terminals: Mapping[str, Floats], channel: Channel) -> Floats:
+    """What stands at the terminal of a channel: nothing is wired to one that the plant does not name."""
+    values = terminals.get(channel.physical)
     if values is None:
         return np.array(np.inf if channel.module.resistive else 0.0)
     return np.asarray(values, dtype=np.float64)
-
-
-def point(chassis: Chassis) -> tuple[Ticks, object]:
-    """Let the plant come to the present, with the outputs as they are, and look at its terminals."""
-    tick = max(chassis.clock.now(), chassis.tick) + 1
-    chassis.run_to(tick)
-    points = np.array([tick + 1], dtype=np.int64)
-    chassis.tick = tick + 1
-    outputs = {physical: np.array([level]) for physical, level in chassis.levels.items()}
-    return points, chassis.plant.advance(points / TICKS_PER_SECOND, outputs)
-
-
-def read_now(chassis: Chassis, task: Task, count: int) -> np.ndarray:
-    """Codes of `count` samples taken one after the other, shape (channels, count)."""
-    codes = np.empty((len(task.channels), count), dtype=np.int32)
-    for k in range(count):
-        points, terminals = point(chassis)
-        for row, (channel, converter) in enumerate(zip(task.channels, task.converters, strict=True)):
-            value = chassis.faults.distort(channel, _terminal(terminals, channel), points)[0]
-            codes[row, k] = converter.convert_one(float(value), task.edges)
-        task.edges += 1
-    return codes
-
-
-def write_now(chassis: Chassis, task: Task, volts: Sequence[float]) -> None:
-    """Set the outputs of a task."""
-    point(chassis)
-    for channel, level in zip(task.channels, volts, strict=True):
-        chassis.set_level(channel.physical, level)
-    chassis.show()

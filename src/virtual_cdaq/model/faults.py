@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from virtual_cdaq.model.channels import Channel
 from virtual_cdaq.model.clock import seconds, ticks
 from virtual_cdaq.model.converters import Floats, channel_key, noise
-from virtual_cdaq.model.errors import ChassisError
-
-if TYPE_CHECKING:
-    from virtual_cdaq.model.channels import Channel
-    from virtual_cdaq.model.chassis import Chassis
-    from virtual_cdaq.model.engines import Ticks
+from virtual_cdaq.model.engines import Ticks
 
 KINDS = ("freeze", "drop", "overrun", "stuck", "open", "noise", "unplug")
 FOREVER = float("inf")
@@ -121,38 +116,29 @@ class Faults:
             found.append(self._stuck_end)
         return min(found, default=None)
 
-    def strike(self, chassis: Chassis, tick: int) -> None:
-        """Let the faults that are due at `tick` happen, and those end that are over."""
+    def due_at(self, tick: int) -> Iterator[Fault]:
+        """Those that are due at `tick`, one after the other; a stuck output whose time is over moves again."""
         if self._stuck_end is not None and self._stuck_end <= tick:
             self._stuck, self._stuck_end = False, None
         while self._of_serving and ticks(self._of_serving[0].at) <= tick:
-            self.happen(chassis, self._of_serving.pop(0), tick)
+            yield self._of_serving.pop(0)
         while self._of_run and self._begun is not None and self._begun + ticks(self._of_run[0].at) <= tick:
-            self.happen(chassis, self._of_run.pop(0), tick)
+            yield self._of_run.pop(0)
 
-    def happen(self, chassis: Chassis, fault: Fault, tick: int) -> None:
-        """Let one fault happen now."""
+    def happen(self, fault: Fault, tick: int) -> None:
+        """Let one fault be at work from now on."""
         now = time.monotonic()
-        begin = seconds(tick)
         if fault.kind == "freeze":
             self._frozen_until = now + fault.duration
         elif fault.kind == "drop":
             self.on_drop(fault.duration)
         elif fault.kind == "unplug":
             self._unplugged_until = now + fault.duration
-            for task in chassis.tasks:
-                if task.running:
-                    task.fail(ChassisError(-201003, f"Device: {chassis.name}\nTask: {task.name}"))
-        elif fault.kind == "overrun":
-            for task in chassis.tasks:
-                if task.running and task.kind == "ai" and task.hardware_timed:
-                    task.fail(ChassisError(-200279, f"Task: {task.name}", done=0))
         elif fault.kind == "stuck":
             self._stuck = True
             self._stuck_end = None if fault.duration == FOREVER else tick + ticks(fault.duration)
-        else:
-            self._distortions.append((fault, begin))
-        chassis.changed.notify_all()
+        elif fault.kind in ("open", "noise"):
+            self._distortions.append((fault, seconds(tick)))
 
     @property
     def frozen(self) -> bool:

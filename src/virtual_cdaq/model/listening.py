@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-if TYPE_CHECKING:
-    from virtual_cdaq.model.chassis import Chassis
+from virtual_cdaq.model.task import Task
 
 
-def tell(chassis: Chassis) -> None:
+def tell(tasks: Sequence[Task]) -> None:
     """Call those who listen to tasks."""
-    for task in chassis.tasks:
+    for task in tasks:
         if not task.listeners or not task.running:
             continue
         for listener in list(task.listeners):
@@ -29,10 +28,10 @@ def tell(chassis: Chassis) -> None:
                 listener.call(0)
 
 
-def next_event(chassis: Chassis) -> int | None:
+def next_event(tasks: Sequence[Task]) -> int | None:
     """When somebody who listens has to be called next [ticks]; None if not known or if the program must read first."""
     found = None
-    for task in chassis.tasks:
+    for task in tasks:
         if not task.running or task.done:
             continue
         for listener in task.listeners:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import enum
+import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -15,9 +17,6 @@ from virtual_cdaq.model.clock import TICKS_PER_SECOND, sample_period, ticks
 from virtual_cdaq.model.engines import Engine
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.modules import HIGH_RESOLUTION_CONVERSION, HIGH_SPEED_CONVERSION
-
-if TYPE_CHECKING:
-    from virtual_cdaq.model.chassis import Chassis
 
 FINITE, CONTINUOUS, SINGLE_POINT = 10178, 10123, 12522  # DAQmx_Val_FiniteSamps, _ContSamps, _HWTimedSinglePoint
 FEWEST_SAMPLES = 2  # of a finite task
@@ -70,13 +69,44 @@ class Listener:
     close: Callable[[], None] = lambda: None
 
 
+class Host(Protocol):
+    """What a task needs of the chassis that it is on."""
+
+    fastest_slow_clock: float
+    changed: threading.Condition
+
+    def check_present(self, task: Task) -> None:
+        """Refuse when the chassis is unplugged."""
+
+    def take(self, task: Task) -> None:
+        """Reserve an engine and the modules for a task."""
+
+    def release(self, task: Task) -> None:
+        """Give back what a task holds."""
+
+    def engine_of_terminal(self, terminal: str, signal: str = ...) -> Engine | None:
+        """The engine behind a terminal; None for the task's own."""
+
+    def start_clock(self, task: Task) -> None:
+        """Let the engine of a task run, at once or when its trigger comes."""
+
+    def stop_clock(self, task: Task) -> None:
+        """Let the engine of a task stand."""
+
+    def converter(self, channel: Channel, *, high_resolution: bool = ...) -> Converter:
+        """The converter of a new acquisition on a channel."""
+
+    def advance(self) -> None:
+        """Catch up with the clock."""
+
+
 @dataclass(eq=False)
 class Task:
     """One task on a chassis. All its methods are called with the lock of the chassis held.
 
     Parameters
     ----------
-    chassis : Chassis
+    chassis : Host
     name : str
 
     Attributes
@@ -98,7 +128,7 @@ class Task:
         What ended it before its time.
     """
 
-    chassis: Chassis
+    chassis: Host
     name: str
     channels: list[Channel] = field(default_factory=list)
     kind: Literal["", "ai", "ao"] = ""
@@ -375,6 +405,16 @@ class Task:
         if self.clock is None or self.armed or self.done:
             return None
         return self.clock.tick(self.clock.next + edge - self.edges)
+
+    def fed_until(self) -> float:
+        """Until when an output has samples [ticks]; for ever where it needs no more, or is no timed output."""
+        buffer = self.output_buffer
+        if self.kind != "ao" or self.regenerate or buffer is None or self.done:
+            return math.inf
+        if self.finite and buffer.written >= self.timing.samples:
+            return math.inf
+        dry = self.edge_tick(buffer.written)
+        return math.inf if dry is None else dry - 1
 
     def done_tick(self) -> int | None:
         """When the task is done [ticks]; None if that is not known."""

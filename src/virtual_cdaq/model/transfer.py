@@ -6,21 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from virtual_cdaq.model.buffers import OutputBuffer
+from virtual_cdaq.model.chassis import HostedTask
 from virtual_cdaq.model.converters import Codes, Floats, encode, step
 from virtual_cdaq.model.errors import ChassisError
-from virtual_cdaq.model.exchange import read_now, write_now
-from virtual_cdaq.model.task import State, Task
+from virtual_cdaq.model.on_demand import read_now, write_now
+from virtual_cdaq.model.task import State
 from virtual_cdaq.model.waiting import gate, wait
 
 ALL_AVAILABLE = -1
 
 
-def read(task: Task, count: int, timeout: float) -> tuple[Codes, int]:
+def read(task: HostedTask, count: int, timeout: float) -> tuple[Codes, int]:
     """The next samples of an input task.
 
     Parameters
     ----------
-    task : Task
+    task : HostedTask
     count : int
         Samples per channel; -1 for all that are there (of a finite task: that there will be).
     timeout : float [s]
@@ -62,7 +63,7 @@ def read(task: Task, count: int, timeout: float) -> tuple[Codes, int]:
     return pieces, status
 
 
-def _collect(task: Task, wanted: int, timeout: float) -> tuple[Codes, int]:
+def _collect(task: HostedTask, wanted: int, timeout: float) -> tuple[Codes, int]:
     buffer = task.input_buffer
     assert buffer is not None
     pieces: list[NDArray[np.int32]] = []
@@ -90,7 +91,7 @@ def _collect(task: Task, wanted: int, timeout: float) -> tuple[Codes, int]:
     return (pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)), 0
 
 
-def _read_on_demand(task: Task, count: int) -> Codes:
+def _read_on_demand(task: HostedTask, count: int) -> Codes:
     started = not task.running
     if started:
         task.start()
@@ -103,7 +104,7 @@ def _read_on_demand(task: Task, count: int) -> Codes:
             task.stop()
 
 
-def to_codes(task: Task, volts: Floats) -> Codes:
+def to_codes(task: HostedTask, volts: Floats) -> Codes:
     """Volts of shape (channels, n) as codes of the converters; refused outside the range of a channel."""
     if not len(task.channels) == volts.shape[0]:
         raise ChassisError(-200524, f"Channels: {len(task.channels)}, in the data: {volts.shape[0]}", done=0)
@@ -122,12 +123,12 @@ def to_codes(task: Task, volts: Floats) -> Codes:
     return codes
 
 
-def write(task: Task, codes: Codes, *, auto_start: bool, timeout: float) -> int:
+def write(task: HostedTask, codes: Codes, *, auto_start: bool, timeout: float) -> int:
     """Hand samples to an output task.
 
     Parameters
     ----------
-    task : Task
+    task : HostedTask
     codes : array of int, shape (channels, n)
     auto_start : bool
     timeout : float [s]
@@ -182,7 +183,7 @@ def write(task: Task, codes: Codes, *, auto_start: bool, timeout: float) -> int:
     return count
 
 
-def _write_on_demand(task: Task, codes: Codes, *, auto_start: bool) -> None:
+def _write_on_demand(task: HostedTask, codes: Codes, *, auto_start: bool) -> None:
     started = not task.running
     if started and not auto_start:
         raise ChassisError(-200846, f"Task: {task.name}", done=0)
@@ -201,7 +202,7 @@ def _write_on_demand(task: Task, codes: Codes, *, auto_start: bool) -> None:
             task.stop()
 
 
-def wait_until_done(task: Task, timeout: float) -> None:
+def wait_until_done(task: HostedTask, timeout: float) -> None:
     """Wait for a finite task to end.
 
     Raises
@@ -217,7 +218,7 @@ def wait_until_done(task: Task, timeout: float) -> None:
         raise ChassisError(-200560, f"Task: {task.name}")
 
 
-def is_done(task: Task) -> bool:
+def is_done(task: HostedTask) -> bool:
     """Whether nothing more comes of a task."""
     gate(task.chassis)
     if task.running and task.hardware_timed:
@@ -226,7 +227,7 @@ def is_done(task: Task) -> bool:
     return task.done
 
 
-def control(task: Task, action: int) -> None:
+def control(task: HostedTask, action: int) -> None:
     """Bring a task to a state: start 0, stop 1, verify 2, commit 3, reserve 4, unreserve 5, abort 6."""
     if action == 0:
         task.start()

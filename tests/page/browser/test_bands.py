@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ipmclab import identify, prediction_bands, read_fit, simulate, write_fit
-from tests.identify.many import FRIEND, noisy
+from tests.identification.many import FRIEND, noisy
 from tests.page.browser.conftest import serious, served
 
 pytest.importorskip("playwright")

@@ -163,7 +163,7 @@ def test_a_strip_is_identified_cancelled_compared_saved_and_reported(address: st
     page.get_by_text("--free electrical").first.wait_for()
     page.get_by_role("button", name="Identify").click()
     page.get_by_text("All 5 free parameters are determined").wait_for(timeout=LONG)
-    page.get_by_text("What another mounting would give cannot be known").wait_for()
+    page.get_by_text("The value at another mounting cannot be estimated").wait_for()
     page.get_by_role("img", name="Excess of chi-square over the values of 5 parameters").wait_for()
     with page.expect_download() as saved:
         page.locator("#lab-profiles").get_by_role("link", name="SVG").click()

@@ -62,6 +62,34 @@ def test_keys_zoom_around_the_cursor_and_never_out_of_the_curves(address: str, o
     assert shown()[2] == pytest.approx(7.0, abs=0.5)
 
 
+def test_what_was_fetched_while_it_was_hidden_is_fetched_anew_when_it_is_shown(address: str, open_page) -> None:
+    """Else its curve is a polygon: a hidden plot has no width, and asks for the fewest points."""
+    page = open_page(f"{address}/simulate")
+    page.locator("[data-answers]").wait_for(timeout=LONG)
+    page.evaluate(HIDDEN)
+    page.wait_for_function("asked.length === 1", timeout=LONG)
+    page.evaluate("hiddenHost.hidden = false")
+    page.wait_for_function("asked.length > 1", timeout=LONG)
+    first, *_, last = page.evaluate("asked")
+    width = page.evaluate("hiddenPlot.panels.clientWidth")
+    assert first < 1.5 * width <= last
+
+
+HIDDEN = """() => {
+  window.hiddenHost = document.querySelector(".lab-content").appendChild(document.createElement("section"));
+  hiddenHost.hidden = true;
+  const series = [{ key: "one", label: "one", colour: 0 }];
+  const panels = [{ key: "voltage", label: "voltage", unit: "V", factor: 1, series }];
+  window.asked = [];
+  window.fetch = async (address) => {
+    asked.push(Number(new URL(address, location).searchParams.get("points")));
+    const text = JSON.stringify({ arrays: [["one.time", 2], ["one.value", 2]], whole: [0, 1] });
+    const head = new TextEncoder().encode(text.padEnd(8 * Math.ceil((text.length + 4) / 8) - 4));
+    return new Response(new Blob([Uint32Array.of(head.length), head, Float64Array.of(0, 1), Float64Array.of(0, 1)]));
+  };
+  window.hiddenPlot = new LabPlot.Stack(hiddenHost, { name: "hidden", panels, source: "/nowhere" });
+}"""
+
 KEYED = """(source) => {
   const host = document.querySelector(".lab-content").appendChild(document.createElement("section"));
   const series = [{ key: "one", label: "one", colour: 0 }];

@@ -71,6 +71,38 @@ def test_a_copy_is_the_same_run_and_stands_in_for_it(catalogue: Catalogue, folde
     assert names(catalogue.query()) == ["copy.nc"]
 
 
+def test_a_corrected_copy_is_a_version_and_both_are_listed(catalogue: Catalogue, folder: Path, write) -> None:
+    """The numbers of one file never stand beside the metadata of another."""
+    uuid = new_uuid()
+    write("as_recorded.nc", uuid=uuid, sample="S1")
+    catalogue.sweep()
+    write("corrected.nc", uuid=uuid, sample="S2")
+    for look in (catalogue.sweep, catalogue.rebuild):
+        look()
+        rows = catalogue.query()
+        assert [(row.path, row.sample, row.version) for row in rows] == [
+            ("as_recorded.nc", "S1", 1),
+            ("corrected.nc", "S2", 2),
+        ]
+        assert [catalogue.metadata(row)["sample"]["id"] for row in rows] == ["S1", "S2"]
+    (alone,) = catalogue.query(RunQuery(sample="S2"))
+    assert alone.version == 2
+    # A file whose metadata were changed in its place stays one run.
+    (folder / "corrected.nc").unlink()
+    write("corrected.nc", uuid=uuid, sample="S3")
+    catalogue.sweep()
+    assert [(row.path, row.sample) for row in catalogue.query()] == [("as_recorded.nc", "S1"), ("corrected.nc", "S3")]
+
+
+def test_a_recording_becomes_the_run_of_its_file(catalogue: Catalogue, folder: Path, write) -> None:
+    uuid = new_uuid()
+    catalogue.begin(uuid, RunMetadata(uuid=uuid))
+    write("a.nc", uuid=uuid, sample="S1")
+    catalogue.add(folder / "a.nc")
+    catalogue.begin(uuid, RunMetadata(uuid=uuid))  # one that knows less comes late
+    assert [(row.path, row.state, row.version) for row in catalogue.query()] == [("a.nc", None, 1)]
+
+
 def test_a_damaged_file_is_named_and_stops_no_other(catalogue: Catalogue, folder: Path, write) -> None:
     write("a.nc", sample="S1")
     path = write("b.nc", sample="S2")
@@ -405,7 +437,9 @@ def test_a_catalogue_of_another_version_says_what_to_do(catalogue: Catalogue, wr
     catalogue.sweep()
     from sqlalchemy import text
 
-    for version, code in ((2, "catalogue-newer"), (0, "catalogue-older")):
+    from ipmclab.store.catalogue.tables import VERSION
+
+    for version, code in ((VERSION + 1, "catalogue-newer"), (VERSION - 1, "catalogue-older")):
         with catalogue._database.write() as connection:
             connection.execute(text(f"UPDATE ipmclab_catalogue SET version = {version}"))
         again = Catalogue(catalogue.root, None if catalogue._own else catalogue._database.url.render_as_string(False))

@@ -7,12 +7,13 @@ import hashlib
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
 from ipmclab.store.catalogue import facts as catalogue_facts
 from ipmclab.store.catalogue.facts import read_facts, signal_facts, storable
+from ipmclab.store.document import to_document
 from ipmclab.store.run_file import read_run
 
 UUID = "3f2a77c1-0d4b-4a52-8f0e-2f3a51c0ffee"
@@ -49,7 +50,7 @@ def test_every_fact_of_a_run(write) -> None:
     assert document["operator"] == "Ada"
     facts = {name: value for name, value in found.run.items() if name != "document" and value is not None}
     assert facts == {
-        "identity": UUID,
+        "identity": f"{UUID} {hashlib.sha256(to_document(read_run(path)).encode()).hexdigest()}",
         "uuid": UUID,
         "content_sha256": read_run(path).content_sha256,
         "state": "complete",
@@ -136,7 +137,6 @@ json_values = st.recursive(
 
 
 @given(json_values)
-@settings(deadline=None, max_examples=50)
 def test_whatever_is_stored_is_text_and_finite_numbers(value) -> None:
     def walk(one) -> None:
         if isinstance(one, str):

@@ -7,7 +7,7 @@ import re
 from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
@@ -18,7 +18,6 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(numbers, numbers, st.sampled_from([*CHANNELS.values(), FREQUENCY]))
-@settings(deadline=None)
 def test_a_written_range_reads_back(one: float, other: float, quantity) -> None:
     low, high = sorted((one, other))
     written = [format_quantity(value, quantity) for value in (low, high)]
@@ -30,7 +29,6 @@ def test_a_written_range_reads_back(one: float, other: float, quantity) -> None:
 
 
 @given(numbers, numbers, numbers)
-@settings(deadline=None)
 def test_a_range_holds_what_lies_between(one: float, other: float, value: float) -> None:
     low, high = sorted((one, other))
     if low <= value <= high:
@@ -46,7 +44,6 @@ def test_rounding_is_no_reason_to_leave_a_run_out() -> None:
 
 
 @given(st.text(alphabet="0123456789.-+eE Vm%,inf") | st.text())
-@settings(deadline=None)
 def test_any_other_text_is_refused_in_our_words(text: str) -> None:
     refusal, found = None, Range(0.0, 0.0)
     try:
@@ -88,7 +85,6 @@ moments = st.datetimes(datetime(1975, 1, 1), datetime(2100, 1, 1), timezones=off
 
 
 @given(moments)
-@settings(deadline=None)
 def test_a_date_with_an_offset_means_the_same_everywhere(moment: datetime) -> None:
     expected = (moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
     assert parse_moment(moment.isoformat(), where="x") == pytest.approx(expected, abs=1e-6)
@@ -96,7 +92,6 @@ def test_a_date_with_an_offset_means_the_same_everywhere(moment: datetime) -> No
 
 
 @given(st.dates(datetime(1975, 1, 1).date(), datetime(2100, 1, 1).date()))
-@settings(deadline=None)
 def test_until_a_day_means_to_its_end(day) -> None:
     late = datetime(day.year, day.month, day.day, 23, 59, 59)
     assert parse_moment(day.isoformat(), where="x", end=True) > late.timestamp()
@@ -106,7 +101,6 @@ def test_until_a_day_means_to_its_end(day) -> None:
 
 
 @given(st.text())
-@settings(deadline=None)
 def test_any_text_is_a_date_or_refused(text: str) -> None:
     code = "bad-date"
     try:

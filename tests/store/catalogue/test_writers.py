@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from ipmclab.errors import IpmclabError
 from ipmclab.run import Finding
+from ipmclab.store.catalogue import database as catalogue_database
 from ipmclab.store.catalogue.catalogue import Catalogue, RunQuery
 
 RUNS = 12
@@ -102,6 +104,22 @@ def test_two_sweeps_and_a_rebuild_at_once(folder: Path, address: str | None, wri
     assert len(recorded) == 4
     assert {str(row.uuid) for row in recorded} <= names
     assert all(row.codes == () for row in catalogue.query())
+
+
+def test_a_writer_is_alone_from_its_first_statement_on(
+    folder: Path, address: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two that took the same rows in two orders would otherwise block each other, which looked like damage."""
+    monkeypatch.setattr(catalogue_database, "PATIENCE", 0.3)
+    first, second = (Catalogue(folder, address) for _ in range(2))
+    first.sweep()
+    with first._database.write():
+        with pytest.raises(IpmclabError, match="another program") as caught, second._database.write():
+            pass
+        assert caught.value.code == "catalogue-busy"
+        assert second.query() == []  # readers go on
+    with second._database.write():
+        pass
 
 
 KILLED = """

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.model.assemble import System
+from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.discretise import Transition, transitions
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,7 +38,7 @@ class LawNumbers:
     forms : int array, shape (n_laws,)
     coefficients : float array, shape (n_laws, 3)
     ports : tuple of float arrays
-        ``c`` and ``d`` of the ports.
+        ``c`` and ``d`` of the ports, shapes (n_laws, n_states) and (n_laws, n_inputs).
     reach : float array, shape (n_outputs, n_laws)
     drop : float array, shape (n_kinds + 1, n_laws, n_laws) [ohm]
         See ``dense_laws_loop.dense_laws``.
@@ -58,7 +59,7 @@ def law_numbers(system: System, law_end: FloatArray) -> LawNumbers:
     return LawNumbers(
         forms=np.array([law.form for law in ports.laws], dtype=np.int64),
         coefficients=np.array([law.coefficients for law in ports.laws], dtype=np.float64),
-        ports=(np.ascontiguousarray(ports.c), np.ascontiguousarray(ports.d[:, 0])),
+        ports=(np.ascontiguousarray(ports.c), np.ascontiguousarray(ports.d)),
         reach=np.ascontiguousarray(ports.reach),
         drop=np.ascontiguousarray(drop),
     )
@@ -75,12 +76,10 @@ class Dense:
     """
 
     def __init__(self, system: System, move: Transition) -> None:
-        self._move: tuple[FloatArray, ...] = tuple(
-            np.ascontiguousarray(matrix)
-            for matrix in (move.state, move.constant, move.slope, move.law_begin, move.law_end)
-        )
-        self._read = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
-        self._laws = None if system.law_ports is None else law_numbers(system, self._move[4])
+        self._read = np.hstack([system.d, system.c])
+        self._step = np.concatenate([move.constant, move.slope, move.state, move.law_begin], axis=-1)
+        self._law_end = np.ascontiguousarray(move.law_end)
+        self._laws = None if system.law_ports is None else law_numbers(system, self._law_end)
 
     @classmethod
     def of(cls, system: System, durations: npt.ArrayLike) -> Dense:
@@ -90,37 +89,25 @@ class Dense:
             system, Transition(move.state[0], move.constant[0], move.slope[0], move.law_begin[0], move.law_end[0])
         )
 
-    def run(
-        self,
-        interval: IndexArray,
-        start: FloatArray,
-        end: FloatArray,
-        row: IndexArray,
-        reading: FloatArray,
-        x: FloatArray,
-        outputs: FloatArray,
-    ) -> None:
-        """Write the outputs, and leave the last state in ``x``; the arguments are those of ``kernels.dense``.
+    def run(self, course: Course, x: FloatArray, outputs: FloatArray) -> None:
+        """Write the outputs, and leave the last state in ``x``; as ``kernels.dense``.
 
         Raises
         ------
         IpmclabError
             The equation of a law has no solution in floating point.
         """
-        if self._laws is None:
-            from ipmclab.model.numerics import kernels
-
-            arguments: tuple[Any, ...] = (*self._move[:3], interval, start, end, row, reading, *self._read, x, outputs)
-            kernels.dense(*arguments)
-            return
-        from ipmclab.model.numerics.dense_laws_loop import dense_laws
-
         laws = self._laws
-        read = (*self._read, laws.reach)
-        along = (interval, start, end, row, reading)
-        check_solved(
-            dense_laws(self._move, laws.drop, *along, read, laws.ports, laws.forms, laws.coefficients, x, outputs)
-        )
+        if laws is None:
+            from ipmclab.model.numerics.kernels import dense
+
+            dense(self._step, self._read, course, x, outputs)
+            return
+        from ipmclab.model.numerics.dense_laws_loop import LawTable, Readings, Steps, dense_laws
+
+        steps = Steps(self._step, self._law_end, laws.drop)
+        readings = Readings(np.hstack([self._read, laws.reach]), np.hstack([laws.ports[1], laws.ports[0]]))
+        check_solved(dense_laws(steps, readings, LawTable(laws.forms, laws.coefficients), course, x, outputs))
 
 
 def check_solved(failed: int) -> None:

@@ -19,15 +19,15 @@ _LONG_TERMS: Final = 19  # 1/20! is below 1e-18
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """What an interval does: ``x+ = state x + constant v0 + slope (v1 - v0) + law_begin w0 + law_end w1``.
+    """What an interval does: ``x+ = state x + constant u0 + slope (u1 - u0) + law_begin w0 + law_end w1``.
 
-    Within the interval the voltage goes in a straight line from v0 to v1, and what the laws give from w0 to w1;
+    Within the interval the inputs go in straight lines from u0 to u1, and what the laws give from w0 to w1;
     they are constant where both ends are equal. Leading axes count intervals, and systems before them.
 
     Parameters
     ----------
     state : matrix, shape (..., n_states, n_states)
-    constant, slope : matrix, shape (..., n_states)
+    constant, slope : matrix, shape (..., n_states, n_inputs)
     law_begin, law_end : matrix, shape (..., n_states, n_laws)
     """
 
@@ -67,7 +67,7 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     scales = matrix_balance(systems[0].a.real, permute=False, separate=True)[1][0]
     kind = np.result_type(*(system.a for system in systems), *inputs)
     # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a
-    # constant 1 V and, times t, the response to a slope that reaches 1 V at t.
+    # constant 1 (V, N or A) and, times t, the response to a slope that reaches 1 at t.
     generator = np.zeros((len(systems), 1, n + 2 * m, n + 2 * m), kind)
     for index, system in enumerate(systems):
         generator[index, 0, :n, :n] = system.a * scales / scales[:, None]
@@ -88,12 +88,13 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
         exponential = exponential @ _short_exponential(generator * rest[:, None, None])
     held = exponential[..., :n, n : n + m] * scales[:, None] * levels
     ramped = exponential[..., :n, n + m :] * scales[:, None] * levels / steps[:, None, None]
+    given = len(systems[0].inputs)
     return Transition(
         state=exponential[..., :n, :n] * scales[:, None] / scales,
-        constant=held[..., 0],
-        slope=ramped[..., 0],
-        law_begin=held[..., 1:] - ramped[..., 1:],
-        law_end=ramped[..., 1:],
+        constant=held[..., :given],
+        slope=ramped[..., :given],
+        law_begin=held[..., given:] - ramped[..., given:],
+        law_end=ramped[..., given:],
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.modal_loop import modal as _modal
 
 FloatArray = npt.NDArray[np.float64]
@@ -17,58 +18,59 @@ modal = kernel(_modal)
 
 
 @kernel
-def dense(
-    state: FloatArray,
-    constant: FloatArray,
-    slope: FloatArray,
-    interval: IndexArray,
-    start: FloatArray,
-    end: FloatArray,
-    row: IndexArray,
-    reading: FloatArray,
-    c: FloatArray,
-    d: FloatArray,
-    x: FloatArray,
-    outputs: FloatArray,
-) -> None:
+def multiply(matrices: FloatArray, kind: int, vector: FloatArray, result: FloatArray) -> None:
+    """``result = matrices[kind] vector``, each sum in the order of the columns."""
+    for i in range(result.shape[0]):
+        total = 0.0
+        for j in range(vector.shape[0]):
+            total += matrices[kind, i, j] * vector[j]
+        result[i] = total
+
+
+@kernel
+def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, outputs: FloatArray) -> None:
+    """The outputs of row k."""
+    m = reading.shape[1]
+    for o in range(outputs.shape[0]):
+        total = 0.0
+        for l in range(m):  # noqa: E741
+            total += read[o, l] * reading[k, l]
+        for j in range(x.shape[0]):
+            total += read[o, m + j] * x[j]
+        outputs[o, k] = total
+
+
+@kernel
+def dense(step: FloatArray, read: FloatArray, course: Course, x: FloatArray, outputs: FloatArray) -> None:
     """The state over intervals of any length, read wherever an interval begins at a row.
 
     Parameters
     ----------
-    state, constant, slope : float arrays, shapes (n_kinds, n, n), (n_kinds, n), (n_kinds, n)
-        Transitions over each kind of interval (``discretise.Transition``).
-    interval : int array, shape (n_intervals,)
-        The kind of each interval.
-    start, end : float arrays, shape (n_intervals,) [V]
-        Voltage at both ends of each interval.
-    row : int array, shape (n_intervals + 1,)
-        The row that is read where interval i begins (and after the last), or -1.
-    reading : float array, shape (n_time,) [V]
-        The voltage that each row sees.
-    c, d : float arrays, shapes (n_outputs, n), (n_outputs,)
+    step : float array, shape (n_kinds, n, 2 n_inputs + n)
+        What makes the next state over each kind of interval: of the inputs as it begins, of how much they change,
+        and of the state (``discretise.Transition``, side by side).
+    read : float array, shape (n_outputs, n_inputs + n)
+        What makes the outputs: of the inputs, and of the state.
+    course : Course
     x : float array, shape (n,)
         The state before the first interval; on return the state after the last.
     outputs : float array, shape (n_outputs, n_time)
         Written.
     """
-    n = x.shape[0]
-    new = np.empty(n)
+    interval, start, end, row, reading = course
+    n, m = x.shape[0], start.shape[1]
+    from_here, new = np.empty(2 * m + n), np.empty(n)
     for i in range(row.shape[0]):
         k = row[i]
         if k >= 0:
-            for o in range(c.shape[0]):
-                total = d[o] * reading[k]
-                for j in range(n):
-                    total += c[o, j] * x[j]
-                outputs[o, k] = total
+            _write(read, reading, k, x, outputs)
         if i < interval.shape[0]:
-            m = interval[i]
-            u, du = start[i], end[i] - start[i]
+            for l in range(m):  # noqa: E741
+                from_here[l] = start[i, l]
+                from_here[m + l] = end[i, l] - start[i, l]
             for j in range(n):
-                total = constant[m, j] * u + slope[m, j] * du
-                for l in range(n):  # noqa: E741
-                    total += state[m, j, l] * x[l]
-                new[j] = total
+                from_here[2 * m + j] = x[j]
+            multiply(step, interval[i], from_here, new)
             for j in range(n):
                 x[j] = new[j]
 

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.actuator import OUTPUT_PORTS, Actuator
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
+from ipmclab.model.numerics.course import voltage_course
 from ipmclab.model.numerics.dense import LONGEST, Dense
 from ipmclab.model.numerics.modal import Modes, exponential_integrals, modes
 from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
+from ipmclab.model.stages.circuit import Circuit
 from ipmclab.model.structure import Structure
-
-if TYPE_CHECKING:
-    from ipmclab.run import Hold
+from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,57 +30,48 @@ Loop = Callable[[FloatArray, FloatArray], None]
 """A function (voltage, outputs) that writes the four outputs at the rows of a voltage."""
 
 
-def law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
-    """The compiled loop for a strip with one leak at its node, from rest; kept with the actuator.
+def law_loop(structure: Structure, values: Mapping[str, float], period: float, hold: Hold) -> Loop | None:
+    """The compiled loop for a strip with one leak at its node, from rest.
 
     Parameters
     ----------
-    actuator : Actuator
+    structure : Structure
+    values : mapping of dotted name to float [SI]
     period : float [s]
     hold : "zero", "zero-before" or "first"
 
     Returns
     -------
     loop : callable or None
-        None where the dense path must answer: another structure, poles that nearly meet, a period so long that it is
+        None where another way must answer: another structure, poles that nearly meet, a period so long that it is
         divided.
     """
-    if not actuator.structure.leak:
+    if not structure.leak or structure.slow_leak:
         return None
-    kept: dict[tuple[float, str], Loop | None] = actuator.__dict__.setdefault("_law_loops", {})
-    key = (period, hold)
-    if key not in kept:
-        kept[key] = _law_loop(actuator, period, hold)
-    return kept[key]
-
-
-def _law_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
-    structure = actuator.structure
-    if structure.slow_leak or structure.clamp or structure.line or period > LONGEST * (1 + 1e-6):
+    if not replace(structure, leak="").is_lumped or period > LONGEST * (1 + 1e-6):
         return None
-    values = actuator.parameter_values
     # The strip without its leak; what leaks is a lower voltage at the front of the electrodes. What hangs on the node
     # does not load it: of its motion the loop over the modes computes the plain one, and a richer one comes after.
     linear = replace(structure, leak="")
     plain = Structure(structure.branches, laser=structure.laser)
-    found = modes(plain.blocks(values), external="voltage", outputs=OUTPUT_PORTS)
+    found = modes(plain.blocks(values), external="voltage", outputs=OUTPUT_PORTS, at_rest=left_at_rest(["voltage"]))
     numbers = None if found is None else _numbers(found, period)
     if numbers is None:
         return None
     (law,) = structure.laws(values)
-    series = actuator.circuit_elements().series.real
+    series = Circuit(structure.branches).elements(values).series.real
     circuit = np.array([*numbers.circuit, series, numbers.weights[1, 6]])
     k = np.array(law.coefficients, dtype=np.float64)
     jumps, form = _JUMPS[hold], law.form
     motion = None if linear == plain else _Motion(linear.blocks(values), period)
 
-    def loop(voltage: FloatArray, values: FloatArray) -> None:
+    def loop(voltage: FloatArray, outputs: FloatArray) -> None:
         from ipmclab.model.numerics.law_modal_loop import law_modal
 
         fronts = np.empty((3, 0 if motion is None else len(voltage)))
-        law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, values, fronts)
+        law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, outputs, fronts)
         if motion is not None:
-            motion.write(fronts, values[2:])
+            motion.write(fronts, outputs[2:])
 
     return loop
 
@@ -89,7 +80,7 @@ class _Motion:
     """Displacement and force of a linear strip, driven by the voltage at the front of its electrodes."""
 
     def __init__(self, blocks: Sequence[Block], period: float) -> None:
-        system = assemble(blocks, external="voltage", outputs=OUTPUT_PORTS[2:])
+        system = assemble(blocks, inputs=("voltage",), outputs=OUTPUT_PORTS[2:], at_rest=left_at_rest(["voltage"]))
         every = range(len(system.outputs))
         system = reduced(system, every, seen_states([system], every))
         self._dense, self._size = Dense.of(system, [period]), len(system.states)
@@ -98,7 +89,8 @@ class _Motion:
         """From ``fronts`` of ``law_modal_loop.law_modal``."""
         rows = fronts.shape[1]
         kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
-        self._dense.run(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2], np.zeros(self._size), values)
+        course = voltage_course(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2])
+        self._dense.run(course, np.zeros(self._size), values)
 
 
 @dataclass(frozen=True, eq=False)

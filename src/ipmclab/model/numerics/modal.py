@@ -95,7 +95,9 @@ class Modes:
     outputs: tuple[Fractions, ...]
 
 
-def modes(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> Modes | None:
+def modes(
+    blocks: Sequence[Block], *, external: str, outputs: Sequence[str], at_rest: Sequence[str] = ()
+) -> Modes | None:
     """Poles and residues of a cascade in closed form.
 
     Parameters
@@ -106,6 +108,8 @@ def modes(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> 
         The port that is driven from outside.
     outputs : sequence of str
         The ports that are read.
+    at_rest : sequence of str
+        Input ports that stay at 0.
 
     Returns
     -------
@@ -117,7 +121,7 @@ def modes(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> 
     signals = {external: Fractions(1.0, {})}
     for block in blocks:
         own_poles = poles(block)
-        if own_poles is None or any(port not in signals for port in block.inputs):
+        if own_poles is None or any(port not in signals and port not in at_rest for port in block.inputs):
             return None
         earlier = [pole for section in sections for pole in section]
         for index, pole in enumerate(own_poles):
@@ -128,6 +132,8 @@ def modes(blocks: Sequence[Block], *, external: str, outputs: Sequence[str]) -> 
         for row, name in enumerate(block.outputs):
             total = Fractions(0.0, {})
             for column, port in enumerate(block.inputs):
+                if port in at_rest:
+                    continue
                 transfer = _fractions(block, own_poles, row, column)
                 if transfer.direct or transfer.residues:
                     total = total + transfer * signals[port]

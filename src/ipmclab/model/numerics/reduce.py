@@ -49,6 +49,7 @@ def reduced(system: System, outputs: Sequence[int], states: npt.NDArray[np.int64
     ports = system.law_ports
     return System(
         states=tuple(system.states[i] for i in states),
+        inputs=system.inputs,
         outputs=tuple(system.outputs[i] for i in rows),
         a=system.a[np.ix_(states, states)],
         b=system.b[states],
@@ -73,6 +74,7 @@ def small_signal(system: System) -> System:
     answer = np.linalg.solve(np.eye(len(slopes)) - slopes @ ports.loop, slopes)
     return System(
         states=system.states,
+        inputs=system.inputs,
         outputs=system.outputs,
         a=system.a + ports.drive @ answer @ ports.c,
         b=system.b + ports.drive @ answer @ ports.d,

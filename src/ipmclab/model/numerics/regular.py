@@ -1,23 +1,15 @@
-"""The path without poles over rows of one period, from rest: a transition that is kept with the actuator."""
+"""The path without poles over rows of one period, from rest."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.numerics.dense import Dense, parts
-from ipmclab.model.numerics.reduce import reduced, seen_states
-
-if TYPE_CHECKING:
-    from ipmclab.model.actuator import Actuator
-    from ipmclab.run import Hold
+from ipmclab.model.numerics.course import voltage_course
+from ipmclab.model.numerics.dense import Dense
+from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
-
-_KEPT = 8
 
 
 class Regular:
@@ -44,26 +36,4 @@ class Regular:
         before, after = voltage[:-1], voltage[1:]
         start, end = (after if hold == "zero-before" else before), (before if hold == "zero" else after)
         kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
-        self._dense.run(kind, start, end, row, voltage, np.zeros(self._states), values)
-
-
-def regular(actuator: Actuator, period: float, chosen: Sequence[int]) -> Regular | None:
-    """A strip over rows of one period [s]; None where a period must be divided.
-
-    Parameters
-    ----------
-    actuator : Actuator
-    period : float [s]
-    chosen : sequence of int
-        Places of the outputs in ``OUTPUTS``.
-    """
-    if parts(actuator.system, np.array([period]))[0] > 1:
-        return None
-    kept: dict[tuple[float, tuple[int, ...]], Regular] = actuator.__dict__.setdefault("_regular", {})
-    key = period, tuple(chosen)
-    if key not in kept:
-        if len(kept) >= _KEPT:
-            kept.clear()
-        seen = seen_states([actuator.system], chosen)
-        kept[key] = Regular(Dense.of(reduced(actuator.system, chosen, seen), [period]), len(seen))
-    return kept[key]
+        self._dense.run(voltage_course(kind, start, end, row, voltage), np.zeros(self._states), values)

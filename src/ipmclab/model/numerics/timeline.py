@@ -6,11 +6,13 @@ irregular clock). Both are put on one time line; between two neighbours the volt
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.numerics.course import Course, voltage_course
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
@@ -25,7 +27,7 @@ _SAME_DURATION = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """Intervals in order; the arguments of ``kernels.dense`` and ``kernels.dense_delay`` of the same names.
+    """Intervals in order; the arguments of ``kernels.dense_delay`` of the same names.
 
     ``durations`` [s] has one entry for each kind of interval. Where a delay grows, an edge moves and a row does not:
     ``arrives`` and ``leaves`` (shape (n_intervals + 1,)) tell by how much the end of the interval before and the begin
@@ -44,6 +46,11 @@ class Timeline:
     read_before_jump: bool
     arrives: FloatArray
     leaves: FloatArray
+
+    @property
+    def course(self) -> Course:
+        """What the compiled loops go along, with the voltage as the only input."""
+        return voltage_course(self.interval, self.start, self.end, self.row, self.reading)
 
 
 def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float, from_rest: bool) -> Timeline:
@@ -108,6 +115,15 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
     return Timeline(
         *(durations, interval, start, end, row, reading, rate, jump, reading_rate, read_before, arrives, leaves)
     )
+
+
+def side_by_side(lines: Sequence[Timeline]) -> Course:
+    """The course of several inputs, each of which has its own values on the same time line."""
+    first = lines[0]
+    start, end, reading = (
+        np.column_stack([getattr(line, name) for line in lines]) for name in ("start", "end", "reading")
+    )
+    return Course(first.interval, start, end, first.row, reading)
 
 
 def divided(line: Timeline, parts: IndexArray) -> Timeline:

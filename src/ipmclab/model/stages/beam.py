@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ipmclab.model.blocks import Block, block
-from ipmclab.model.parameters import Declaration, Values
-from ipmclab.units import ANGULAR_RATE, DENSITY, MODULUS, NUMBER
+from ipmclab.model.parameters import Declaration, Measurement, Values
+from ipmclab.model.stages.kind import LITTLE, Excitation, Numbers, StageKind, Trial, number_of
+from ipmclab.units import ANGULAR_RATE, DENSITY, MODULUS, NUMBER, STIFFNESS
 
 GAMMA: Final = 1.875
 """First solution of the clamped beam's characteristic equation, as rounded in Friend, section 4.2."""
@@ -42,6 +43,22 @@ def modulus_ratio(values: Values, s: complex) -> complex:
     return found
 
 
+def tip_stiffness(values: Values) -> complex:
+    """The strip's own stiffness at the sensing point [N/m], that of a cantilever: w h^3 Y/(4 L_s^3) = F_blocked/d_free.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> round(tip_stiffness(load_actuator("friend-2").parameter_values), 3)
+    2.878
+    """
+    section = values["geometry.width"] * values["geometry.thickness"] ** 3
+    return section * values["beam.modulus"] / (4.0 * values["geometry.sensing_length"] ** 3)
+
+
+WEIGHTLESS: Final = {"beam.density": 1.0}
+"""A beam so light that it does not ring at any rate at which strips are read."""
+
 _RINGS: Final = 0.5
 """Part of the static displacement from which on what a pair of poles adds at its frequency is a resonance."""
 
@@ -67,14 +84,15 @@ def resonance(values: Mapping[str, float]) -> Resonance:
     (38.29, 0.05)
     """
     modes = _modes(values)
-    if not modes:
+    loaded = "load.stiffness" in values
+    if not modes and not loaded:
         return Resonance(float(abs(natural_frequency(values))) / (2.0 * math.pi), float(values["beam.damping_ratio"]))
     size = 2 + 2 * modes
-    whole = Beam(modes).block(values)
+    whole = Beam(modes, loaded).block(values)
     poles, right = np.linalg.eig(whole.a[:size, :size])
     left = np.linalg.pinv(right)
     # What a pair adds to the displacement at its own frequency, and what all poles make of a constant drive.
-    residues = right[0] * (left @ whole.b[:size, 0])
+    residues = right[0] * (left @ (whole.b[:size, 0] + whole.b[:size, 1]))  # of both drives alike
     static = abs(np.sum(residues / poles))
     rings = (poles.imag > 0.0) & (np.abs(residues) >= _RINGS * static * np.abs(poles.real))
     if np.any(rings):
@@ -105,13 +123,24 @@ class Beam:
     stress of a strain e is y e = (1 + sum alpha_i) e - sum alpha_i z_i: linear, and two states for each mode in the
     beam, where e is what is left to the free curvature, and two in the force.
 
+    A force f at the sensing point bends the strip by its own stiffness k_b = F_blocked/d_free (``tip_stiffness``): the
+    factor that moves a free strip by d_free moves it by d_free + f/k_b. Where the strip is blocked, f presses too.
+
+    A **load** is a spring of stiffness k at the sensing point. The strip then moves and presses at once, on the line
+    between free and blocked: F = k d, at rest d = d_free k_b/(k_b + k). Where displacement and force have drives of
+    their own (slow modes of one alone), both ends of that line stay what they are: the drive is that of the force by
+    the part k/(k_b + k) to which the load holds the strip back, and that of the displacement by the rest.
+
     Parameters
     ----------
     viscoelastic : int
         Modes of the modulus.
+    loaded : bool
+        Whether a spring holds the strip at the sensing point.
     """
 
     viscoelastic: int = 0
+    loaded: bool = False
 
     @property
     def declarations(self) -> tuple[Declaration, ...]:
@@ -127,15 +156,27 @@ class Beam:
         )
         return (
             # From bare Nafion by its data sheet (360 g/m^2, 0.183 mm) to half as much platinum again as sample 2 has.
-            Declaration("beam.density", DENSITY, "ρ_m", 1.0, 1e5, likely=(1.9e3, 5e3)),
+            Declaration(
+                *("beam.density", DENSITY, "ρ_m", WEIGHTLESS["beam.density"], 1e5),
+                typical=3e3,
+                likely=(1.9e3, 5e3),
+                outputs=("displacement",),
+                measured=Measurement("measure the density (mass and volume)", 8),
+            ),
             # From Pugal's model in water to sample 2 (Friend, Table 4.2); Nafion itself has 46 to 197 MPa (Tang 2006).
-            Declaration("beam.modulus", MODULUS, "Y", 1e3, 1e13, likely=(4.1e7, 1.45e9)),
-            Declaration("beam.damping_ratio", NUMBER, "ζ", 1e-6, 100.0, default=0.05),
+            Declaration(
+                *("beam.modulus", MODULUS, "Y", 1e3, 1e13),
+                typical=5e8,
+                likely=(4.1e7, 1.45e9),
+                measured=Measurement("measure Young's modulus (push the tip with a known force)", 7),
+            ),
+            Declaration("beam.damping_ratio", NUMBER, "ζ", 1e-6, 100.0, default=0.05, outputs=("displacement",)),
             *modes,
+            *((Declaration("load.stiffness", STIFFNESS, "k", 0.0, 1e9, "linear", typical=1.0),) if self.loaded else ()),
         )
 
     def block(self, values: Values) -> Block:
-        """Drives [m] to ``displacement`` [m] and ``force`` [N].
+        """Drives [m] and ``external_force`` [N] to ``displacement`` [m] and ``force`` [N].
 
         Its states are displacement and velocity; then, of each mode of the modulus, the lagged strain and its scaled
         rate, first those in the beam [m], then those in the force [m, as the drive].
@@ -149,9 +190,10 @@ class Beam:
         n = 2 + 4 * self.viscoelastic
         instant = 1.0 + sum(values[f"viscoelastic.{i}.amplitude"] for i in indices)
         a: list[list[complex]] = [[0.0] * n for _ in range(n)]
-        b: list[list[complex]] = [[0.0, 0.0] for _ in range(n)]
+        b: list[list[complex]] = [[0.0, 0.0, 0.0] for _ in range(n)]
         a[0][1], a[1][0], a[1][1] = 1.0, -stiffness * instant, -2.0 * values["beam.damping_ratio"] * frequency
         b[1][0] = stiffness * instant * displacement
+        b[1][2] = stiffness / tip_stiffness(values)
         pressed: list[complex] = [0.0] * n
         states = ["beam.displacement", "beam.velocity"]
         for place in range(2 * self.viscoelastic):
@@ -167,12 +209,54 @@ class Beam:
                 a[1][z] = -stiffness * amplitude
             where = "force" if in_force else "beam"
             states += [f"{name}.{where}_strain", f"{name}.{where}_strain_rate"]
+        presses: list[complex] = [0.0, force * instant, 1.0]
+        if self.loaded:
+            load = values["load.stiffness"]
+            held_back = load / (tip_stiffness(values) + load)
+            for row in range(1, 2 + 2 * self.viscoelastic):
+                b[row][0], b[row][1] = (1.0 - held_back) * b[row][0], held_back * b[row][0]
+            a[1][0] -= stiffness * load / tip_stiffness(values)
+            pressed, presses = [load, *([0.0] * (n - 1))], [0.0, 0.0, 0.0]
         return block(
             states=states,
-            inputs=["displacement_drive", "force_drive"],
+            inputs=["displacement_drive", "force_drive", "external_force"],
             outputs=["displacement", "force"],
             a=a,
             b=b,
             c=[[1.0, *([0.0] * (n - 1))], pressed],
-            d=[[0.0, 0.0], [0.0, force * instant]],
+            d=[[0.0, 0.0, 0.0], presses],
         )
+
+
+def _viscoelastic_trials(values: Numbers, excitation: Excitation) -> Iterator[Trial]:
+    last = number_of(values, "viscoelastic.")
+    name = f"viscoelastic.{last}"
+    for lag in excitation.lags:
+        mode = {
+            f"{name}.amplitude": LITTLE,
+            f"{name}.damping_ratio": 2.0,
+            f"{name}.frequency": 4.0 / lag,  # well damped: the slow one of its poles is about w/(2 zeta)
+        }
+        yield Trial("viscoelastic" if not last else f"viscoelastic={last + 1}", mode, ("force",), lag=lag)
+
+
+KIND = StageKind("beam", "beam.", outputs=("displacement", "force"))
+VISCOELASTIC = StageKind(
+    "viscoelastic",
+    "viscoelastic.",
+    group="viscoelastic",
+    example=True,
+    counted=True,
+    compared_as="viscoelastic",
+    outputs=("displacement", "force"),
+    several_minima=True,
+    curved=True,
+    off=("amplitude",),
+    held=("damping_ratio",),
+    shows="a stiffness that is not the same fast and slow",
+    to_determine="record force with steps and with slow and fast signals, or with less noise",
+    to_show="record force with steps, or with less noise",
+    trials=_viscoelastic_trials,
+    speed=lambda values, name: values[f"{name}.damping_ratio"] / values[f"{name}.frequency"],
+)
+LOAD = StageKind("load", "load.", outputs=("displacement", "force"), held=("stiffness",))

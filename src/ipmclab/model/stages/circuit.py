@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model import geometry
 from ipmclab.model.blocks import Block, Matrix, block
-from ipmclab.model.parameters import Declaration, Values
+from ipmclab.model.parameters import Declaration, Measurement, Values
+from ipmclab.model.stages.kind import CURRENT, LITTLE, Excitation, Numbers, StageKind, Trial, is_there, number_of
 from ipmclab.model.stages.ladder import Node, ladder
 from ipmclab.model.stages.membrane import membrane
 from ipmclab.units import PERMITTIVITY, RESISTANCE, RESISTIVITY, SHEET_RESISTANCE
 
 FloatArray = npt.NDArray[np.float64]
+
+SHEET: Final = "circuit.sheet_resistance"
+CONTACT: Final = "circuit.contact_resistance"
+"""Whatever else lies in series with the strip, a shunt or a source, adds to it."""
+
+SERIES: Final = (SHEET, CONTACT)
+"""What lies in series with all branches."""
+
+DC: Final = "circuit.dc_resistivity"
 
 
 class Elements(NamedTuple):
@@ -59,8 +70,17 @@ class Circuit:
     def declarations(self) -> tuple[Declaration, ...]:
         """The parameters of this stage."""
         fixed = (
-            Declaration("circuit.sheet_resistance", SHEET_RESISTANCE, "R_s", 1e-6, 1e6),
-            Declaration("circuit.contact_resistance", RESISTANCE, "R_c", 0.0, 1e6, "linear", default=0.0),
+            Declaration(
+                *("circuit.sheet_resistance", SHEET_RESISTANCE, "R_s", 1e-6, 1e6),
+                in_group=False,
+                measured=Measurement("measure the sheet resistance (four probes)", 0),
+            ),
+            Declaration(
+                *("circuit.contact_resistance", RESISTANCE, "R_c", 0.0, 1e6, "linear"),
+                default=0.0,
+                in_group=False,
+                measured=Measurement("measure the contact resistance (four wires, the clamp closed on bare metal)", 1),
+            ),
             Declaration("circuit.dc_resistivity", RESISTIVITY, "ρ_dc", 1e-6, 1e9),
         )
         branches = (
@@ -76,6 +96,11 @@ class Circuit:
             )
         )
         return (*fixed, *branches, *((geometry.DIRECT_SHARE,) if self.clamp else ()))
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The capacitor voltages of the lumped circuit."""
+        return tuple(f"circuit.branches.{i}.voltage" for i in range(self.branches))
 
     def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
         """Where it leaks: at the node, and at the contacts where they feed a part of the clamped section."""
@@ -125,7 +150,7 @@ class Circuit:
         drawn = [1.0 / conductance] if self.leak else []
         rates = [1.0 / (resistances[i] * capacitances[i]) for i in indices]
         return block(
-            states=[f"circuit.branches.{i}.voltage" for i in indices],
+            states=list(self.state_names),
             inputs=["voltage", "leak_current"] if self.leak else ["voltage"],
             outputs=["current", "node_voltage"],
             a=[[rates[i] * (from_state[j] - (1.0 if i == j else 0.0)) for j in indices] for i in indices],
@@ -163,3 +188,50 @@ def contact(values: Values, branches: int, *, leak: bool, along: bool = False) -
 def contact_port(values: Values) -> tuple[str, str, complex]:
     """Where that part leaks, and its area."""
     return "contact_voltage", "contact_leak_current", geometry.direct_length(values) * values["geometry.width"]
+
+
+def _branch_trials(values: Numbers, excitation: Excitation) -> Iterator[Trial]:
+    last = number_of(values, "circuit.branches.")
+    resistivity = values["circuit.dc_resistivity"] / CURRENT
+    for lag in excitation.lags:
+        branch = {
+            f"circuit.branches.{last}.resistivity": resistivity,
+            f"circuit.branches.{last}.permittivity": lag / resistivity,  # their product is its time constant
+        }
+        yield Trial(f"branches={last + 1}", branch, lag=lag)
+
+
+def _clamp_trials(values: Numbers, _excitation: Excitation) -> Iterator[Trial]:
+    if not is_there(values, "clamp.") and not is_there(values, "line.") and values["geometry.clamped_length"] > 0.0:
+        yield Trial("clamp", {"clamp.direct_share": LITTLE})
+
+
+KIND = StageKind("circuit", "circuit.", group="electrical", outputs=("current",), electrical=True)
+BRANCHES = StageKind(
+    "branches",
+    "circuit.branches.",
+    group="electrical",
+    counted=True,
+    compared_as="circuit.branches.",
+    outputs=("current",),
+    electrical=True,
+    grows={"permittivity": 1.0, "resistivity": -1.0},
+    shows="a charge that comes with a time constant of its own",
+    trials=_branch_trials,
+    speed=lambda values, name: values[f"{name}.resistivity"] * values[f"{name}.permittivity"],
+)
+CLAMP = StageKind(
+    "clamp",
+    "clamp.",
+    group="clamp",
+    example=True,
+    compared_as="clamp",
+    outputs=("current",),
+    electrical=True,
+    several_minima=True,
+    curved=True,
+    off=("direct_share",),
+    shows="an early current that the electrodes do not hold back",
+    to_determine="record the first rows after a step faster",
+    trials=_clamp_trials,
+)

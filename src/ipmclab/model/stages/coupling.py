@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from ipmclab.model.blocks import Block, block
 from ipmclab.model.parameters import Declaration, Values
+from ipmclab.model.stages.kind import StageKind
 from ipmclab.units import ANGULAR_RATE, COUPLING_GAIN, SQUARED_ANGULAR_RATE
+
+GAIN: Final = "coupling.gain"
+ZERO: Final = "coupling.zero"
+STATIC: Final = {GAIN: 1.0, ZERO: 1.0, "coupling.p2": -1.0}
+"""Powers of the parameters in d(0) = K_d Z_d/P_2d."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +29,10 @@ class Coupling:
     """Whether a slow mode follows, which then drives the beam; this stage gives the fast part to it."""
 
     declarations: ClassVar[tuple[Declaration, ...]] = (
-        Declaration("coupling.gain", COUPLING_GAIN, "K_d", 1e-15, 1.0),
-        Declaration("coupling.zero", ANGULAR_RATE, "Z_d", 1e-6, 1e9),
-        Declaration("coupling.p1", ANGULAR_RATE, "P_1d", 1e-6, 1e9),
-        Declaration("coupling.p2", SQUARED_ANGULAR_RATE, "P_2d", 1e-12, 1e15),
+        Declaration("coupling.gain", COUPLING_GAIN, "K_d", 1e-15, 1.0, typical=1e-8),
+        Declaration("coupling.zero", ANGULAR_RATE, "Z_d", 1e-6, 1e9, typical=100.0),
+        Declaration("coupling.p1", ANGULAR_RATE, "P_1d", 1e-6, 1e9, typical=10.0),
+        Declaration("coupling.p2", SQUARED_ANGULAR_RATE, "P_2d", 1e-12, 1e15, typical=30.0),
     )
 
     def block(self, values: Values) -> Block:
@@ -48,3 +54,6 @@ class Coupling:
             c=[drive, drive],
             d=[[0.0], [0.0]],
         )
+
+
+KIND = StageKind("coupling", "coupling.", group="coupling", outputs=("displacement", "force"), several_minima=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.parameters import Declaration
+from ipmclab.model.stages.kind import Excitation, Numbers, StageKind, Trial, is_there
 from ipmclab.units import LENGTH
 
 FloatArray = npt.NDArray[np.float64]
@@ -143,3 +144,18 @@ def blank_lost(
         row = list(outputs).index("displacement")
         lost = Laser().lost(values[row], parameters)
         values[row, lost if kept is None else lost & ~kept] = np.nan
+
+
+def _trials(values: Numbers, _excitation: Excitation) -> Iterator[Trial]:
+    if not is_there(values, "laser.") and not is_there(values, "load."):
+        yield Trial("laser")
+
+
+KIND = StageKind(
+    "laser",
+    "laser.",
+    outputs=("displacement",),
+    held=("range",),
+    shows="a strip that bends far before a laser that stands still",
+    trials=_trials,
+)

@@ -3,41 +3,54 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 from ipmclab.model.blocks import Block, Law, block
 from ipmclab.model.parameters import Declaration, Values
+from ipmclab.model.stages.kind import CURRENT, LITTLE, Excitation, Numbers, StageKind, Trial, is_there
 from ipmclab.units import CURRENT_DENSITY, NUMBER, TIME, VOLTAGE, Quantity
 
 FORMS: Final = ("cubic", "exponential", "butler_volmer")
 """Forms of the law, in the order of the numbers by which the compiled loops know them."""
 
+ELECTROLYSIS: Final = 1.23
+"""Water decomposes above this voltage [V]."""
+
 _PER_V = Quantity("conductance per area", "S/m^2", "S/m^2")
 _PER_V2 = Quantity("current density per squared voltage", "A/V^2/m^2", "A/V^2/m^2")
 _PER_V3 = Quantity("current density per cubed voltage", "A/V^3/m^2", "A/V^3/m^2")
 
+# A linear unit counts as about 0.1 mA at 2 V on the area of a usual strip, 1.5 cm^2.
 _DECLARATIONS: Final = {
     "cubic": (
-        Declaration("leak.cubic.linear", _PER_V, "a_1", 0.0, 1e9, "linear", typical=0.0),
-        Declaration("leak.cubic.quadratic", _PER_V2, "a_2", 0.0, 1e9, "linear", typical=0.0),
-        Declaration("leak.cubic.cubic", _PER_V3, "a_3", 0.0, 1e9, "linear", typical=3.0),
+        # The linear part lies in parallel with R_dc: no reading tells the two apart.
+        Declaration("leak.cubic.linear", _PER_V, "a_1", 0.0, 1e9, "linear", typical=0.0, scale=0.5, in_group=False),
+        Declaration("leak.cubic.quadratic", _PER_V2, "a_2", 0.0, 1e9, "linear", typical=0.0, scale=0.2),
+        Declaration("leak.cubic.cubic", _PER_V3, "a_3", 0.0, 1e9, "linear", typical=3.0, scale=0.1),
     ),
     "exponential": (
-        Declaration("leak.exponential.current_density", CURRENT_DENSITY, "j_0", 0.0, 1e9, "linear", typical=10.0),
+        Declaration(
+            *("leak.exponential.current_density", CURRENT_DENSITY, "j_0", 0.0, 1e9, "linear"), typical=10.0, least=1e-12
+        ),
         Declaration("leak.exponential.threshold", VOLTAGE, "V_th", 0.0, 10.0, "linear", typical=1.23),
         Declaration("leak.exponential.voltage_scale", VOLTAGE, "V_s", 1e-3, 100.0, typical=0.5),
     ),
     "butler_volmer": (
-        Declaration("leak.butler_volmer.current_density", CURRENT_DENSITY, "j_0", 0.0, 1e9, "linear", typical=10.0),
+        Declaration(
+            *("leak.butler_volmer.current_density", CURRENT_DENSITY, "j_0", 0.0, 1e9, "linear"),
+            typical=10.0,
+            least=1e-12,
+        ),
         Declaration("leak.butler_volmer.threshold", VOLTAGE, "V_rev", 0.0, 10.0, "linear", typical=1.23),
         Declaration("leak.butler_volmer.voltage_scale", VOLTAGE, "V_s", 1e-3, 100.0, typical=0.5),
     ),
 }
+SLOW_TIME: Final = "leak.slow.time_constant"
 _SLOW: Final = (
-    Declaration("leak.slow.growth", NUMBER, "g", 0.0, 1e3, "linear", typical=0.5),
-    Declaration("leak.slow.time_constant", TIME, "τ_g", 1e-3, 1e6, typical=60.0),
+    Declaration("leak.slow.growth", NUMBER, "g", 0.0, 1e3, "linear", typical=0.5, scale=0.1),
+    Declaration(SLOW_TIME, TIME, "τ_g", 1e-3, 1e6, typical=60.0),
 )
 
 
@@ -105,3 +118,94 @@ class Leak:
             )
             for _, current, _ in ports
         )
+
+
+_SCALES: Final = (0.2, 1.0)
+"""Voltage scales of an exponential leak that are tried [V]."""
+
+_LEAST_VOLTAGE: Final = 1e-50
+"""Voltage [V] whose cube is still far from the smallest number of a computer."""
+
+_STEEPEST: Final = 700.0
+"""Exponent beyond which an exponential is no number of a computer (it ends at 709)."""
+
+
+def _goes(values: Numbers) -> bool:
+    """Whether a leak would be a new one: a line by modes has no place for it."""
+    return not is_there(values, "leak.") and not is_there(values, "line.modes")
+
+
+def _cubic_trials(values: Numbers, excitation: Excitation) -> Iterator[Trial]:
+    if not _goes(values) or excitation.voltage <= _LEAST_VOLTAGE:
+        return
+    size = CURRENT * excitation.current_density / excitation.voltage**3
+    yield Trial("leak.cubic", {"leak.cubic.cubic": size})
+
+
+def _exponential_trials(values: Numbers, excitation: Excitation) -> Iterator[Trial]:
+    if not _goes(values) or excitation.voltage <= ELECTROLYSIS:
+        return
+    for scale in _SCALES:
+        steepness = (excitation.voltage - ELECTROLYSIS) / scale
+        if steepness > _STEEPEST:
+            continue
+        above = math.expm1(steepness)
+        yield Trial(
+            "leak.exponential",
+            {
+                "leak.exponential.current_density": CURRENT * excitation.current_density / above,
+                "leak.exponential.threshold": ELECTROLYSIS,
+                "leak.exponential.voltage_scale": scale,
+            },
+        )
+
+
+def _slow_trials(values: Numbers, excitation: Excitation) -> Iterator[Trial]:
+    if is_there(values, "leak.") and not is_there(values, "leak.slow."):
+        for lag in excitation.lags:
+            growing = {"leak.slow.growth": LITTLE, "leak.slow.time_constant": lag}
+            yield Trial("leak.slow", growing, both_ways=True, lag=lag)
+
+
+def _kind(name: str) -> StageKind:
+    return StageKind(
+        f"leak.{name}",
+        f"leak.{name}.",
+        group="leak",
+        one_of="leak",
+        compared_as=f"leak.{name}",
+        outputs=("current",),
+        electrical=True,
+        several_minima=True,
+        curved=True,
+        off=("current_density",),
+        held=("threshold",),
+        shows="a current that grows beyond 1.23 V",
+        to_determine="record at several voltages above the threshold of the leak, by a slow sine or by steps",
+        cure=("raise voltage", "record at several voltages above the threshold of the leak"),
+        to_show="record above the threshold of the leak, 1.23 V behind the electrodes",
+    )
+
+
+KINDS: Final = (
+    replace(
+        _kind("cubic"),
+        curved=False,
+        off=("linear", "quadratic", "cubic"),
+        held=("linear",),
+        shows="a current that grows faster than the voltage",
+        trials=_cubic_trials,
+    ),
+    replace(_kind("exponential"), example=True, trials=_exponential_trials),
+    _kind("butler_volmer"),
+    replace(
+        _kind("slow"),
+        one_of="",
+        follows="leak",
+        off=("growth",),
+        held=(),
+        shows="a leak that changes while the voltage stands",
+        to_show="record for longer at a voltage that leaks",
+        trials=_slow_trials,
+    ),
+)

@@ -2,67 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.model import geometry
 from ipmclab.model.blocks import Block, Matrix
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.model.stages import line_modes
 from ipmclab.model.stages.circuit import Circuit, contact_port
+from ipmclab.model.stages.kind import Excitation, Numbers, StageKind, Trial, is_there
 from ipmclab.model.stages.line_segments import Segments
 from ipmclab.units import NUMBER
 
-if TYPE_CHECKING:
-    from ipmclab.model.actuator import Actuator
-
 FloatArray = npt.NDArray[np.float64]
-
-
-class ErrorBound(NamedTuple):
-    """How far a line by modes can be off at any time, for each volt of the largest voltage that was applied.
-
-    ``current`` [A/V] and ``node_voltage`` [V/V], the mean that moves the sensing point.
-    """
-
-    current: float
-    node_voltage: float
-
-
-def line_error_bound(actuator: Actuator) -> ErrorBound:
-    """How far an actuator's line by modes can be off, because modes were left out, at any time and for any voltage.
-
-    Derived in ``line_modes.error_bound``. A line by segments has no such bound: its error is that of a ladder, and
-    falls with the square of the number of segments.
-
-    Parameters
-    ----------
-    actuator : Actuator
-
-    Raises
-    ------
-    InputError
-        The actuator's electrodes are no line by modes.
-
-    Examples
-    --------
-    >>> from ipmclab import load_actuator
-    >>> bound = line_error_bound(load_actuator("friend-2+line.modes=12"))
-    >>> bound.current < 1e-5 and bound.node_voltage < 2e-5
-    True
-    """
-    structure, values = actuator.structure, actuator.parameter_values
-    if structure.line != "modes":
-        raise InputError(
-            f"the electrodes of {actuator.name!r} are no line by modes",
-            code="no-modes",
-            where="line.modes",
-            repair="add the stage, such as friend-2+line.modes=12",
-        )
-    return ErrorBound(*line_modes.error_bound(values, structure.branches, round(values["line.modes"])))
 
 
 @dataclass(frozen=True)
@@ -156,3 +112,39 @@ class Line:
 
     def _segments(self, values: Values) -> Segments:
         return Segments(self.branches, self._count(values), leak=self.leak, clamp=self.clamp)
+
+
+_SPREAD = 0.3
+"""Part of the electrodes' resistance that a trial of a line spreads; the rest stands before it."""
+
+
+def _partly_spread(values: Numbers) -> dict[str, float]:
+    sheet = values["circuit.sheet_resistance"]
+    lumped = float(2.0 * sheet * geometry.squares(values).real)
+    before = values["circuit.contact_resistance"] + (1.0 - _SPREAD) * lumped
+    return {"circuit.sheet_resistance": _SPREAD * sheet, "circuit.contact_resistance": before}
+
+
+def _trials(values: Numbers, name: str) -> Iterator[Trial]:
+    if not is_there(values, "line.") and values["circuit.sheet_resistance"] > 0.0:
+        yield Trial(name, beside=_partly_spread)
+
+
+def _modes_trials(values: Numbers, _excitation: Excitation) -> Iterator[Trial]:
+    return iter(()) if is_there(values, "leak.") else _trials(values, "line.modes")
+
+
+def _segments_trials(values: Numbers, _excitation: Excitation) -> Iterator[Trial]:
+    return _trials(values, "line.segments") if is_there(values, "leak.") else iter(())
+
+
+_MODES = StageKind(
+    "line.modes",
+    "line.modes",
+    one_of="line",
+    outputs=("current",),
+    electrical=True,
+    shows="a charge that spreads along the electrodes",
+    trials=_modes_trials,
+)
+KINDS = (_MODES, replace(_MODES, name="line.segments", prefix="line.segments", trials=_segments_trials))

@@ -2,12 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 
 from ipmclab.model.blocks import Block, block
 from ipmclab.model.parameters import Declaration, Values
+from ipmclab.model.stages.kind import LITTLE, Excitation, Numbers, StageKind, Trial, no_trials, number_of
 from ipmclab.units import NUMBER, TIME
+
+
+def mode_name(drive: str, number: int | str = "") -> str:
+    """What the parameters of one slow mode, or of all, begin with.
+
+    Examples
+    --------
+    >>> mode_name("force", 1)
+    'relaxation.force.1.'
+    """
+    return f"relaxation.{drive}.{number}." if number != "" else f"relaxation.{drive}."
+
+
+def pair_name(drive: str, number: int) -> str:
+    """What the parameters of one pair of slow modes begin with."""
+    return f"relaxation.{drive}_pair.{number}."
+
+
+def mode_ratios(names: Iterable[str], drive: str) -> tuple[str, ...]:
+    """Those of some parameters that are ratios of slow modes of a drive.
+
+    Examples
+    --------
+    >>> mode_ratios(["relaxation.force.0.ratio", "relaxation.force_pair.0.ratio"], "force")
+    ('relaxation.force.0.ratio',)
+    """
+    return tuple(name for name in names if name.startswith(mode_name(drive)) and name.endswith(".ratio"))
 
 
 @dataclass(frozen=True)
@@ -87,3 +115,48 @@ class Relaxation:
             c=[[-level * weight for weight in weights]],
             d=[[1.0, 0.0]],
         )
+
+
+def _trials(drive: str) -> Callable[[Numbers, Excitation], Iterator[Trial]]:
+    def found(values: Numbers, excitation: Excitation) -> Iterator[Trial]:
+        name = f"relaxation.{drive}"
+        modes = number_of(values, f"{name}.") + number_of(values, f"{name}_pair.")
+        for lag in excitation.lags:
+            mode = {f"{name}.{modes}.ratio": LITTLE, f"{name}.{modes}.time_constant": lag}
+            yield Trial(name if not modes else f"{name}={modes + 1}", mode, both_ways=True, lag=lag)
+
+    return found
+
+
+def _kinds(drive: str) -> Iterator[StageKind]:
+    name = f"relaxation.{drive}"
+    modes = StageKind(
+        name,
+        f"{name}.",
+        group="relaxation",
+        example=drive == "displacement",
+        counted=True,
+        compared_as=name,
+        outputs=(drive,),
+        several_minima=True,
+        curved=True,
+        off=("ratio",),
+        shows=f"a {drive} that relaxes back or creeps on",
+        to_determine="record at a constant voltage for longer than the slow modes take, and a fast signal too",
+        to_show="record for longer at a constant voltage, or with less noise",
+        trials=_trials(drive),
+        speed=lambda values, name: values[f"{name}.time_constant"],
+    )
+    yield modes
+    yield replace(
+        modes,
+        name=f"{name}_pair",
+        prefix=f"{name}_pair.",
+        example=False,
+        off=("ratio", "lead"),
+        held=("damping_ratio",),
+        trials=no_trials,
+    )
+
+
+KINDS = (*_kinds("displacement"), *_kinds("force"))

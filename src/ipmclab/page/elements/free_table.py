@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from nicegui.element import Element
+
+from ipmclab.model.declared import group_of, in_group
+from ipmclab.model.kinds import groups
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
     from ipmclab.model import Actuator
 
-_GROUPS: Final = ("electrical", "coupling", "leak", "relaxation", "viscoelastic", "clamp")
 _SENSORS: Final = tuple(
     f"observation.{what}.{output}" for what in ("offset", "drift") for output in ("current", "displacement", "force")
 )
@@ -56,19 +58,18 @@ class FreeTable(Element, component="free_table.js"):
     def offer(self, actuator: Actuator) -> None:
         """The parameters of an actuator; what it lacks is chosen no longer."""
         known = {name: one for name, one in actuator.parameters().items() if one.transform != "count"}
-        there = {name.split(".")[0] for name in known}
-        groups = [name for name in _GROUPS if name in there or name == "electrical"]
+        free = [name for name in groups() if in_group(name, known)]
         rows: list[dict[str, Any]] = [
             {
                 "name": name,
                 "value": f"{one.quantity.to_display(one.value):.5g} {one.quantity.display_unit}".strip(),
-                "group": group_of(name, groups),
+                "group": group_of(name),
             }
             for name, one in known.items()
         ]
         rows += [{"name": name, "value": "", "group": ""} for name in _SENSORS]
-        self._props["options"] = {"groups": groups, "parameters": rows}
-        names = {*groups, *known, *_SENSORS}
+        self._props["options"] = {"groups": free, "parameters": rows}
+        names = {*free, *known, *_SENSORS}
         self._props["chosen"] = {role: [one for one in those if one in names] for role, those in self.chosen.items()}
         self.update()
 
@@ -77,17 +78,3 @@ class FreeTable(Element, component="free_table.js"):
         if message != self._props["message"]:
             self._props["message"] = message
             self.update()
-
-
-def group_of(name: str, groups: Sequence[str]) -> str:
-    """The group that frees a parameter too; none for one that is freed by its own name alone.
-
-    Examples
-    --------
-    >>> group_of("circuit.branches.0.resistivity", ["electrical"]), group_of("beam.modulus", ["electrical"])
-    ('electrical', '')
-    """
-    if name == "circuit.dc_resistivity" or name.startswith("circuit.branches."):
-        return "electrical"
-    stage = name.split(".")[0]
-    return stage if stage in groups and name != "leak.cubic.linear" else ""

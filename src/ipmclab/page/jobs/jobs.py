@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -18,7 +17,7 @@ from typing import IO, Any, Final, Literal
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.jobs.frames import Frame, pack, read_frame
 from ipmclab.page.jobs.tasks import LOOK, SIMULATE, TASKS, WORK
-from ipmclab.platform import detached
+from ipmclab.platform import detached, python_child
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
@@ -310,7 +309,7 @@ class _Lane:
         if self._child is not None and self._child.poll() is None:
             return self._child
         self._end_child()
-        command = [sys.executable, "-m", "ipmclab.page.jobs.worker"]
+        command = python_child("ipmclab.page.jobs.worker")
         if self.name == WORK:
             command.append("--aside")
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # it lives as long as the worker

@@ -15,6 +15,7 @@ import time
 from typing import Any, BinaryIO, Final
 
 from ipmclab.page.jobs.frames import Frame, pack, read_frame
+from ipmclab.platform import own_stdin
 
 _BETWEEN_TOLD: Final = 0.1
 """Progress is told at most this often [s]."""
@@ -24,7 +25,7 @@ class Cancelled(BaseException):
     """Raised out of a task that nobody wants any more; no task may take it for a failure."""
 
 
-class _Desk:
+class _Inbox:
     """What was asked, and what was taken back meanwhile."""
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -47,15 +48,15 @@ def main() -> int:
         os.nice(10)  # recording and the server go first
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints must not fall between frames
-    desk = _Desk(sys.stdin.buffer)
+    inbox = _Inbox(own_stdin())
     while True:
-        request = desk.requests.get()
-        frame = _answer(request, desk, out)
+        request = inbox.requests.get()
+        frame = _answer(request, inbox, out)
         out.write(frame)
         out.flush()
 
 
-def _answer(request: dict[str, Any], desk: _Desk, out: BinaryIO) -> bytes:
+def _answer(request: dict[str, Any], inbox: _Inbox, out: BinaryIO) -> bytes:
     from ipmclab.errors import IpmclabError
     from ipmclab.page.jobs.tasks import find_task
 
@@ -64,7 +65,7 @@ def _answer(request: dict[str, Any], desk: _Desk, out: BinaryIO) -> bytes:
 
     def progress(sentence: str, fraction: float | None = None) -> None:
         nonlocal last
-        if this in desk.taken_back:
+        if this in inbox.taken_back:
             raise Cancelled
         now = time.monotonic()
         if now - last >= _BETWEEN_TOLD:
@@ -73,7 +74,7 @@ def _answer(request: dict[str, Any], desk: _Desk, out: BinaryIO) -> bytes:
             out.flush()
 
     try:
-        if this in desk.taken_back:
+        if this in inbox.taken_back:
             raise Cancelled
         answer: Frame = find_task(request["task"])(request["arguments"], progress)
         return pack({"id": this, "done": answer.document}, answer.arrays)

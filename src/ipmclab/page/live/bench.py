@@ -82,6 +82,8 @@ class Bench:
         if taken:
             # It is free, or this says whose it is. Who ends a run does not wait for who held the bench.
             self.take(seat, again=what in ("stop", "abort"))
+        if what == "zero" and self.seats.held and not self.seats.holds(seat):
+            values["text"] = "emergency zero by somebody who watched the page"
         if not self._reached(what, **values):
             if taken:
                 self.seats.release(seat)

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from ipmclab.errors import IpmclabError
-from ipmclab.page.live.columns import Columns
+from ipmclab.page.live.columns import Columns, FloatArray
 from ipmclab.page.live.guardians import left_by_others
 from ipmclab.page.live.state import State
 from ipmclab.rig.bench import block_rows
@@ -39,6 +39,9 @@ _ACTS: Final = 1.0
 
 _NEVER: Final = float("inf")
 _WAIT: Final = 0.25
+_JOURNAL_BEHIND: Final = 3.0
+"""So long [s] blocks wait for the journal to have the rows before them: it is written twice a second."""
+
 _AIR: Final = ("temperature", "relative_humidity")
 
 
@@ -67,6 +70,8 @@ class Follower:
         self._ended = threading.Event()
         self.state = State()
         self.columns: Columns | None = None
+        self._waiting: list[tuple[int, dict[str, FloatArray]]] = []  # blocks for which the journal is behind
+        self._patience = 0.0
         self._thread = threading.Thread(target=self._follow, name="recorder follower", daemon=True)
 
     def start(self) -> None:
@@ -295,6 +300,9 @@ class Follower:
             self._air.update(air)
             self.state.read(air)
             return
+        if message.kind in ("run", "recorded", "ended") and self.columns is not None and self._waiting:
+            self._patience = 0.0
+            self._append(self.columns)
         if message.kind == "run":
             self.columns = None
             self._air.clear()
@@ -306,18 +314,28 @@ class Follower:
         if run is None:
             return
         if self.columns is None:
-            columns = Columns(list(message.arrays), float(run["rate"]))
-            if first:
-                self._fill(columns, first)
-            self.columns = columns
+            self.columns = Columns(list(message.arrays), float(run["rate"]))
+            self._waiting, self._patience = [], time.monotonic() + _JOURNAL_BEHIND
         count = len(next(iter(message.arrays.values()), ()))
         air = {name: np.full(count, value) for name, value in self._air.items()}
-        self.columns.append(first, {**message.arrays, **air})
+        self._waiting.append((first, {**message.arrays, **air}))
+        self._append(self.columns)
         latest = {}
         for name, readings in message.arrays.items():
             known = readings[np.isfinite(readings)]
             latest[name] = float(known[-1]) if len(known) else None
         self.state.read(latest)
+
+    def _append(self, columns: Columns) -> None:
+        """Put the blocks that came behind what was recorded before them; for the journal to have that, they wait."""
+        first = self._waiting[0][0]
+        if columns.rows_seen < first:
+            self._fill(columns, first)
+        if columns.rows_seen < first and self.state.journal is not None and time.monotonic() < self._patience:
+            return
+        for first, values in self._waiting:
+            columns.append(first, values)
+        self._waiting.clear()
 
     def _fill(self, columns: Columns, rows: int) -> None:
         """What was recorded before we came, from the journal."""
@@ -331,6 +349,6 @@ class Follower:
             for first, values in record.rows():
                 if first >= rows:
                     break
-                stop = min(len(values), rows - first)
-                found = {name: values[:stop, places[name]] for name in columns.channels if name in places}
-                columns.append(first, found)
+                start, stop = max(columns.rows_seen - first, 0), min(len(values), rows - first)
+                found = {name: values[start:stop, places[name]] for name in columns.channels if name in places}
+                columns.append(first + start, found)

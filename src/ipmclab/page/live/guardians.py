@@ -32,7 +32,7 @@ def left_by_others(folder: Path, own: str) -> dict[str, tuple[str, str]]:
         state, text = aftermath.read(file)
         if recorder.name == own or not state:
             continue
-        if state in ("zero", "disarmed", "failed") or not (recorder.exists() or _is_settled(folder, file)):
+        if state in ("zero", "disarmed", "failed", "unread") or not (recorder.exists() or _is_settled(folder, file)):
             found[recorder.name] = (state, text)
     return found
 

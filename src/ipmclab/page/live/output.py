@@ -20,6 +20,17 @@ _AT_ZERO: Final = ("zero", "disarmed")
 _NOT_ZEROED: Final = "output could not be brought to 0 V"
 """What the bench adds to the failure before which it could not."""
 
+_NOT_READ: Final = "it is not known that the output is at 0 V"
+"""What it adds where it could not read the output back."""
+
+
+_Said = Literal["untouched", "driven", "zero", "over", "gone", "not zero", "not read", "stuck"]
+
+_OWN_WORDS: Final = {
+    "not zero": "the recorder could not bring it to 0 V",
+    "not read": "the recorder could not read back that it is at 0 V",
+}
+
 
 @dataclass(frozen=True)
 class _Doubt:
@@ -56,7 +67,7 @@ class Output:
         self._guardian_text = ""
         self._name = ""
         self._rig: str | None = None
-        self._said: Literal["untouched", "driven", "zero", "over", "gone", "not zero", "stuck"] = "untouched"
+        self._said: _Said = "untouched"
         self._doubts: dict[str, _Doubt] = {}
         self._settled: set[tuple[str, str]] = set()
 
@@ -114,6 +125,8 @@ class Output:
         code = error.get("code")
         if code == "output-stuck":
             self._said = "stuck"
+        elif code == "output-unread" or _NOT_READ in str(error.get("message", "")):
+            self._said = "not read"
         elif code == "output-not-zero" or _NOT_ZEROED in str(error.get("message", "")):
             self._said = "not zero"
         elif code == "guardian-lost" and self._said != "untouched":
@@ -155,7 +168,7 @@ class Output:
     def _own(self) -> Level:
         """What the output of the recorder that is followed, or was last, is at."""
         guardian, said = self.guardian, self._said
-        if said == "stuck" or guardian == "failed":
+        if said == "stuck" or guardian in ("failed", "unread"):
             return "unsure"
         if guardian == "zero":
             return "zero"
@@ -174,8 +187,8 @@ class Output:
     def _doubt(self) -> _Doubt:
         if self._said == "stuck":
             why = "a voltage is still read, although 0 V was given out"
-        elif self._said == "not zero" and self.guardian not in ("failed", "armed"):
-            why = "the recorder could not bring it to 0 V"
+        elif self._said in _OWN_WORDS and self.guardian not in ("failed", "unread", "armed"):
+            why = _OWN_WORDS[self._said]
         else:
             why = _why(self.guardian, self._guardian_text)
         return _Doubt(self._rig, self.guardian, why, self._said == "stuck")
@@ -192,6 +205,8 @@ class Output:
 
 def _why(guardian: str, text: str) -> str:
     match guardian:
+        case "unread":
+            return f"the guardian reset it, but could not read it back ({text})"
         case "failed":
             return f"the guardian could not bring it to 0 V so far ({text})"
         case "":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ class State:
     """What a recorder has told so far. Every method may be called from any thread."""
 
     def __init__(self) -> None:
+        self._at: float | None = None  # when what is taken now was told
         self._lock = threading.Lock()
         self.version = 0
         """Changes with what happens; readings and progress change only the pulse."""
@@ -162,49 +163,57 @@ class State:
         notes = self._told["notes"]
         if passing and notes and notes[-1]["passing"]:
             notes.pop()
-        notes.append({"at": time.time(), "text": text, "passing": passing})
+        notes.append({"at": time.time() if self._at is None else self._at, "text": text, "passing": passing})
         del notes[:-_MOST_NOTES]
 
     def take(self, message: Message) -> None:
         """Something that the recorder told."""
-        values = dict(message.values)
+        taken = _TAKEN_BY.get(message.kind)
         with self._lock:
+            self._at = message.at  # whoever comes later hears again what was told before
             self._output.take(message)
-            match message.kind:
-                case "plan":
-                    steps = [{**step, "state": "open"} for step in values["steps"]]
-                    self._changed(bench="planned", plan=values, steps=steps)
-                case "step":
-                    self._begin(values)
-                case "question":
-                    self._changed(bench="asking", question=values)
-                case "answered":
-                    self._note(f"{values['step']}: {values['value']}")
-                    self._changed(bench="preparing", question=None)
-                case "run":
-                    self.generation += 1
-                    self.journal = None
-                    self._changed(bench="recording", run=values, progress=None, latest={}, text="")
-                case "begun":
-                    self.journal = Path(values["journal"])
-                case "progress":
-                    self._told["progress"] = values
-                    self.pulse += 1
-                case "event":
-                    self._note(f"{values['time']:.2f} s: {values['text']}")
-                    if values.get("ending") in ENDINGS:
-                        self._ends(values["ending"], at_zero=True)
-                    self._changed()
-                case "note":
-                    self._note(values["text"], bool(values.get("passing")))
-                    self._changed()
-                case "recorded":
-                    self._told["recorded"].append(values)
-                    self._changed(bench="preparing", run=None, progress=None)
-                case "ended":
-                    self._end(values)
+            if taken is not None:
+                taken(self, dict(message.values))
+            self._at = None
 
-    def _begin(self, step: Mapping[str, Any]) -> None:
+    def _take_plan(self, plan: dict[str, Any]) -> None:
+        steps = [{**step, "state": "open"} for step in plan["steps"]]
+        self._changed(bench="planned", plan=plan, steps=steps)
+
+    def _take_question(self, question: dict[str, Any]) -> None:
+        self._changed(bench="asking", question=question)
+
+    def _take_answer(self, answer: dict[str, Any]) -> None:
+        self._note(f"{answer['step']}: {answer['value']}")
+        self._changed(bench="preparing", question=None)
+
+    def _take_run(self, run: dict[str, Any]) -> None:
+        self.generation += 1
+        self.journal = None
+        self._changed(bench="recording", run=run, progress=None, latest={}, text="")
+
+    def _take_journal(self, begun: dict[str, Any]) -> None:
+        self.journal = Path(begun["journal"])
+
+    def _take_progress(self, progress: dict[str, Any]) -> None:
+        self._told["progress"] = progress
+        self.pulse += 1
+
+    def _take_event(self, event: dict[str, Any]) -> None:
+        self._note(f"{event['time']:.2f} s: {event['text']}")
+        if event.get("ending") in ENDINGS:
+            self._ends(event["ending"], at_zero=True)
+        self._changed()
+
+    def _take_note(self, note: dict[str, Any]) -> None:
+        self._note(note["text"], bool(note.get("passing")))
+        self._changed()
+
+    def _take_recorded(self, recorded: dict[str, Any]) -> None:
+        self._told["recorded"].append(recorded)
+        self._changed(bench="preparing", run=None, progress=None)
+
+    def _take_step(self, step: dict[str, Any]) -> None:
         steps = self._told["steps"]
         names = [one["name"] for one in steps]
         later = [place for place in range(self._step + 1, len(steps)) if names[place] == step["name"]]
@@ -217,7 +226,7 @@ class State:
             self._note(f"{step['name']} once more: {step['text']}")
         self._changed(bench="preparing")
 
-    def _end(self, values: Mapping[str, Any]) -> None:
+    def _take_end(self, values: dict[str, Any]) -> None:
         error = values.get("error")
         text = error["message"] if error else {"stop": "stopped", "declined": "not begun"}.get(values["how"], "done")
         steps = self._told["steps"]
@@ -228,3 +237,19 @@ class State:
         self._note(text)
         gone = dict.fromkeys(("question", "run", "progress", "ending"))
         self._changed(bench="ended", ended=dict(values), text="", steps=steps, **gone)
+
+
+_TAKEN_BY: Final[Mapping[str, Callable[[State, dict[str, Any]], None]]] = {
+    "plan": State._take_plan,
+    "step": State._take_step,
+    "question": State._take_question,
+    "answered": State._take_answer,
+    "run": State._take_run,
+    "begun": State._take_journal,
+    "progress": State._take_progress,
+    "event": State._take_event,
+    "note": State._take_note,
+    "recorded": State._take_recorded,
+    "ended": State._take_end,
+}
+"""What each kind of message changes."""

@@ -67,6 +67,8 @@ def guard_in_words(bench: str, output: Output) -> str:
     guardian = output.told_guardian
     if guardian == "failed":
         return "guardian: failed"
+    if guardian == "unread":
+        return "guardian: acted, not read back"
     if output.level == "unsure" and guardian:
         return "guardian: no word yet"
     if guardian == "zero":

@@ -234,7 +234,7 @@ class _Import:
     def _build_layout(self) -> None:
         layout, again = self._layout, self._read_again
         with ui.element("div").classes("lab-bar"):
-            marks = {",": "comma", ";": "semicolon", "\t": "tab"}
+            marks = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "blanks"}
             self._separator = ui.select(
                 marks, value=layout.get("separator", ","), label="Between columns", on_change=again
             )

@@ -319,6 +319,8 @@ const LabPlot = (() => {
         const height = this.heightOf(place);
         if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
       });
+      // What was fetched while it was hidden, or narrow, has too few points for this width.
+      if (this.options.source && !this.options.live && this.fetched && this.points() > 1.2 * this.fetched) this.refresh();
     }
 
     // ---- data
@@ -400,7 +402,8 @@ const LabPlot = (() => {
     // Ask the source; what was asked last is shown, never an older answer.
     async refresh() {
       const asked = ++this.asked;
-      const query = new URLSearchParams({ points: this.points() });
+      this.fetched = this.points();
+      const query = new URLSearchParams({ points: this.fetched });
       if (this.zoom) {
         query.set("begin", this.zoom[0]);
         query.set("end", this.zoom[1]);

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import python_child
 from ipmclab.rig.bench import Block
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.checks.proof import Item, Proof, rig_fingerprint
@@ -65,7 +65,7 @@ def prove(
     rig_name : str
         The path of its file, for the programs that are started and killed.
     ask : callable, optional
-        Puts a question to the operator and gives the answer. Without it what needs hands is not done.
+        Puts a question to the operator and gives the answer. Without it what needs the operator is not done.
     operator : str
     on_item : callable, optional
         Hears of each item when it is done.
@@ -296,7 +296,7 @@ def _stop(rig: Rig, bench: NiBench, volts: float) -> Item:
 @contextmanager
 def _child(rig_name: str, mode: str, volts: float) -> Iterator[subprocess.Popen[str]]:
     """A program that drives the load; it gives its voltage out when this begins."""
-    command = [sys.executable, "-m", "ipmclab.rig.checks.prove_child", rig_name, mode, repr(volts)]
+    command = python_child("ipmclab.rig.checks.prove_child", rig_name, mode, repr(volts))
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
     assert process.stdout is not None

@@ -11,17 +11,18 @@ import os
 import sys
 import threading
 import time
-from typing import Final
+from typing import BinaryIO, Final
 
 from ipmclab.errors import IpmclabError
+from ipmclab.platform import own_stdin
 
 RATE: Final = 50.0
 LONGEST: Final = 60.0  # s: long enough to be killed, short enough to end by itself
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(stdin: BinaryIO) -> None:
     """End at once when whoever started this program is gone."""
-    sys.stdin.read()
+    stdin.read()
     os._exit(3)
 
 
@@ -43,7 +44,7 @@ def main(rig_name: str, mode: str, volts: float) -> int:
     from ipmclab.rig.safety.guardian import Guardian
     from ipmclab.signals import Step
 
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(own_stdin(),), daemon=True).start()
     rig = load_rig(rig_name)
     bench = NiBench(rig)
     guardian = None

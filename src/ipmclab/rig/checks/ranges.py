@@ -6,6 +6,7 @@ import datetime
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
+from ipmclab.model.stages.circuit import CONTACT
 from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.files.rig_file import NI_9205_NOISE
 from ipmclab.run import Finding
@@ -37,7 +38,7 @@ def expected_peak(rig: Rig, actuator: Actuator, amplitude: float) -> float:
         # Some of the membrane is fed past the electrodes: nothing draws more than at once, with all capacitors empty.
         strip = 1.0 / float(actuator.system.d[0, 0])
     else:
-        strip = 2.0 * actuator.circuit_elements().electrode.real + actuator["circuit.contact_resistance"]
+        strip = 2.0 * actuator.circuit_elements().electrode.real + actuator[CONTACT]
     return amplitude / (strip + rig.shunt_resistance + rig.source_resistance)
 
 

@@ -6,17 +6,23 @@ import hashlib
 import ipaddress
 import os
 import socket
-import tempfile
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
-from ipmclab.platform import lock_file
+from ipmclab.errors import InputError
+from ipmclab.platform import folder_of_the_machine, lock_file, open_for_all_users
 from ipmclab.rig.bench import BenchError
 
 
+class InUse(BenchError):
+    """Somebody else records on it: refused, before anything is given out (exit status 2)."""
+
+    exit_status = InputError.exit_status
+
+
 class Hold:
-    """The modules of a chassis, taken for one bench of one program on this computer.
+    """The modules of a chassis, taken for one bench of one program of one user on this computer.
 
     The system lets go of them when the program ends, however it ends. Programs on other computers, and those that are
     not ipmclab, are not kept out: NI-DAQmx itself refuses what they have reserved.
@@ -29,25 +35,30 @@ class Hold:
 
     Raises
     ------
-    BenchError
+    InUse
         ``"bench-in-use"`` when another bench holds one of them.
     """
 
     def __init__(self, address: str | None, modules: Collection[str]) -> None:
         self._files: list[int] = []
         for module in modules:
-            name = hashlib.sha256(f"{_place(address)}|{module}".encode()).hexdigest()[:16]
-            path = Path(tempfile.gettempdir()) / f"ipmclab-module-{name}.lock"
+            path = lock_of(address, module)
             try:
-                descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-            except PermissionError:
-                # Another user's: it can be locked all the same where the system allows it to be read.
-                descriptor = os.open(path, os.O_RDONLY)
+                descriptor = open_for_all_users(path)
+            except OSError as error:
+                self.release()
+                raise InUse(
+                    f"nobody can tell whether another run is being recorded on it: its lock {path} cannot be opened "
+                    f"({error.strerror or error})",
+                    code="bench-in-use",
+                    where=module,
+                    repair="ask the user whose file it is to end that run and to remove the file",
+                ) from error
             self._files.append(descriptor)
             if not lock_file(descriptor):
                 holder = os.read(descriptor, 20).decode("ascii", errors="replace").strip()
                 self.release()
-                raise BenchError(
+                raise InUse(
                     "another run is being recorded on it" + (f", by process {holder}" if holder else ""),
                     code="bench-in-use",
                     where=module,
@@ -62,6 +73,12 @@ class Hold:
         files, self._files = self._files, []
         for descriptor in files:
             os.close(descriptor)
+
+
+def lock_of(address: str | None, module: str) -> Path:
+    """The file that is locked for a module of a chassis: one on this computer, for every user and program."""
+    name = hashlib.sha256(f"{_place(address)}|{module}".encode()).hexdigest()[:16]
+    return folder_of_the_machine() / f"ipmclab-module-{name}.lock"
 
 
 def _place(address: str | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from ipmclab.errors import InputError
+from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver, module_of
 from ipmclab.rig.daqmx.tasks import OnDemand
@@ -55,7 +56,14 @@ class Watcher:
         if self._demand is None:
             self.take()
         assert self._demand is not None
-        return left_at_output(self._rig, self._demand.read()) or 0.0
+        try:
+            readings = self._demand.read()
+        except BenchError as error:
+            if error.code not in ("bench-lost", "bench-in-use"):
+                raise
+            self.take()  # from a guardian, which took them to read the output back
+            readings = self._demand.read()
+        return left_at_output(self._rig, readings) or 0.0
 
     def time_to_zero(self, within: float) -> tuple[float, float | None]:
         """What the output gives when it is first looked at [V], and after how long [s] it gives 0 V."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import block_rows
 from ipmclab.rig.daqmx.driver import Driver
-from ipmclab.rig.request import Feed
+from ipmclab.rig.rows import Feed
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -136,15 +136,21 @@ class TimedTasks:
             self._output.start()
             self._inputs.start()
 
-    def feed(self, feed: Feed, row: int) -> None:
-        """Give the output what it needs until ``ahead`` after a row; nothing once it was stopped."""
+    def wanted(self, row: int) -> int:
+        """How many voltages the output takes at a row, to last until ``ahead`` after it; none once it was stopped."""
         missing = row + self._ahead - self._fed
         # Not at every block: a quarter of what it holds may be used up first.
         if self._output is None or missing < max(1, min(self._ahead // 4, _AT_ONCE)):
-            return
+            return 0
         if row > 0:  # before the clock starts there is time
-            missing = min(missing, max(_AT_ONCE, 2 * block_rows(self._rate)))
-        task = self._output
+            return min(missing, max(_AT_ONCE, 2 * block_rows(self._rate)))
+        return missing
+
+    def feed(self, feed: Feed, row: int) -> None:
+        """Give the output what it wants at a row."""
+        missing, task = self.wanted(row), self._output
+        if not missing:
+            return
         try:
             with self._driver.translated():
                 self._writer.write_many_sample(feed.take(missing), timeout=_QUICK)

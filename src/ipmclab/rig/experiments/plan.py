@@ -64,7 +64,7 @@ class Plan:
 
     @property
     def seconds(self) -> float:
-        """How long it takes at least, without what hands do."""
+        """How long it takes at least, without what the operator does."""
         return sum(step.seconds for step in self.steps)
 
     def _watched(self) -> dict[str, str]:
@@ -234,10 +234,10 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
 def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator: Actuator) -> list[str]:
     """What the model of the strip foretells of the current."""
     from ipmclab.model import simulate
+    from ipmclab.model.stages.circuit import CONTACT
 
-    name = "circuit.contact_resistance"
     in_series = rig.shunt_resistance + rig.source_resistance
-    behind = actuator.replace(**{name: actuator[name] + in_series})
+    behind = actuator.replace(**{CONTACT: actuator[CONTACT] + in_series})
     found = []
     low, high = rig["current"].range
     most = USABLE * min(-low, high)

@@ -3,85 +3,48 @@
 from __future__ import annotations
 
 import contextlib
-import threading
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 from uuid import uuid4
 
-from ipmclab.errors import InputError, IpmclabError
-from ipmclab.quality import pair
+from ipmclab.errors import IpmclabError
 from ipmclab.rig.bench import Bench
 from ipmclab.rig.experiments import fingerprint
-from ipmclab.rig.experiments.desk import Desk, Live
-from ipmclab.rig.experiments.earlier import PATIENCE, Earlier
+from ipmclab.rig.experiments.archive import Archive, Recorded
+from ipmclab.rig.experiments.bench_clock import BenchClock
+from ipmclab.rig.experiments.earlier import Earlier
 from ipmclab.rig.experiments.equilibrium import Air, wait_for_equilibrium
+from ipmclab.rig.experiments.live import Live
+from ipmclab.rig.experiments.operator import Operator
 from ipmclab.rig.experiments.plan import Plan
-from ipmclab.rig.experiments.steps import FINGERPRINT, MOST_DRIFT, PlannedRun, PlannedStep, Question, prepare, watched
+from ipmclab.rig.experiments.requests import Ending, Requests
+from ipmclab.rig.experiments.steps import (
+    FINGERPRINT,
+    MOST_DRIFT,
+    UNKNOWN,
+    PlannedRun,
+    PlannedStep,
+    Question,
+    prepare,
+    watched,
+)
 from ipmclab.rig.process.messages import Message
-from ipmclab.rig.recording.control import Control
-from ipmclab.rig.recording.keeping import State
 from ipmclab.rig.recording.recorder import capture
 from ipmclab.rig.recording.recording import Heartbeat
+from ipmclab.rig.recording.run_request import Listeners, RunRequest
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
 from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
 from ipmclab.signals.signal import shortened
-from ipmclab.store.catalogue.catalogue import Catalogue, safely
-from ipmclab.store.journal.finalise import finalise
-from ipmclab.store.journal.journal import Journal, JournalHeader
 from ipmclab.store.journal.laboratory import Laboratory
-from ipmclab.store.run_file import read_run
-
-Ending = Literal["stop", "abort", "zero"]
 
 _AIR_TOLD: Final = 10.0
 """How often [s] of its own time the waiting for the environment is told."""
 
-_MOST_CHECKED: Final = 5_000_000
-"""Rows of a run that is looked at as soon as it is recorded; a longer one takes too much memory and time for that."""
-
 _MOST_CLAMPINGS: Final = 3
 """How often a strip is clamped again for one fingerprint: each time it is given a voltage."""
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """A run that stands on the disk.
-
-    Parameters
-    ----------
-    path : Path
-    purpose : "signal", "baseline" or "fingerprint"
-    signal : str
-    state : "complete" or "aborted"
-    state_reason : str, optional
-    findings : tuple of Finding
-    """
-
-    path: Path
-    purpose: str
-    signal: str
-    state: str
-    state_reason: str | None
-    findings: tuple[Finding, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """The run as a JSON document."""
-        return {
-            "path": str(self.path),
-            "purpose": self.purpose,
-            "signal": shortened(self.signal),
-            "state": self.state,
-            "state_reason": self.state_reason,
-            "findings": [
-                {"code": one.code, "severity": one.severity, "channel": one.channel, "message": one.message}
-                for one in self.findings
-            ],
-        }
 
 
 class Session:
@@ -93,7 +56,7 @@ class Session:
     bench : Bench
         Closed; closed again at the end.
     laboratory : Laboratory
-    desk : Desk
+    operator : Operator
     inspect : callable
         What is wrong with a run, such as ``ipmclab.check``.
     earlier : callable
@@ -109,7 +72,7 @@ class Session:
         plan: Plan,
         bench: Bench,
         laboratory: Laboratory,
-        desk: Desk,
+        operator: Operator,
         *,
         inspect: Callable[[Run], Sequence[Finding]],
         earlier: Callable[[str], Earlier] | None = None,
@@ -118,61 +81,49 @@ class Session:
         self._plan = plan
         self._experiment = plan.experiment
         self._bench = bench
-        self._laboratory = laboratory
-        self._desk = desk
-        self._inspect = inspect
+        self._operator = operator
         self._earlier = earlier or (lambda _: Earlier())
         self._guardian = guardian
-        self._control: Control | None = None
-        self._marks: list[tuple[float, str]] = []
-        self._lock = threading.RLock()
-        self._ending: Ending | None = None
-        self._reason = ""
-        self._recorded: list[Recorded] = []
-        self._clock = _Clock()
+        self._requests = Requests()
+        self._archive = Archive(laboratory, operator, inspect)
+        self._clock = BenchClock()
         self._known: dict[str, Any] = {}
         self._mounting = self._experiment.mounting_id
-        self._fingerprint: fingerprint.Fingerprint | None = None
         self._remarks: list[str] = []
-        self._first_of_pair: dict[tuple[str, int | None], Path] = {}
         self._tares: tuple[ZeroReading, ...] = ()
         self._names = {step.name for step in plan.steps}
 
     @property
     def recorded(self) -> tuple[Recorded, ...]:
         """The runs so far."""
-        return tuple(self._recorded)
+        return tuple(self._archive.recorded)
 
     @property
     def ended_early(self) -> Ending | None:
         """How the operator ended it before its last step."""
-        return self._ending
+        return self._requests.ending
 
     @property
     def reason(self) -> str:
         """Why it was ended early; empty when it was not."""
-        return self._reason
+        return self._requests.reason
 
     def stop(self) -> None:
         """End the run now, keep it as it is, and do nothing more."""
-        self._end("stop", "stopped by the operator")
+        self._requests.end("stop", "stopped by the operator")
 
     def abort(self, reason: str = "aborted by the operator") -> None:
         """End the run now, keep it marked as aborted, and do nothing more."""
-        self._end("abort", reason)
+        self._requests.end("abort", reason)
 
-    def zero(self) -> None:
+    def zero(self, reason: str = "emergency zero by the operator") -> None:
         """Emergency: the output to 0 V now, then as ``abort``."""
-        self._end("zero", "emergency zero")
+        self._requests.end("zero", reason)
 
     def mark(self, text: str) -> None:
         """Note something at this moment of the run."""
-        with self._lock:
-            if self._control is not None:
-                self._control.mark(text)
-                return
-            self._marks.append((time.monotonic(), text))
-        self._note(f"no run is being recorded: {text!r} is noted at the start of the next one")
+        if not self._requests.mark(text):
+            self._note(f"no run is being recorded: {text!r} is noted at the start of the next one")
 
     def run(self) -> tuple[Recorded, ...]:
         """Do every step.
@@ -188,30 +139,14 @@ class Session:
             self._note("no fingerprint is taken: the current is not among what is measured")
         try:
             for step in self._plan.steps:
-                if self._over():
+                if self._requests.is_over():
                     break
                 self._do(step)
         finally:
             self._safe()
-            for _, text in self._marks:
+            for text in self._requests.unheard:
                 self._note(f"{text!r} came after the last run: it is noted in none")
         return self.recorded
-
-    def _over(self) -> bool:
-        return self._ending is not None
-
-    def _end(self, how: Ending, reason: str) -> None:
-        with self._lock:
-            if self._ending is None or (self._ending == "stop" and how != "stop"):
-                self._ending, self._reason = how, reason
-            control = self._control
-        if control is not None:
-            if how == "stop":
-                control.stop()
-            elif how == "abort":
-                control.abort(reason)
-            else:
-                control.zero()
 
     def _safe(self) -> None:
         """Output to 0 V, whatever happened; a second failure must not hide the first."""
@@ -222,17 +157,35 @@ class Session:
 
     def _do(self, step: PlannedStep) -> None:
         about = {"name": step.name, "text": step.text, "seconds": step.seconds, "asks": step.question is not None}
-        self._desk.tell(Message("step", about))
+        self._operator.tell(Message("step", about))
         if step.name == "fingerprint":
             self._take_fingerprint(step)
             return
         answer = self._ask(step.question) if step.question is not None else ""
         if step.name == "zero" and answer == "skip":
             self._note("no tare is read: a tip that does not touch is told from the end of the sensor only")
-        if self._over():
+        if self._requests.is_over():
             return
-        for words in step.hands if answer not in ("skip", "kept") else ():
-            self._hands(words)
+        if answer == UNKNOWN:
+            self._leave_open(step)
+            return
+        for words in step.actions if answer not in ("skip", "kept") else ():
+            self._act_as_operator(words)
+        self._act(step, answer)
+
+    def _leave_open(self, step: PlannedStep) -> None:
+        """Nobody says whether a step was done: what would follow from it is not known, and the run says so."""
+        told = f"nobody said whether this was done: {step.name}"
+        if step.name == "clamp":
+            self._tares = ()
+            if self._experiment.mounting_id is None:
+                self._mounting = None
+                told += "; the run belongs to no known mounting"
+        self._remarks.append(told)
+        self._note(told)
+
+    def _act(self, step: PlannedStep, answer: str) -> None:
+        """What a step does once its question is answered."""
         match step.name:
             case "hydrate":
                 self._clock.start("out of water")
@@ -257,9 +210,9 @@ class Session:
                 self._record(step.run)
 
     def _ask(self, question: Question) -> str:
-        return self._desk.ask(question, self._over)
+        return self._operator.ask(question, self._requests.is_over)
 
-    def _hands(self, words: str) -> None:
+    def _act_as_operator(self, words: str) -> None:
         """What an operator would do, at a bench that has no operator."""
         hands = getattr(self._bench, "hands", None)
         if hands is not None and self._bench.origin == "virtual bench":
@@ -288,7 +241,7 @@ class Session:
             if air.time - told >= _AIR_TOLD:
                 told = air.time
                 self._note(f"{air}, within tolerance for {air.settled_for:.0f} s", passing=True)
-            return self._over()
+            return self._requests.is_over()
 
         air = wait_for_equilibrium(self._bench, environment, seen, on_air)
         self._clock.passed(air.time, since=began)
@@ -303,25 +256,25 @@ class Session:
         try:
             self._bench.open(["voltage"], rate)
             for _ in self._bench.apply(Step(0.0), max(1, round(seconds * rate))):
-                if self._over():
+                if self._requests.is_over():
                     return
         finally:
             self._bench.close()
         self._clock.passed(seconds, since=began)
 
     def _note(self, text: str, *, passing: bool = False) -> None:
-        self._desk.tell(Message("note", {"text": text, "passing": passing}))
+        self._operator.tell(Message("note", {"text": text, "passing": passing}))
 
     def _take_fingerprint(self, step: PlannedStep) -> None:
         """A fingerprint, and what is to be done when it is not like the earlier ones."""
         assert step.run is not None
         known = self._earlier(self._experiment.sample.id).fingerprints
         clampings = 0
-        while not self._over():
+        while not self._requests.is_over():
             recorded = self._record(step.run)
             if recorded is None or recorded.state != "complete":
                 return
-            found = self._fingerprint
+            found = self._archive.fingerprint
             if found is None:
                 self._note("the fingerprint tells nothing: no step of the current, or a strip still discharging")
                 return
@@ -339,7 +292,7 @@ class Session:
                 )
             question = replace(FINGERPRINT, text=f"{'; '.join(told)}: {FINGERPRINT.text}", again=clampings > 0)
             answer = self._ask(question)
-            if self._over():
+            if self._requests.is_over():
                 return
             self._remarks.append(f"fingerprint outside the earlier ones ({'; '.join(told)}): {answer}")
             if answer == "continue":
@@ -348,44 +301,33 @@ class Session:
             clampings += 1
             for name in (*again, *(["equilibrium"] if answer == "hydrate" and "equilibrium" in self._names else [])):
                 self._do(self._once_more(prepare(name, self._experiment, self._bench.rig)))
-            if self._experiment.pause and not self._over():
+            if self._experiment.pause and not self._requests.is_over():
                 self._rest(self._experiment.pause)  # what the last fingerprint charged must not show in the next
 
     def _once_more(self, step: PlannedStep) -> PlannedStep:
         """A step that is done again: what was answered to it beforehand was said of the first time."""
-        if step.question is None or self._bench.origin == "virtual bench":  # its hands are simulated
+        if step.question is None or self._bench.origin == "virtual bench":  # its operator is simulated
             return step
         choices = tuple(choice for choice in step.question.choices if choice != "kept")
         return replace(step, question=replace(step.question, choices=choices, again=True))
 
     def _record(self, planned: PlannedRun) -> Recorded | None:
         """Record one run, make its file, and say what is wrong with it."""
-        with self._lock:
-            if self._over():
-                return None
-            control = self._control = Control()
-            for noted, text in self._marks:
-                control.mark(f"{text} ({time.monotonic() - noted:.0f} s before the run)")
-            self._marks.clear()
+        control = self._requests.begin_run()
+        if control is None:
+            return None
         uuid = str(uuid4())
         rows = planned.rows
         signal = shortened(str(planned.signal))
         about = {"signal": signal, "purpose": planned.purpose, "rate": planned.rate, "rows": rows}
-        place = sum(one.purpose != "fingerprint" for one in self._recorded) + 1
+        place = sum(one.purpose != "fingerprint" for one in self._archive.recorded) + 1
         of = sum(one.purpose != "fingerprint" for one in self._plan.runs)
-        self._desk.tell(Message("run", {"uuid": uuid, **about, "place": place, "of": of}))
-        kept: list[Journal] = []
-        live = Live(self._desk, rows)
+        self._operator.tell(Message("run", {"uuid": uuid, **about, "place": place, "of": of}))
+        live = Live(self._operator, rows)
+        word = self._guardian.status if self._guardian is not None else None
 
         def on_end(mark: Mark, rows: int) -> None:
-            live.mark(mark, "limit" if mark.kind == "limit" else self._ending or "abort", rows)
-
-        def make_journal(header: JournalHeader) -> Journal:
-            journal = Journal.create(self._laboratory, header, on_commit=live.committed)
-            kept.append(journal)
-            self._desk.tell(Message("begun", {"uuid": header.uuid, "journal": str(journal.path)}))
-            safely(lambda: self._catalogue().begin(header.uuid, header.metadata))
-            return journal
+            live.mark(mark, "limit" if mark.kind == "limit" else self._requests.ending or "abort", rows)
 
         began = self._clock.now
         short = planned.purpose == "fingerprint"
@@ -393,115 +335,45 @@ class Session:
         try:
             outcome = capture(
                 self._bench,
-                planned.signal,
-                duration=planned.duration,
-                rate=planned.rate,
-                measured=planned.measured,
-                rest_before=planned.rest_before,
-                rest_after=planned.rest_after,
-                metadata=self._metadata(planned, uuid),
-                limits=self._plan.limits,
-                journal=make_journal,
+                RunRequest(
+                    source=planned.signal,
+                    duration=planned.duration,
+                    rate=planned.rate,
+                    measured=planned.measured,
+                    rest_before=planned.rest_before,
+                    rest_after=planned.rest_after,
+                    metadata=self._metadata(planned, uuid),
+                    limits=self._plan.limits,
+                    tares=() if short else self._tares,
+                    zero_time=planned.zero_before,
+                    zero_after=planned.zero_after,
+                    most_drift=MOST_DRIFT if force else None,
+                ),
+                journal=lambda header: self._archive.begin(header, live, word),
                 control=control,
                 heartbeat=self._guardian,
-                on_block=live.block,
-                on_mark=live.mark,
-                tares=() if short else self._tares,
-                zero_time=planned.zero_before,
-                zero_after=planned.zero_after,
-                most_drift=MOST_DRIFT if force else None,
-                on_preload=self._tell_preload,
-                on_air=live.air,
-                on_end=on_end,
+                listeners=Listeners(live.block, live.mark, on_end, live.air, self._tell_preload),
                 finish=self._tare_again if force and self._tares else None,
             )
         except BaseException:
             with contextlib.suppress(IpmclabError):
-                self._keep(kept, planned)
+                self._archive.keep(planned)
             raise
         finally:
-            with self._lock:
-                self._control = None
-                late = [request.text for request in control.take() if request.kind == "mark"]
-                self._marks += [(time.monotonic(), text) for text in late]
+            self._requests.end_run()
         self._clock.passed(planned.zero_before + planned.seconds + planned.zero_after, since=began)
         try:
-            recorded = self._keep(kept, planned, outcome.state, outcome.reason)
+            recorded = self._archive.keep(planned, outcome.state, outcome.reason)
         except IpmclabError as error:
             if error.code != "journal-empty":
                 raise outcome.error or error from error
             recorded = None
         if outcome.error is not None:
             raise outcome.error
-        is_whole = recorded is not None and recorded.state == "complete" and rows <= _MOST_CHECKED
-        if recorded is not None and is_whole and planned.pair_id is not None:
-            self._tell_pair(planned.pair_id, planned.repeat, recorded.path)
-        if outcome.state == "aborted" and not self._over():
+        if outcome.state == "aborted" and not self._requests.is_over():
             # What the guard ended is not begun again: the strip, or the signal, is not what it was thought to be.
-            self._ending, self._reason = "abort", outcome.reason
+            self._requests.end("abort", outcome.reason)
         return recorded
-
-    def _look_at(self, path: Path, rows: int) -> tuple[Run | None, list[Finding]]:
-        """A run that was kept, and what is wrong with it; what fails here ends no experiment."""
-        later = f"it was not looked at; ipmclab check {path} does that"
-        if rows > _MOST_CHECKED:
-            self._note(f"{rows} rows are more than the {_MOST_CHECKED} that are read back at once: {later}")
-            return None, []
-        run: Run | None = None
-        try:
-            run = read_run(path)
-            return run, list(self._inspect(run))
-        except Exception as error:  # whatever it is, the run is on the disk, and the next one waits
-            self._note(f"{type(error).__name__}: {error}: {later}")
-            return run, []
-
-    def _keep(
-        self, kept: Sequence[Journal], planned: PlannedRun, state: State = "aborted", reason: str = ""
-    ) -> Recorded | None:
-        """The run file of what was recorded, with what is wrong with it."""
-        if not kept:
-            return None
-        try:
-            path = finalise(kept[-1].path, self._laboratory)
-        except IpmclabError as error:
-            if error.code == "journal-empty":
-                safely(lambda: self._catalogue().discard(kept[-1].path.stem))
-            raise
-        run, findings = self._look_at(path, kept[-1].acknowledged)
-        about = run.metadata if run is not None else RunMetadata(state=state, state_reason=reason or None)
-        if planned.purpose == "fingerprint":
-            self._fingerprint = fingerprint.read_fingerprint(run) if run is not None else None
-        failed = safely(lambda: self._catalogue().add(path, findings))
-        if failed is not None:
-            self._note(f"the catalogue does not know this run yet: {failed}")
-        recorded = Recorded(
-            path=path,
-            purpose=planned.purpose,
-            signal=about.signal or str(planned.signal),
-            state=about.state or "complete",
-            state_reason=about.state_reason,
-            findings=tuple(findings),
-        )
-        self._recorded.append(recorded)
-        self._desk.tell(Message("recorded", recorded.as_dict()))
-        return recorded
-
-    def _tell_pair(self, pair_id: str, repeat: int | None, path: Path) -> None:
-        """What the two polarities have in common, once both are there."""
-        first = self._first_of_pair.pop((pair_id, repeat), None)
-        if first is None:
-            self._first_of_pair[pair_id, repeat] = path
-            return
-        try:
-            found = pair(read_run(first), read_run(path))
-        except (InputError, MemoryError) as error:
-            self._note(f"the pair tells nothing: {error}")
-            return
-        for text in found.texts():
-            self._note(text)
-
-    def _catalogue(self) -> Catalogue:
-        return Catalogue(self._laboratory.root, patience=PATIENCE)
 
     def _metadata(self, planned: PlannedRun, uuid: str) -> RunMetadata:
         experiment = self._experiment
@@ -540,39 +412,13 @@ class Session:
         """The tare after a run, with the bench still open."""
         step = prepare("zero", self._experiment, bench.rig)
         assert step.question is not None
-        if self._over() or self._ask(replace(step.question, text=f"after the run: {step.question.text}")) == "skip":
+        if (
+            self._requests.is_over()
+            or self._ask(replace(step.question, text=f"after the run: {step.question.text}")) == "skip"
+        ):
             return ()
-        for words in step.hands:
-            self._hands(words)
+        for words in step.actions:
+            self._act_as_operator(words)
         experiment = self._experiment
         names, seconds = ("voltage", "force"), experiment.zero_time
         return (read_rest(bench, names, experiment.rate, when="after", duration=seconds, force="tare")["force"],)
-
-
-class _Clock:
-    """How much time has passed: that of the wall, or that of a bench whose clock runs faster.
-
-    At a simulated bench half an hour passes in a second; at a real one both say the same.
-    """
-
-    def __init__(self) -> None:
-        self._ahead = 0.0
-        self._marks: dict[str, float] = {}
-
-    @property
-    def now(self) -> float:
-        """Time [s]."""
-        return time.monotonic() + self._ahead
-
-    def passed(self, seconds: float, *, since: float) -> None:
-        """So much time has passed at the bench since a moment."""
-        self._ahead += max(0.0, seconds - (self.now - since))
-
-    def start(self, what: str) -> None:
-        """Count the time of something from now on."""
-        self._marks[what] = self.now
-
-    def minutes_since(self, what: str) -> float | None:
-        """Minutes since it was started, None if it was not."""
-        began = self._marks.get(what)
-        return None if began is None else round((self.now - began) / 60.0, 3)

@@ -18,6 +18,9 @@ from ipmclab.signals.signal import shortened
 MOST_DRIFT: Final = 5e-6
 """The preload has settled when it drifts by less [N/s]: 0.2 mN in 40 s, against signals of 0.5 to 3.7 mN."""
 
+UNKNOWN: Final = "unknown"
+"""The answer that an act of a person was done, or not: nobody says which. It is what ``--yes`` answers."""
+
 Purpose = Literal["signal", "baseline", "fingerprint"]
 
 
@@ -32,9 +35,11 @@ class Question:
     text : str
     choices : tuple of str
     default : str
-        What ``--yes`` answers.
+        What an operator confirms.
     again : bool
         It is asked once more in the same step: an answer given beforehand has been used up.
+    unattended : str, optional
+        What ``--yes`` answers where that is not the default: nobody is vouched for.
     """
 
     step: str
@@ -42,6 +47,12 @@ class Question:
     choices: tuple[str, ...]
     default: str
     again: bool = False
+    unattended: str = ""
+
+    @classmethod
+    def of_an_act(cls, step: str, text: str, *otherwise: str, done: str = "done") -> Question:
+        """Whether a person has done something: only a person can say so."""
+        return cls(step, text, (done, *otherwise, UNKNOWN), done, unattended=UNKNOWN)
 
     def check(self, value: str) -> str:
         """An answer in the spelling of the choices.
@@ -125,13 +136,13 @@ class PlannedStep:
     text : str
         What happens, for people.
     seconds : float [s]
-        At least; 0 for what hands do.
+        At least; 0 for what the operator does.
     question : Question, optional
         What it asks of the operator.
     run : PlannedRun, optional
         What it records.
-    hands : tuple of str
-        What an operator's hands do then, in the words of a virtual rig.
+    actions : tuple of str
+        What the operator does then, in the words of a virtual rig.
     """
 
     name: str
@@ -139,7 +150,7 @@ class PlannedStep:
     seconds: float = 0.0
     question: Question | None = None
     run: PlannedRun | None = None
-    hands: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
 
 
 def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
@@ -254,19 +265,19 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
     force = "force" in experiment.measured
     if name == "hydrate":
         text = "the strip in its solvent between experiments; then take it out and tap it dry with tissue"
-        return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=("rest",))
+        return PlannedStep(name, text, question=Question.of_an_act(name, text), actions=("rest",))
     if name == "clamp":
         at = f" at {experiment.clamp_pressure / 1e3:g} kPa" if experiment.clamp_pressure is not None else ""
         text = f"clamp the strip{at}; 'kept' if it has stayed in the clamp since its last run"
-        return PlannedStep(name, text, question=Question(name, text, ("done", "kept"), "done"), hands=("rest",))
+        return PlannedStep(name, text, question=Question.of_an_act(name, text, "kept"), actions=("rest",))
     if name == "chamber-on":
         text = f"chamber on, set to {target}" if target else "chamber on"
-        hands = []
+        actions = []
         if environment is not None and environment.temperature is not None:
-            hands.append(f"temperature {environment.temperature:g} degC")
+            actions.append(f"temperature {environment.temperature:g} degC")
         if environment is not None and environment.relative_humidity is not None:
-            hands.append(f"humidity {environment.relative_humidity:g} percent")
-        return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=tuple(hands))
+            actions.append(f"humidity {environment.relative_humidity:g} percent")
+        return PlannedStep(name, text, question=Question.of_an_act(name, text), actions=tuple(actions))
     if name == "equilibrium":
         if environment is None:
             raise InputError(
@@ -279,19 +290,19 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
         if watched(experiment, rig):
             return PlannedStep(name, text, environment.settle)
         text += "; this rig has no sensor for it, so an operator says when"
-        return PlannedStep(name, text, environment.settle, question=Question(name, text, ("settled",), "settled"))
+        return PlannedStep(name, text, environment.settle, Question.of_an_act(name, text, done="settled"))
     if name == "chamber-off":
         text = "chamber off: its fan shakes the strip"
-        return PlannedStep(name, text, question=Question(name, text, ("done",), "done"))
+        return PlannedStep(name, text, question=Question.of_an_act(name, text))
     if name == "zero":
         seconds = experiment.zero_time
         if force:
             text = "tip clear of the load cell: its tare is read"
-            question = Question(name, text + "; 'skip' to go without it", ("done", "skip"), "done")
-            return PlannedStep(name, text, seconds, question, hands=("tip clear",))
+            question = Question(name, text + "; 'skip' to go without it", ("done", "skip"), "done", unattended="skip")
+            return PlannedStep(name, text, seconds, question, actions=("tip clear",))
         return PlannedStep(name, f"the channels are read at 0 V for {seconds:g} s before and after the run")
     text = f"tip on the load cell: the run waits until the preload drifts by less than {1e6 * MOST_DRIFT:g} uN/s"
-    return PlannedStep(name, text, question=Question(name, text, ("done",), "done"), hands=("tip on cell",))
+    return PlannedStep(name, text, question=Question.of_an_act(name, text), actions=("tip on cell",))
 
 
 def watched(experiment: Experiment, rig: Rig) -> tuple[str, ...]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Final
 
-SUFFIX: Final = ".guardian"
-"""Of the file beside the recorder's own in which its guardian says what it has come to."""
+from ipmclab.store.journal.guardian_word import SUFFIX as SUFFIX
+from ipmclab.store.journal.guardian_word import read_word
 
 PATIENCE: Final = 6.0
 """How long [s] a client waits for the guardian's word: it acts within 1 s, or says after 3 s that it could not."""
 
 _LOOK: Final = 0.1
+_UNREAD: Final = "a guardian reset the output, but could not read back that it is at 0 V ({})"
 
 
 def fate(recorder: Path, within: float = PATIENCE) -> str:
@@ -32,6 +32,8 @@ def fate(recorder: Path, within: float = PATIENCE) -> str:
         state, text = read(file)
         if state == "zero":
             return "its guardian brought the output to 0 V"
+        if state == "unread":
+            return f"SWITCH THE AMPLIFIER OFF: {_UNREAD.format(text)}"
         if state == "failed":
             return f"SWITCH THE AMPLIFIER OFF: its guardian could NOT bring the output to 0 V ({text})"
         if state in ("", "disarmed"):
@@ -43,20 +45,17 @@ def fate(recorder: Path, within: float = PATIENCE) -> str:
 
 def read(file: Path) -> tuple[str, str]:
     """State and text that a guardian wrote; both empty where there is none."""
-    try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-        return str(told["state"]), str(told["text"])
-    except FileNotFoundError:
-        return "", ""
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        return "unknown", str(error)
+    word = read_word(file)
+    return word.state, word.text
 
 
 def failures(folder: Path) -> list[tuple[Path, str]]:
-    """The guardians of a laboratory folder that could not bring their output to 0 V, with what they said."""
+    """The guardians of a laboratory folder that have not seen their output at 0 V, with what they said."""
     found = []
     for file in sorted((folder / "recording").glob(f"*{SUFFIX}")):
         state, text = read(file)
         if state == "failed":
             found.append((file, f"SWITCH THE AMPLIFIER OFF: a guardian could NOT bring the output to 0 V ({text})"))
+        elif state == "unread":
+            found.append((file, f"SWITCH THE AMPLIFIER OFF, or see that it is at 0 V: {_UNREAD.format(text)}"))
     return found

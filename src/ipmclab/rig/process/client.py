@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
-import sys
 import threading
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Connection, answer_challenge, deliver_challenge
@@ -13,13 +12,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import detached
+from ipmclab.platform import detached, python_child
 from ipmclab.rig.process.aftermath import PATIENCE, fate
 from ipmclab.rig.process.hub import SUFFIX, hang_up
 from ipmclab.rig.process.messages import Message, decode, encode
 
 LOGIN: Final = 10.0
 """How long [s] a recorder may take to let a client in: one that lives does it at once."""
+
+KNOCK: Final = 4.0
+"""How long [s] to wait for a closed port to refuse: Windows tries three times, which takes it 2 s."""
 
 PROMPT: Final = 1.0
 """How long [s] it may take to take in a request; then we hang up, for half a one was sent."""
@@ -171,7 +173,7 @@ def forget_dead_recorders(folder: Path) -> None:
         try:
             host, port = str(json.loads(file.read_text(encoding="utf-8"))["address"]).rsplit(":", 1)
             # No more than a knock: one that hangs would not answer, and must not hold up another rig's recorder.
-            socket.create_connection((host, int(port)), timeout=1.0).close()
+            socket.create_connection((host, int(port)), timeout=KNOCK).close()
         except (OSError, ValueError, KeyError, TypeError) as error:
             if not isinstance(error, ConnectionRefusedError):
                 continue  # it hangs, or is another user's: that is no death
@@ -247,9 +249,7 @@ def launch(module: str, job: dict[str, Any]) -> Recorder:
     InputError, IpmclabError
         What the recorder refuses, or that it did not come up.
     """
-    process = subprocess.Popen(
-        [sys.executable, "-m", module], stdin=subprocess.PIPE, stdout=subprocess.PIPE, **detached()
-    )
+    process = subprocess.Popen(python_child(module), stdin=subprocess.PIPE, stdout=subprocess.PIPE, **detached())
     assert process.stdin is not None
     assert process.stdout is not None
     with process.stdin:

@@ -11,13 +11,14 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Connection, Listener, answer_challenge, deliver_challenge
 from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.errors import IpmclabError
-from ipmclab.platform import write_for_owner_only
+from ipmclab.platform import move_file, write_for_owner_only
 from ipmclab.rig.process.messages import LONGEST_REQUEST, REQUESTS, Message, decode, encode
 
 HOST: Final = "127.0.0.1"
@@ -100,8 +101,12 @@ class Hub:
         self.file = folder / f"{secrets.token_hex(4)}{SUFFIX}"
         told = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
         new = self.file.with_suffix(".new")  # whoever looks for recorders finds a whole file or none
-        write_for_owner_only(new, json.dumps(told) + "\n")
-        new.replace(self.file)
+        try:
+            write_for_owner_only(new, json.dumps(told) + "\n")
+            move_file(new, self.file)
+        except OSError:
+            self._listener.close()
+            raise
         self._door = threading.Thread(target=self._accept, name="recorder door", daemon=True)
         self._door.start()
 
@@ -118,6 +123,7 @@ class Hub:
     def tell(self, message: Message) -> None:
         """Tell all clients, at once and without waiting for any."""
         is_block = message.kind in _PASSING
+        message = replace(message, at=time.time()) if message.at is None else message
         payload = encode(message)
         with self._lock:
             if message.kind == "progress" and self._past and self._past[-1].kind == "progress":

@@ -70,11 +70,14 @@ class Message:
     values : mapping
         What JSON can hold.
     arrays : mapping of name to float array, shape (n,)
+    at : float, optional [s since 1970]
+        When it was told first: who comes later is told again.
     """
 
     kind: str
     values: Mapping[str, Any] = field(default_factory=dict)
     arrays: Mapping[str, FloatArray] = field(default_factory=dict)
+    at: float | None = field(default=None, compare=False)
 
     def __getitem__(self, name: str) -> Any:
         return self.values[name]
@@ -89,7 +92,13 @@ def encode(message: Message) -> bytes:
     'fan on'
     """
     arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in message.arrays.items()}
-    head = {"kind": message.kind, "values": message.values, "arrays": {name: len(one) for name, one in arrays.items()}}
+    head: dict[str, Any] = {
+        "kind": message.kind,
+        "values": message.values,
+        "arrays": {name: len(one) for name, one in arrays.items()},
+    }
+    if message.at is not None:
+        head["at"] = message.at
     text = json.dumps(head).encode()
     return b"".join([_LENGTH.pack(len(text)), text, *(array.tobytes() for array in arrays.values())])
 
@@ -106,6 +115,8 @@ def decode(payload: bytes) -> Message:
         (length,) = _LENGTH.unpack_from(payload)
         head = json.loads(payload[_LENGTH.size : _LENGTH.size + length])
         kind, values, lengths = head["kind"], head["values"], head["arrays"]
+        told_at = head.get("at")
+        told_at = float(told_at) if isinstance(told_at, int | float) else None
         if not (isinstance(kind, str) and isinstance(values, dict) and isinstance(lengths, dict)):
             raise TypeError("a field of another kind")
         at = _LENGTH.size + length
@@ -124,4 +135,4 @@ def decode(payload: bytes) -> Message:
             where="recorder",
             repair="use the same version of ipmclab at both ends",
         ) from error
-    return Message(kind, values, arrays)
+    return Message(kind, values, arrays, told_at)

@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any, Final, Protocol
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.rig.experiments.session import Recorded
+from ipmclab.rig.experiments.archive import Recorded
 from ipmclab.rig.experiments.steps import Question
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
@@ -38,14 +38,14 @@ class Steered(Protocol):
     def abort(self, reason: str = ...) -> None:
         """End the run, kept as aborted."""
 
-    def zero(self) -> None:
+    def zero(self, reason: str = ...) -> None:
         """Output to 0 V now."""
 
     def mark(self, text: str) -> None:
         """Note something."""
 
 
-class ClientDesk:
+class ClientOperator:
     """Answers questions from what was given beforehand, else from whichever client answers first.
 
     Parameters
@@ -129,7 +129,7 @@ class ClientDesk:
         return any(kind != "mark" for kind, _ in self._before)
 
     def ask(self, question: Question, ended: Callable[[], bool]) -> str:
-        """The answer to a question: see ``session.Desk``."""
+        """The answer to a question: see ``Operator.ask``."""
         known = self._answers.get(question.step)
         if question.again and known is not None and self.unattended:
             raise IpmclabError(
@@ -199,18 +199,18 @@ def _act(steered: Steered, kind: str, text: str) -> None:
         case "stop":
             steered.stop()
         case "zero":
-            steered.zero()
+            steered.zero(text or "emergency zero by the operator")
         case _:
             steered.abort(text or "aborted by the operator")
 
 
-def end_on_signals(desk: ClientDesk) -> None:
+def end_on_signals(operator: ClientOperator) -> None:
     """Let every signal that ends a process end the run first, with the output at 0 V. Of the main thread."""
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
         reason = f"the recorder was told to end ({signal.Signals(number).name})"
         # Not here: the main thread may hold a lock that this needs.
-        threading.Thread(target=desk.end, args=("abort", reason), daemon=True).start()
+        threading.Thread(target=operator.end, args=("abort", reason), daemon=True).start()
 
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):
@@ -236,8 +236,8 @@ def ended(
     status = 0
     document = None
     if error is not None:
-        status = error.exit_status
-        document = {**error.as_dict(), "exit_status": error.exit_status}
+        status = FAILED if recorded else error.exit_status  # what was refused has recorded nothing
+        document = {**error.as_dict(), "exit_status": status}
     elif how in ("abort", "zero") or any(run.state == "aborted" for run in recorded):
         status = FAILED
         reason = next((run.state_reason for run in reversed(recorded) if run.state == "aborted"), None)

@@ -46,9 +46,9 @@ class Control:
         """End the run at once: output to 0 V, and the run is kept, marked as aborted."""
         self._ask(Request("abort", reason))
 
-    def zero(self) -> None:
+    def zero(self, reason: str = "emergency zero by the operator") -> None:
         """Emergency: output to 0 V, the discharge is recorded, and the run is kept, marked as aborted."""
-        self._ask(Request("zero"))
+        self._ask(Request("zero", reason))
 
     def mark(self, text: str) -> None:
         """Note something at this moment of the run."""

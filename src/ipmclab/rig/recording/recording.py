@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
-from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.bench import Bench, BenchError, Block, block_rows
+from ipmclab.rig.bench import Bench, Block, block_rows
+from ipmclab.rig.recording.about import About
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import InJournal, InMemory, JournalLike, Keeper, Rows, State
-from ipmclab.rig.recording.scaling import Scaling
+from ipmclab.rig.recording.run_request import Listeners, RunRequest
 from ipmclab.rig.recording.slow import Air, AirMean
-from ipmclab.rig.recording.zeroing import (
-    Rest,
-    contact_levels,
-    is_discharged,
-    read_rest,
-    subtracted,
-    uncertainties,
-)
+from ipmclab.rig.recording.zeroing import Rest, read_rest
+from ipmclab.rig.rows import RowSource
 from ipmclab.rig.safety.guard import Alarm, Guard, rows_out_of_order
-from ipmclab.rig.safety.guarded_bench import GuardedBench
-from ipmclab.rig.safety.limits import Limits
+from ipmclab.rig.safety.guarded_bench import GuardedBench, output_stuck
+from ipmclab.rig.scaling import Scaling
 from ipmclab.run import SLOW_CHANNELS, Mark, Run, RunMetadata, ZeroReading
-from ipmclab.signals import Signal
-from ipmclab.version import __version__
 
 if TYPE_CHECKING:
     from ipmclab.store.journal.header import JournalHeader
@@ -42,21 +33,28 @@ FloatArray = npt.NDArray[np.float64]
 START_TIME: Final = 2.0
 """How long [s] a bench may take to start a signal, and to end one."""
 
+NOT_AT_ZERO: Final = ("output-not-zero", "output-unread")
+"""The codes of a bench that could not bring its output to 0 V, or not see it there."""
+
 ZEROING_TIME: Final = 0.5
 """How long [s] it may take to bring the output to 0 V while a signal is given out."""
-
-NO_CHARGE: Final = 0.01
-"""A current at rest below this share of the run's largest is no reason to doubt that the strip was at rest."""
 
 
 class Heartbeat(Protocol):
     """Somebody who brings the output to 0 V when this program no longer can: see ``ipmclab.rig.safety.guardian``."""
+
+    @property
+    def status(self) -> Path | None:
+        """The file in which it says what it has come to."""
 
     def arm(self, block_time: float) -> None:
         """From now on watch for beats, which come at every block [s]."""
 
     def beat(self) -> None:
         """All is well. Raises IpmclabError when nobody watches any more."""
+
+    def explain(self, failure: IpmclabError) -> None:
+        """Put the cause in the place of a failure that only follows from it."""
 
     def hold(self, seconds: float) -> None:
         """The next beat may take so long [s]."""
@@ -99,51 +97,64 @@ class EndedEarly(Exception):
     """It was asked to end before the signal began."""
 
 
+@dataclass(frozen=True)
+class Attendants:
+    """Who attends a recording.
+
+    Parameters
+    ----------
+    control : Control
+        Ends it, or marks it, from another thread.
+    heartbeat : Heartbeat, optional
+        Watches over it.
+    listeners : Listeners
+        Are told.
+    """
+
+    control: Control
+    heartbeat: Heartbeat | None
+    listeners: Listeners
+
+
 class Recording:
-    """One recording: what its steps share."""
+    """One recording: what its steps share.
+
+    Parameters
+    ----------
+    bench : GuardedBench
+    request : RunRequest
+    names : sequence of str
+        The channels that are read.
+    attendants : Attendants
+    """
 
     def __init__(
-        self,
-        bench: GuardedBench,
-        limits: Limits,
-        rate: float,
-        names: tuple[str, ...],
-        control: Control,
-        on_block: Callable[[Rows], None] | None,
-        on_mark: Callable[[Mark], None] | None,
-        heartbeat: Heartbeat | None,
+        self, bench: GuardedBench, request: RunRequest, names: tuple[str, ...], attendants: Attendants
     ) -> None:
         self._bench = bench
-        self._heartbeat = heartbeat
-        self._rate = rate
-        self._names = names
+        self._request = request
+        self._control = attendants.control
+        self._heartbeat = attendants.heartbeat
+        self._listeners = attendants.listeners
+        self._rate = rate = request.rate
+        self.names = names
         self._fast = tuple(name for name in names if name not in SLOW_CHANNELS)
-        self._channels = [bench.rig[name] for name in names]
-        self._control = control
-        self._on_block = on_block
-        self._on_mark = on_mark
-        self._guard = Guard(limits, rate, bench.rig)
+        self._guard = Guard(request.limits, rate, bench.rig)
+        self._about = About(bench, request, names)
         air = [name for name in names if name in SLOW_CHANNELS]
         if bench.rig.thermometer is not None and "temperature" not in air:
             air.append("temperature")
-        self._air_names = tuple(air)
-        self._air = AirMean(self._air_names, rate)
-        self._scaling = Scaling(self._channels, {})
+        self._air = AirMean(tuple(air), rate)
+        self._scaling = Scaling([bench.rig[name] for name in names], {})
         self._keeper: Keeper = InMemory(rate)
-        self.rest_rows = 0
-        self.discharge_rows = 0
-        self.on_air: Callable[[Air], None] | None = None
-        self.on_end: Callable[[Mark, int], None] | None = None
+        self._rest_rows = round(request.rest_after * rate)
+        self._discharge_rows = round(request.discharge * rate)
         self.read = 0
         self._rows = 0
         self._next_row = 0
         self._last_row: int | None = None
         self._early: list[str] = []
         self._hurried = False
-        self._began: datetime | None = None
-        self._left = 0.0
-        self._peak = 0.0
-        self._air_readings: dict[str, list[float]] = {}
         self.state: State = "complete"
         self.reason = ""
         self.alarm: Alarm | None = None
@@ -155,38 +166,10 @@ class Recording:
                 raise EndedEarly(f"{request.text or request.kind}, before the signal began")
             self._early.append(request.text)
 
-    def prepare(
-        self, rest: Rest, tares: Sequence[ZeroReading], about: RunMetadata, signal: str, limits: Limits
-    ) -> RunMetadata:
+    def prepare(self, rest: Rest, signal: str) -> RunMetadata:
         """Set the zeros, and say what is known before the first row."""
-        rig = self._bench.rig
-        self._scaling = Scaling(self._channels, subtracted(rig, rest), contact_levels(rig, rest, tares))
-        self._left = rest.ends["current"][1] if "current" in rest.ends else 0.0
-        texts = limits.as_text()
-        for name, reason in limits.unwatched(rig, self._names).items():
-            texts[name] += f" ({reason})"
-        zeros = (*about.zeros, *tares, *rest.zeros)
-        fast = [channel for channel in self._channels if channel.name in self._fast]
-        return replace(
-            about,
-            origin=self._bench.origin,
-            sample=about.sample or self._bench.sample,
-            signal=signal,
-            voltage_sensed=rig.voltage_sensed,
-            shunt_resistance=rig.shunt_resistance,
-            source_resistance=rig.source_resistance,
-            starts_from_rest=is_discharged(rig, rest),
-            ranges={name: limits for name, limits in self._scaling.ranges.items() if name in self._fast},
-            calibrations=self._scaling.calibrations,
-            bench=self._bench.description,
-            rig=rig.name,
-            software_version=__version__,
-            uuid=about.uuid or str(uuid4()),
-            recorded_at=datetime.now().astimezone().isoformat("T", "milliseconds"),
-            zeros=zeros,
-            uncertainties=uncertainties(fast, zeros),
-            limits=texts,
-        )
+        self._scaling = self._about.scaling(rest)
+        return self._about.before(rest, self._scaling, signal)
 
     def keep_in(self, journal: Callable[[JournalHeader], JournalLike] | None, about: RunMetadata) -> None:
         """Make the journal, where there is to be one."""
@@ -196,7 +179,7 @@ class Recording:
             columns = [
                 *self._fast,
                 *(f"{name}_quality" for name in self._fast),
-                *(f"{name}_raw" for name in self._names),
+                *(f"{name}_raw" for name in self.names),
             ]
             assert about.uuid is not None
             header = JournalHeader(about.uuid, self._rate, (*columns, "output_raw"), metadata=about)
@@ -204,38 +187,38 @@ class Recording:
 
     def run(
         self,
-        signal: Signal,
+        played: RowSource,
         rows: int,
         about: RunMetadata,
-        zero_after: float,
         finish: Callable[[Bench], Sequence[ZeroReading]] | None,
     ) -> Outcome:
-        """Apply the signal, and whatever happens end with the output at 0 V and the rows kept."""
+        """Play the rows, and whatever happens end with the output at 0 V and the rows kept."""
         error: IpmclabError | None = None
         try:
             try:
                 # Before the guardian waits for beats: this computes what the output is given first.
-                more = max(self.rest_rows, self.discharge_rows)
-                blocks = self._bench.apply(signal, rows, more=more)
+                blocks = self._bench.apply(played, more=max(self._rest_rows, self._discharge_rows))
                 if self._heartbeat is not None:
                     self._heartbeat.arm(block_rows(self._rate) / self._rate)
                 self._hold(START_TIME)
-                self._apply(blocks, rows)
+                self._apply(blocks, played, rows)
             except IpmclabError as failure:
                 error = failure
-                if self._on_mark is not None:  # at once: a chassis that is frozen takes long to be brought to 0 V
-                    self._on_mark(Mark(self._time, str(error), "bench"))
+                if self._heartbeat is not None:
+                    self._heartbeat.explain(failure)
+                if self._listeners.on_mark is not None:  # at once: a frozen chassis takes long to be brought to 0 V
+                    self._listeners.on_mark(Mark(self._time, str(error), "bench"))
             finally:
                 told, error = error, self._zero(error)
-                about = self._seen(about)
+                about = self._about.after(about)
             if error is not None:
                 self._fail(str(error))
                 with suppress(IpmclabError):  # it may be the journal that failed
                     self._keeper.mark(Mark(self._time, str(error), "bench"))
-                if told is None and self._on_mark is not None:
-                    self._on_mark(Mark(self._time, str(error), "bench"))
+                if told is None and self._listeners.on_mark is not None:
+                    self._listeners.on_mark(Mark(self._time, str(error), "bench"))
             elif not self._hurried:
-                about = self._after(about, zero_after, finish)
+                about = self._after(about, finish)
         except BaseException as fault:
             self._fail(_why(fault))
             self._end(about)
@@ -244,19 +227,17 @@ class Recording:
         error = self._end(about) or error
         return Outcome(self.state, self.reason, about, self.read, self.alarm, error, self._kept)
 
-    def _apply(self, given: Iterator[Block], rows: int) -> None:
+    def _apply(self, given: Iterator[Block], played: RowSource, rows: int) -> None:
         self._rows = rows
         for text in self._early:
             self._mark(Mark(0.0, text, "note"))
-        begun = datetime.now().astimezone()
+        self._about.applied()
         # A generator that is closed stops the clock of the bench.
         with closing(_generator(given)) as blocks:
             for block in blocks:
-                if self._began is None:
-                    # The block has only just been read; a simulated bench does not take the time for it.
-                    read_for = timedelta(seconds=(block.first_row + len(block)) / self._rate)
-                    self._began = max(begun, datetime.now().astimezone() - read_for)
-                self._take(block)
+                rows_read = self._take(block)
+                if rows_read is not None:
+                    played.look(rows_read.first_row, rows_read.values)
                 if self._heartbeat is not None:
                     self._heartbeat.beat()
                 if self._next_row >= self._stop:
@@ -264,21 +245,6 @@ class Recording:
                     break
             for air in self._air.rest():
                 self._keep_air(air)
-
-    def _seen(self, about: RunMetadata) -> RunMetadata:
-        """What was known beforehand, with the time of row 0 and the air of this run."""
-        air = {name: round(float(np.mean(values)), 3) for name, values in self._air_readings.items()}
-        rest = about.starts_from_rest
-        if rest is False and abs(self._left) <= NO_CHARGE * self._peak:
-            rest = None  # too little to matter, too much to call it rest
-        moment = self._began.isoformat("T", "milliseconds") if self._began is not None else about.recorded_at
-        return replace(
-            about,
-            recorded_at=moment,
-            starts_from_rest=rest,
-            temperature=air.get("temperature", about.temperature),
-            relative_humidity=air.get("relative_humidity", about.relative_humidity),
-        )
 
     @property
     def _stop(self) -> int:
@@ -290,7 +256,7 @@ class Recording:
         """Of the next row [s]."""
         return self._next_row / self._rate
 
-    def _take(self, block: Block) -> None:
+    def _take(self, block: Block) -> Rows | None:
         """A block: first the guard, then the rows are kept, then those who listen."""
         missing = block.first_row - self._next_row
         count = min(len(block), self._stop - block.first_row)
@@ -300,12 +266,11 @@ class Recording:
             self._mark(Mark(self._time, f"{missing} rows were lost before row {block.first_row}", "gap"))
         self._next_row = block.first_row + len(block)
         if count <= 0:
-            return
+            return None
         readings = {name: volts[:count] for name, volts in block.readings.items()}
         values = self._scaling.values(readings)
         flags = self._scaling.flags(readings)
-        if "current" in values:
-            self._peak = max(self._peak, float(np.max(np.abs(np.nan_to_num(values["current"])))))
+        self._about.saw(self._next_row, values)
         rows = Rows(
             block.first_row,
             {name: values[name] for name in self._fast},
@@ -319,13 +284,14 @@ class Recording:
                 self._ask(request.kind, request.text)
         finally:  # also when the output could not be brought to 0 V
             self._keep(rows, block.temperature, values)
-        if self._on_block is not None:
-            self._on_block(rows)
+        if self._listeners.on_block is not None:
+            self._listeners.on_block(rows)
+        return rows
 
     def _keep(self, rows: Rows, temperature: FloatArray, values: Mapping[str, FloatArray]) -> None:
         self._keeper.rows(rows)
         self.read += len(rows)
-        slow = {name: values[name] for name in self._names if name in SLOW_CHANNELS}
+        slow = {name: values[name] for name in self.names if name in SLOW_CHANNELS}
         if len(temperature) and "temperature" not in slow:
             slow["temperature"] = temperature
         for air in self._air.add(rows.first_row, slow, len(rows)):
@@ -333,20 +299,18 @@ class Recording:
 
     def _keep_air(self, air: Air) -> None:
         self._keeper.air(air)
-        if self.on_air is not None:
-            self.on_air(air)
-        for name, value in air.values.items():
-            if math.isfinite(value):
-                self._air_readings.setdefault(name, []).append(value)
+        if self._listeners.on_air is not None:
+            self._listeners.on_air(air)
+        self._about.breathed(air)
 
     def _alarm(self, alarm: Alarm) -> None:
         if alarm.kind == "stuck":
-            raise BenchError(str(alarm), code="output-stuck", where="voltage", repair="switch the output amplifier off")
+            raise output_stuck(alarm)
         is_end = alarm.action == "zero" and not self._guard.is_zeroed
         if is_end:
             self.alarm = alarm
             self._fail(str(alarm))
-            self._zero_and_go_on(self.discharge_rows)
+            self._zero_and_go_on(self._discharge_rows)
         self._mark(Mark(alarm.time, str(alarm), "limit"), is_end=is_end)
 
     def _ask(self, kind: str, text: str) -> None:
@@ -361,11 +325,11 @@ class Recording:
         elif self._guard.is_zeroed:
             return
         elif kind == "zero":
-            self._fail("emergency zero by the operator")
-            self._zero_and_go_on(self.discharge_rows)
+            self._fail(text)
+            self._zero_and_go_on(self._discharge_rows)
         else:
             self.reason = f"stopped by the operator at {self._time:.6g} s"
-            self._zero_and_go_on(self.rest_rows)
+            self._zero_and_go_on(self._rest_rows)
         self._mark(Mark(self._time, self.reason, "stop"), is_end=True)
 
     def _zero_and_go_on(self, more: int) -> None:
@@ -374,7 +338,7 @@ class Recording:
         self._bench.zero()
         if not self._guard.is_zeroed:
             self._guard.zeroed(self._next_row)
-            self._last_row = min(self._next_row + more, self._rows + max(self.rest_rows, self.discharge_rows))
+            self._last_row = min(self._next_row + more, self._rows + max(self._rest_rows, self._discharge_rows))
 
     def _fail(self, reason: str) -> None:
         """Keep the first reason."""
@@ -384,10 +348,10 @@ class Recording:
     def _mark(self, mark: Mark, *, is_end: bool = False) -> None:
         """Keep what happened, and tell it: what ended the signal, with the rows that the run will have."""
         self._keeper.mark(mark)
-        if is_end and self.on_end is not None:
-            self.on_end(mark, self._stop)
-        elif self._on_mark is not None:
-            self._on_mark(mark)
+        if is_end and self._listeners.on_end is not None:
+            self._listeners.on_end(mark, self._stop)
+        elif self._listeners.on_mark is not None:
+            self._listeners.on_mark(mark)
 
     def _hold(self, seconds: float) -> None:
         if self._heartbeat is not None:
@@ -401,28 +365,25 @@ class Recording:
         try:
             self._bench.zero()
         except IpmclabError as failure:
-            return failure if error is None or failure.code == "output-not-zero" else error
-        if self._heartbeat is not None and (error is None or error.code not in ("output-stuck", "output-not-zero")):
+            return failure if error is None or failure.code in NOT_AT_ZERO else error
+        if self._heartbeat is not None and (error is None or error.code not in ("output-stuck", *NOT_AT_ZERO)):
             self._heartbeat.disarm()
         return error
 
-    def _after(
-        self, about: RunMetadata, zero_after: float, finish: Callable[[Bench], Sequence[ZeroReading]] | None
-    ) -> RunMetadata:
+    def _after(self, about: RunMetadata, finish: Callable[[Bench], Sequence[ZeroReading]] | None) -> RunMetadata:
         """Read the zeros again. What fails here does not spoil the run."""
         found: list[ZeroReading] = []
         try:
-            if zero_after > 0.0:
-                rest = read_rest(self._bench, self._names, self._rate, when="after", duration=zero_after)
+            seconds = self._request.zero_after
+            if seconds > 0.0:
+                rest = read_rest(self._bench, self.names, self._rate, when="after", duration=seconds)
                 found += rest.zeros
             if finish is not None:
                 found += finish(self._bench)
         except IpmclabError as error:
             with suppress(IpmclabError):
                 self._mark(Mark(self._time, f"the zeros could not be read after the run: {error}", "bench"))
-        zeros = (*about.zeros, *found)
-        fast = [channel for channel in self._channels if channel.name in self._fast]
-        return replace(about, zeros=zeros, uncertainties=uncertainties(fast, zeros))
+        return self._about.with_zeros(about, found)
 
     def _end(self, about: RunMetadata) -> IpmclabError | None:
         try:

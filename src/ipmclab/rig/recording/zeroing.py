@@ -18,9 +18,9 @@ import numpy.typing as npt
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.bench import Bench, BenchError
 from ipmclab.rig.channels import Channel, Rig
-from ipmclab.rig.recording.scaling import Scaling
 from ipmclab.rig.safety.guard import Guard
 from ipmclab.rig.safety.limits import Limits
+from ipmclab.rig.scaling import Scaling
 from ipmclab.run import SLOW_CHANNELS, ZeroReading
 from ipmclab.signals import Step
 

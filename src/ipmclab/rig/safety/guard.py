@@ -150,7 +150,7 @@ class Guard:
         readings : mapping of channel to float array, shape (n_block,) [SI]
             ``voltage`` always, and what else is measured; NaN for a reading that is none.
         temperature : float array, shape (n_slow,) [degC], optional
-            Of the air, read some time during the block.
+            Of the air, read some time during the block; that of the readings where it is left out.
         given : float array, shape (n_block,) [V], optional
             What the output was told to give: a busy computer reads rows late that were sampled before the output was
             brought to 0 V, and those do not show that it is stuck.
@@ -194,16 +194,13 @@ class Guard:
             limit = self._limits.get(name)
             if limit is None:
                 continue
-            if name == "temperature":
-                if temperature is None or not len(temperature):
-                    continue
+            if name == "temperature" and temperature is not None and len(temperature):
                 values, at = temperature, np.full(len(temperature), rows[-1])
-                size = values
             elif name in readings:
                 values, at = readings[name], rows
-                size = np.abs(values)
             else:
                 continue
+            size = values if name == "temperature" else np.abs(values)
             most = limit.most
             if name == "voltage":
                 most += max(VOLTAGE_TOLERANCE[0] * most, VOLTAGE_TOLERANCE[1])

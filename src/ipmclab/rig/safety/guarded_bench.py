@@ -2,28 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+import threading
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Literal
 
-from ipmclab.errors import InputError
-from ipmclab.rig.bench import Bench, Block
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.rig.bench import Bench, BenchError, Block
 from ipmclab.rig.channels import Rig
-from ipmclab.rig.request import check_signal
-from ipmclab.rig.safety.clamped import Clamped
+from ipmclab.rig.request import check_rows
+from ipmclab.rig.rows import ClampedRows, RowSource, SignalRows, as_rows
+from ipmclab.rig.safety.guard import Alarm
 from ipmclab.rig.safety.limits import Limits
+from ipmclab.rig.safety.row_watch import RowWatch
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:
     from ipmclab.sample import Sample
 
 
+class LimitPassed(IpmclabError):
+    """A reading is beyond a limit of the strip; the output was brought to 0 V (exit status 1).
+
+    Parameters
+    ----------
+    alarm : Alarm
+    """
+
+    def __init__(self, alarm: Alarm) -> None:
+        super().__init__(
+            str(alarm),
+            code="limit-passed",
+            where=alarm.limit,
+            repair="let the strip rest, then open the bench again and ask for less",
+        )
+        self.alarm = alarm
+
+
 class GuardedBench:
     """A bench that refuses every voltage beyond the limit of the strip, and clamps what it hands on.
+
+    Rows that are played block after block are clamped here, and their readings are guarded by who records them. Single
+    rows, read and given out on demand, are guarded here with the same limits: each reading is looked at before the next
+    voltage is given out.
 
     Parameters
     ----------
     bench : Bench
     limits : Limits
+    on_warning : callable of Alarm, optional
+        Called with a limit of ``exchange`` that does not end it.
 
     Examples
     --------
@@ -39,11 +67,17 @@ class GuardedBench:
     >>> bench.close()
     """
 
-    def __init__(self, bench: Bench, limits: Limits) -> None:
+    def __init__(self, bench: Bench, limits: Limits, on_warning: Callable[[Alarm], None] | None = None) -> None:
         self._bench = bench
         self._limits = limits
+        self._on_warning = on_warning
         self._rate = 0.0
-        self._checked: tuple[Signal, int, float] | None = None
+        self._checked: tuple[RowSource, float] | None = None
+        self._lock = threading.RLock()  # zero may come from another thread, or from a signal handler of this one
+        self._watch: RowWatch | None = None
+        self._given = 0.0
+        self._ended: IpmclabError | None = None
+        self._zeros = 0  # how often the output was brought to 0 V
         self.rig: Rig = bench.rig
 
     @property
@@ -62,17 +96,36 @@ class GuardedBench:
         return self._bench.sample
 
     def open(self, measured: Collection[str], rate: float) -> None:
-        """Take hold of the bench: see ``Bench.open``."""
-        self._bench.open(measured, rate)
-        self._rate = rate
+        """Take hold of the bench: see ``Bench.open``. Voltage and current are always read: most limits need them."""
+        known = [channel.name for channel in self.rig.channels]
+        names = tuple(dict.fromkeys([*measured, *(name for name in ("voltage", "current") if name in known)]))
+        zeros = self._zeros
+        self._bench.open(names, rate)
+        with self._lock:
+            self._rate = rate
+            self._watch = RowWatch(self._limits, rate, self.rig, names)
+            self._given = 0.0
+            if self._zeros == zeros:  # what comes while the bench is being opened holds for what is opened
+                self._ended = None
 
-    def check(self, signal: Signal, rows: int, rate: float) -> None:
-        """Refuse a signal before anything moves: looking at hours of it takes seconds, so ``apply`` does not again.
+    def subtract(self, zeros: Mapping[str, float]) -> None:
+        """Subtract from the readings of ``exchange`` what the channels read at rest.
 
         Parameters
         ----------
-        signal : Signal
-        rows : int
+        zeros : mapping of channel to float [SI unit of the channel]
+        """
+        if self._watch is not None:
+            self._watch.subtract(zeros)
+
+    def check(self, source: RowSource, rate: float) -> None:
+        """Refuse a signal before anything moves: looking at hours of it takes seconds, so ``apply`` does not again.
+
+        The voltages of other sources are not known beforehand; they are clamped as they come.
+
+        Parameters
+        ----------
+        source : RowSource
         rate : float [Hz]
 
         Raises
@@ -80,39 +133,61 @@ class GuardedBench:
         InputError
             A voltage beyond the limit, or beyond what the output can give.
         """
-        check_signal(self.rig, signal, rows, rate)
-        self._limits.refuse(signal, rows / rate, rate)
-        self._checked = (signal, rows, rate)
+        if isinstance(source, SignalRows):
+            check_rows(self.rig, source, rate)
+            self._limits.refuse(source.signal, source.length / rate, rate)
+        self._checked = (source, rate)
 
-    def apply(self, signal: Signal, rows: int, *, more: int = 0) -> Iterator[Block]:
-        """Give a signal out, and read: see ``Bench.apply``.
+    def apply(self, source: Signal | RowSource, rows: int | None = None, *, more: int = 0) -> Iterator[Block]:
+        """Give rows out, and read: see ``Bench.apply``.
 
         Parameters
         ----------
-        signal : Signal
-        rows : int
-            After which the output is 0 V.
+        source : Signal or RowSource
+        rows : int, optional
+            Of a signal. After the last row the output is 0 V.
         more : int
             Rows at 0 V that may be read after them.
 
         Raises
         ------
         InputError
-            A voltage beyond the limit: nothing is given out then.
+            A signal with a voltage beyond the limit: nothing is given out then.
         """
-        checked = self._checked
-        if checked is None or checked[0] is not signal or checked[1:] != (rows, self._rate):
-            self._limits.refuse(signal, rows / self._rate, self._rate)
-        clamped = Clamped(signal, self._limits.voltage.most, rows / self._rate)
-        return self._bench.apply(clamped, rows + more)
+        played = as_rows(source, rows)
+        most, output = self._limits.voltage.most, self.rig.output
+        clamped = ClampedRows(played, max(-most, output.low), min(most, output.high), more)
+        is_checked = self._checked is not None and self._checked[0] is played and self._checked[1] == self._rate
+        if not is_checked and isinstance(played, SignalRows):
+            if clamped.low > -most or clamped.high < most:
+                check_rows(self.rig, played, self._rate)
+            self._limits.refuse(played.signal, played.length / self._rate, self._rate)
+        return self._bench.apply(clamped)
 
-    def exchange(self, voltage: float) -> dict[str, float]:
+    def exchange(self, voltage: float, row: int | None = None) -> dict[str, float]:
         """Read every channel once, then give a voltage out: see ``Bench.exchange``.
+
+        The limits are watched with what was read; the temperature, which a thermometer reads beside the channels, is
+        not. Where one is passed, the output is brought to 0 V, as it is after any other failure. Once it was, also by
+        ``zero`` from elsewhere, only 0 V is given out until the bench is opened again.
+
+        Parameters
+        ----------
+        voltage : float [V]
+        row : int, optional
+            Of this reading by the clock of the caller; the one after the last where it is left out. Rows between them
+            were missed, and count as the larger of their neighbours.
 
         Raises
         ------
         InputError
             A voltage beyond the limit: nothing is given out then.
+        LimitPassed
+            A limit that ends the run was passed, now or before.
+        IpmclabError
+            The output was brought to 0 V before.
+        BenchError
+            The hardware failed, or the output does not go to 0 V.
         """
         most = self._limits.voltage.most
         if not abs(voltage) <= most:
@@ -122,12 +197,69 @@ class GuardedBench:
                 where="voltage",
                 repair="give a smaller voltage",
             )
-        return self._bench.exchange(voltage)
+        with self._lock:
+            if self._ended is not None and voltage != 0.0:
+                raise self._ended
+            with self._zero_on_failure():
+                readings = self._bench.exchange(voltage)
+            if self._ended is not None:  # a signal handler of this thread brought the output to 0 V meanwhile
+                voltage = 0.0
+                self._bench.zero()
+            given, self._given = self._given, voltage
+            with self._zero_on_failure():
+                alarms = () if self._watch is None else self._watch.look(readings, given, row)
+            self._act(alarms)
+        return readings
+
+    def _act(self, alarms: Sequence[Alarm]) -> None:
+        """Do what limits that were passed ask for: the output goes to 0 V before anyone is told."""
+        stuck = next((one for one in alarms if one.kind == "stuck"), None)
+        ending = next((one for one in alarms if one.kind != "stuck" and one.action != "warn"), None)
+        passed = LimitPassed(ending) if ending is not None and self._ended is None else None
+        if passed is not None:
+            self._ended = passed
+            self.zero()
+        if self._on_warning is not None:
+            with self._zero_on_failure():
+                for one in alarms:
+                    if one.kind != "stuck" and one.action == "warn":
+                        self._on_warning(one)
+        if stuck is not None:
+            raise output_stuck(stuck)
+        if passed is not None:
+            raise passed
+
+    @contextmanager
+    def _zero_on_failure(self) -> Iterator[None]:
+        """Whatever fails, the strip is not left at the last voltage."""
+        try:
+            yield
+        except BaseException:
+            with suppress(IpmclabError):  # what failed first is what is told
+                self.zero()
+            raise
 
     def zero(self) -> None:
         """Bring the output to 0 V now."""
-        self._bench.zero()
+        self._zeros += 1
+        if self._ended is None:
+            self._ended = IpmclabError(
+                "the output was brought to 0 V",
+                code="zeroed",
+                where="voltage",
+                repair="open the bench again before another voltage is given out",
+            )
+        with self._lock:
+            self._bench.zero()
+            self._given = 0.0
+            if self._watch is not None:
+                self._watch.zeroed()
 
     def close(self) -> None:
         """Bring the output to 0 V and let go of the bench."""
         self._bench.close()
+
+
+def output_stuck(alarm: Alarm) -> BenchError:
+    """The error of an output that does not go to 0 V."""
+    return BenchError(str(alarm), code="output-stuck", where="voltage", repair="switch the output amplifier off")

@@ -2,14 +2,16 @@
 
 ``python -m ipmclab.rig.safety.guardian TARGET`` is started by the recorder and connected to it by a pipe. It
 connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder was
-killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection, and
-tries until that succeeds. Nothing that ends the recorder ends the guardian: it is in no group and at no console of
+killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection, reads
+it back, and tries until 0 V is read. A reset that met no error is not 0 V: what could not be read is told as that.
+Nothing that ends the recorder ends the guardian: it is in no group and at no console of
 the recorder's.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import queue
 import signal
 import subprocess
@@ -21,11 +23,13 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any, Final, Literal, Protocol
+from typing import IO, Any, Final, Literal, Protocol, Self
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import detached
-from ipmclab.rig.channels import Output, Rig
+from ipmclab.platform import detached, own_stdin, python_child, replace_file
+from ipmclab.rig.channels import Channel, Converter, Output, Rig
+from ipmclab.rig.safety.readback import TOLERANCE, channels_at_output, resistance_between
+from ipmclab.rig.safety.session_end import SLEEP, told_of_the_end
 
 SILENCE: Final = 0.5
 """The guardian acts when the recorder has been silent for so long [s]."""
@@ -37,15 +41,27 @@ GIVE_UP: Final = 600.0
 """How long [s] it goes on trying."""
 
 LOUD: Final = 3.0
-"""After so long [s] without success it says so, loudly."""
+"""After so long [s] without success it says so, loudly; what was reset and cannot be read is given up then."""
 
 _PAUSE: Final = 0.1  # s between two attempts
 _ALIVE: Final = 0.5  # s between two signs of life while armed
 _GRACE: Final = 0.03  # s for the thread that reads, before silence is believed
 _LOST: Final = 3.0  # s without one: the guardian hangs itself
+_LEAVE: Final = 1.5  # s that the system is kept waiting before it sleeps or ends the session
 _START: Final = 30.0  # s to start Python and to connect
 _ANSWER: Final = 2.0  # s for an answer to a word
+_WORD: Final = 0.3  # s for the guardian's word to be read after this program was stopped
 _OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
+
+
+Outcome = Literal["", "zero", "unread", "failed"]
+
+_DEEDS: Final[dict[Outcome, str]] = {
+    "": "is bringing the output to 0 V, and has not read that back yet",
+    "zero": "brought the output to 0 V",
+    "unread": "reset the output, but could not read back that it is at 0 V",
+    "failed": "could NOT bring the output to 0 V so far",
+}
 
 
 @dataclass(frozen=True)
@@ -60,16 +76,34 @@ class Target:
         The physical output, such as ``"cDAQ1Mod2/ao0"``; the path of the file.
     address : str, optional
         ``host:port`` of a gRPC server.
+    channels : tuple of Channel
+        Which together tell what the output gives; none where nothing does.
+    between : float [ohm]
+        The resistance between the output and the place where the voltage is read.
     """
 
     kind: Literal["ni", "file"]
     place: str
     address: str | None = None
+    channels: tuple[Channel, ...] = ()
+    between: float = 0.0
 
     @classmethod
     def of(cls, rig: Rig) -> Target:
         """The output of a rig."""
-        return cls("ni", rig.output.physical, rig.address)
+        channels = tuple(rig[name] for name in channels_at_output(rig))
+        return cls("ni", rig.output.physical, rig.address, channels, resistance_between(rig))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """What ``to_json`` gave."""
+        table = json.loads(text)
+        channels = (Channel(**{**one, "converter": Converter(**one["converter"])}) for one in table["channels"])
+        return cls(**{**table, "channels": tuple(channels)})
+
+    def to_json(self) -> str:
+        """For the command line of the guardian."""
+        return json.dumps(asdict(self))
 
 
 class Connection(Protocol):
@@ -77,6 +111,9 @@ class Connection(Protocol):
 
     def reset(self) -> None:
         """Bring it to 0 V."""
+
+    def read(self) -> float:
+        """What it gives [V]. Raises IpmclabError, of code ``"output-unread"`` where that can never be told."""
 
     def close(self) -> None:
         """Let go."""
@@ -92,7 +129,8 @@ class Guardian:
         A file that gets a line, with the time, for everything that happens.
     status : path, optional
         A file that says what it has come to, for who is there when the recorder is not: ``armed``, ``disarmed``,
-        ``zero`` (the output is at 0 V) or ``failed``. It goes when the guardian ends unarmed.
+        ``zero`` (the output was read back at 0 V), ``unread`` (it was reset, and could not be read back) or
+        ``failed``. It goes when the guardian ends unarmed.
     silence : float [s]
 
     Examples
@@ -117,19 +155,22 @@ class Guardian:
         silence: float = SILENCE,
     ) -> None:
         self._target = Target.of(target) if isinstance(target, Rig) else target
+        self.status = None if status is None else Path(status)
         self._silence = silence
-        command = [sys.executable, "-m", "ipmclab.rig.safety.guardian", json.dumps(asdict(self._target))]
-        command += [str(log or ""), str(status or "")]
+        arguments = (self._target.to_json(), str(log or ""), str(status or ""))
+        command = python_child("ipmclab.rig.safety.guardian", *arguments)
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, **detached()
         )
         self._told = threading.Condition()
         self._state: Literal["starting", "ready", "armed", "acted", "gone"] = "starting"
         self._text = ""
+        self._outcome: Outcome = ""
         self._sign = time.monotonic()
         self._progress = 0.0
         self._used = 0.0
         self._late = 0.0
+        self._due = math.inf
         self._longest = 0.0
         self._held_until = 0.0
         self._beating: threading.Event | None = None
@@ -138,8 +179,13 @@ class Guardian:
 
     @property
     def acted(self) -> str:
-        """Why it brought the output to 0 V since it was armed; empty when it did not."""
+        """Why it stepped in since it was armed; empty when it did not."""
         return self._text if self._state == "acted" else ""
+
+    @property
+    def outcome(self) -> Outcome:
+        """What became of the output when it stepped in; empty while it is still trying."""
+        return self._outcome
 
     @property
     def pid(self) -> int:
@@ -193,6 +239,7 @@ class Guardian:
         """
         now, used = time.monotonic(), time.thread_time()
         silent, worked = now - self._progress, used - self._used
+        self._hear_after(now)
         self._progress, self._used, late, self._late = now, used, self._late, 0.0
         self._held_until = 0.0
         if self._state == "acted":
@@ -203,6 +250,33 @@ class Guardian:
             raise self._lost(f"it has given no sign of life for {now - self._sign:.1f} s")
         self._send("beat")
 
+    def explain(self, failure: IpmclabError) -> None:
+        """Put the cause in the place of a failure that only follows from it.
+
+        A program that was stopped, or had no processor, finds all its deadlines passed when it goes on: the server that
+        seems not to answer has answered long ago. The clock tells that, and the guardian what it did meanwhile.
+
+        Parameters
+        ----------
+        failure : IpmclabError
+            It is changed where it is but a consequence.
+        """
+        now = time.monotonic()
+        silent, held_up = now - self._progress, self._hear_after(now)
+        if self._state == "acted" and (held_up or failure.code == "bench-lost"):
+            cause = self._after_silence(silent, waited=not held_up)
+            failure.message, failure.code, failure.where = cause.message, cause.code, cause.where
+            failure.repair = cause.repair
+
+    def _hear_after(self, now: float) -> bool:
+        """Whether this program itself was held up until now; then what the guardian said meanwhile is heard first."""
+        late = max(self._late, now - self._due)
+        if late <= max(self._silence, now - self._progress) / 2.0:
+            return False
+        with self._told:
+            self._told.wait_for(lambda: self._state in ("acted", "gone"), _WORD)
+        return True
+
     def hold(self, seconds: float) -> None:
         """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
 
@@ -212,6 +286,7 @@ class Guardian:
 
     def disarm(self) -> None:
         """The output is at 0 V: silence is allowed again."""
+        self._due = math.inf
         if self._beating is not None:
             self._beating.set()
             self._beating = None
@@ -252,11 +327,11 @@ class Guardian:
 
     def _beat_on(self, ended: threading.Event) -> None:
         """Beat where the recorder is known to have other things to do, but not for ever."""
-        due = time.monotonic() + _OFTEN / 2.0
+        self._due = time.monotonic() + _OFTEN / 2.0
         while not ended.wait(_OFTEN / 2.0):
             now = time.monotonic()
-            self._late = max(self._late, now - due)
-            due = now + _OFTEN / 2.0
+            self._late = max(self._late, now - self._due)
+            self._due = now + _OFTEN / 2.0
             if self._state == "armed" and (now < self._held_until or now - self._progress < self._longest):
                 with suppress(IpmclabError):
                     self._send("beat")
@@ -269,7 +344,9 @@ class Guardian:
                 self._sign = time.monotonic()
                 if word in ("ready", "armed", "disarmed", "acted"):
                     self._state = "ready" if word == "disarmed" else word
-                    self._text = text
+                    self._text, self._outcome = text, ""
+                elif self._state == "acted" and word in ("zero", "unread", "failed"):
+                    self._outcome = word
                 elif word == "failed":
                     self._text = text
                 self._told.notify_all()
@@ -284,7 +361,7 @@ class Guardian:
         wait = "see that the chassis, its cable and its server answer without a pause, then record again"
         busy = "give this computer less to do beside the recording, and record again"
         return IpmclabError(
-            f"the guardian brought the output to 0 V: {self._text}; {why} for {silent:.1f} s",
+            f"the guardian {_DEEDS[self._outcome]}: {self._text}; {why} for {silent:.1f} s",
             code="guardian-acted",
             where="guardian",
             repair=wait if waited else busy,
@@ -313,6 +390,14 @@ class _FileConnection:
         except OSError as error:
             raise IpmclabError(str(error), code="unwritable", where=self._path, repair="make its folder") from error
 
+    def read(self) -> float:
+        """What the last line says."""
+        try:
+            said = Path(self._path).read_text(encoding="utf-8").splitlines()[-1]
+            return float(said.split(" V at ")[0])
+        except (OSError, ValueError, IndexError) as error:
+            raise IpmclabError(str(error), code="unreadable", where=self._path, repair="see what it is") from error
+
     def close(self) -> None:
         """Nothing is held."""
 
@@ -333,10 +418,20 @@ def connect(target: Target) -> Connection:
         from ipmclab.rig.ni import Resetter
 
         output = Output(-10.0, 10.0, target.place)
-        return Resetter(Rig("guarded", (), 0.0, "electrodes", output, bench="ni", address=target.address))
+        rig = Rig("guarded", target.channels, target.between, "electrodes", output, bench="ni", address=target.address)
+        return Resetter(rig)
     raise InputError(
         f"unknown target {target.kind!r}", code="unknown-target", where="guardian", repair="use ni or file"
     )
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What came of a reset or of a reading: why it failed, whether it always will, and what was read [V]."""
+
+    failure: str | None = None
+    is_final: bool = False
+    volts: float = math.nan
 
 
 class _Watch:
@@ -410,6 +505,8 @@ class _Watch:
             self.log("disarmed")
             self.note("disarmed")
             self.say("disarmed")
+        elif what == "sleep" and self._armed:
+            self._act(SLEEP)
         self._deadline = time.monotonic() + self._silence
         if self._armed:
             self._sign()
@@ -422,18 +519,24 @@ class _Watch:
             self.say("alive")
 
     def _act(self, why: str) -> bool:
-        """Bring the output to 0 V, and say whether that succeeded."""
+        """Bring the output to 0 V, and say whether 0 V was read back."""
         self._armed, self._has_acted = False, True
         self.say(f"acted {why}")
         self.log(f"{why}: bringing the output {self._target.place} to 0 V")
         begun, told = time.monotonic(), False
         while True:
-            failure = self._attempt()
+            reset = self._attempt("reset")
+            seen = self._attempt("read") if reset.failure is None else reset
             lasted = time.monotonic() - begun
-            if failure is None:
+            if reset.failure is None and seen.failure is None and abs(seen.volts) <= TOLERANCE:
                 self.log(f"the output {self._target.place} is at 0 V, {lasted:.3f} s after that")
                 self.note("zero", why)
+                self.say("zero")
                 return True
+            failure = seen.failure or f"it was reset, but {seen.volts:.3g} V are still read"
+            if reset.failure is None and seen.failure is not None and (seen.is_final or lasted > LOUD):
+                self._leave_unread(failure)
+                return False
             self.log(f"it failed: {failure}")
             if lasted > LOUD and not told:
                 told = True
@@ -445,25 +548,35 @@ class _Watch:
                 return False
             time.sleep(_PAUSE if lasted < LOUD else 10.0 * _PAUSE)
 
-    def _attempt(self) -> str | None:
-        """Reset once; what went wrong, or None. A reset that hangs is left behind, with its connection."""
-        done: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    def _leave_unread(self, reason: str) -> None:
+        """The output was reset, and what it gives cannot be read: that is all there is to say."""
+        self.note("unread", f"{self._target.place}: {reason}")
+        self.shout(f"the output {self._target.place} was reset, but could NOT be read back: {reason}")
+        self.say(f"unread {reason}")
 
-        def reset() -> None:
+    def _attempt(self, what: Literal["reset", "read"]) -> _Attempt:
+        """Reset or read once. One that hangs is left behind, with its connection."""
+        done: queue.SimpleQueue[_Attempt] = queue.SimpleQueue()
+
+        def attempt() -> None:
             try:
                 if self._connection is None:
                     self._connection = connect(self._target)
-                self._connection.reset()
-                done.put(None)
+                if what == "reset":
+                    self._connection.reset()
+                    done.put(_Attempt())
+                else:
+                    done.put(_Attempt(volts=self._connection.read()))
             except Exception as error:  # whatever it is, the next attempt is due
-                done.put(f"{type(error).__name__}: {error}")
+                is_final = getattr(error, "code", "") == "output-unread"
+                done.put(_Attempt(f"{type(error).__name__}: {error}", is_final=is_final))
 
-        threading.Thread(target=reset, daemon=True).start()
+        threading.Thread(target=attempt, daemon=True).start()
         try:
             return done.get(timeout=ATTEMPT_TIME)
         except queue.Empty:
             self._connection = None
-            return f"no answer within {ATTEMPT_TIME:g} s"
+            return _Attempt(f"no answer within {ATTEMPT_TIME:g} s")
 
     def say(self, text: str) -> None:
         """To the recorder, which may be gone."""
@@ -484,7 +597,7 @@ class _Watch:
         with suppress(OSError):
             new = self._status.with_suffix(".new")
             new.write_text(json.dumps({"state": state, "text": text, "time": time.time()}) + "\n", encoding="utf-8")
-            new.replace(self._status)
+            replace_file(new, self._status)
 
     def shout(self, text: str) -> None:
         """What somebody must do something about at once."""
@@ -506,7 +619,7 @@ def main(arguments: list[str]) -> int:
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    target = Target(**json.loads(arguments[0]))
+    target = Target.from_json(arguments[0])
     log, status = (Path(text) if text else None for text in (*arguments[1:3], "", "")[:2])
     try:
         connection = connect(target)
@@ -517,8 +630,18 @@ def main(arguments: list[str]) -> int:
         return 1
     watch = _Watch(target, log, sys.stdout, connection, status)
     signal.signal(signal.SIGTERM, _then(watch.hear))
-    threading.Thread(target=_read, args=(sys.stdin.buffer, watch.hear), daemon=True).start()
-    return watch.run()
+    threading.Thread(target=_read, args=(own_stdin(), watch.hear), daemon=True).start()
+    over = threading.Event()
+
+    def leave(why: str) -> None:
+        watch.hear("sleep" if why == SLEEP else None)
+        over.wait(_LEAVE)
+
+    with told_of_the_end(leave, last=True):
+        try:
+            return watch.run()
+        finally:
+            over.set()
 
 
 def _then(hear: Callable[[str | None], None]) -> Callable[[int, Any], None]:

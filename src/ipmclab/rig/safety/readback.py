@@ -1,4 +1,7 @@
-"""Whether the output really is at 0 V, from what the channels read."""
+"""Whether the output really is at 0 V, from what the channels read.
+
+A word about the output is said only after it was read back: a reset, or a 0 V written, that met no error is neither.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,34 @@ from ipmclab.rig.channels import Rig
 
 TOLERANCE: Final = 0.1
 """What may be left [V]: offsets of amplifier and converter are millivolts, a step that drives a strip is more."""
+
+
+def channels_at_output(rig: Rig) -> tuple[str, ...]:
+    """The channels that together tell what the output gives; none where those of the rig cannot.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.channels import THESIS_RIG
+    >>> channels_at_output(THESIS_RIG)
+    ('voltage',)
+    """
+    needed = ("voltage", "current") if resistance_between(rig) else ("voltage",)
+    wired = [channel.name for channel in rig.channels if channel.physical]
+    return needed if all(name in wired for name in needed) else ()
+
+
+def resistance_between(rig: Rig) -> float:
+    """The resistance [ohm] between the output and the place where the voltage is read."""
+    return rig.source_resistance + (rig.shunt_resistance if rig.voltage_sensed == "electrodes" else 0.0)
+
+
+def at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
+    """What the output gives [V], from readings [V] as they come from the converters; None when they cannot tell."""
+    between = resistance_between(rig)
+    if "voltage" not in readings or (between and "current" not in readings):
+        return None
+    current = rig["current"].to_quantity(readings["current"]) if between else 0.0
+    return rig["voltage"].to_quantity(readings["voltage"]) + current * between
 
 
 def left_at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
@@ -36,12 +67,5 @@ def left_at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
     >>> left_at_output(THESIS_RIG, {"voltage": 0.01, "current": -0.1}) is None
     True
     """
-    if "voltage" not in readings:
-        return None
-    between = rig.source_resistance + (rig.shunt_resistance if rig.voltage_sensed == "electrodes" else 0.0)
-    if between and "current" not in readings:
-        return None
-    voltage = rig["voltage"].to_quantity(readings["voltage"])
-    current = rig["current"].to_quantity(readings["current"]) if between else 0.0
-    left = voltage + current * between
-    return left if abs(left) > TOLERANCE else None
+    left = at_output(rig, readings)
+    return left if left is not None and abs(left) > TOLERANCE else None

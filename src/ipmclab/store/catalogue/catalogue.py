@@ -117,7 +117,7 @@ class Catalogue:
         IpmclabError
             The catalogue cannot be written; the recording does not need it (see ``safely``).
         """
-        columns = facts_of({"metadata": {**metadata_table(metadata), "uuid": uuid}}, identity=uuid)
+        columns = facts_of({"metadata": {**metadata_table(metadata), "uuid": uuid}}, identity="")
         columns |= {"state": "recording", "home": self.laboratory}
         with self._database.write() as connection:
             put_new_run(connection, columns)

@@ -27,6 +27,12 @@ REFUSED_VALUE: Final = "refused-value"
 
 _READ_ONLY: Final = "ipmclab_read_only"
 
+_WRITERS: Final = 7310281144
+"""The advisory lock of PostgreSQL that whoever writes holds; any number that no other program in the database takes."""
+
+_HELD: Final = ("55P03", "40P01", "40001")
+"""States of PostgreSQL in which another transaction stood in the way: of its lock's time, a deadlock, an order."""
+
 
 def parse_url(text: str) -> URL:
     """The address of a catalogue.
@@ -111,10 +117,13 @@ class Database:
         from ipmclab.store.catalogue import tables
 
         with self._translated(), self._engine.begin() as connection:
+            self._alone(connection)
             for table in reversed(tables.metadata.sorted_tables):
                 cascade = "" if self.is_sqlite else " CASCADE"
                 connection.execute(text(f"DROP TABLE IF EXISTS {table.name}{cascade}"))
-        self._prepared = False
+            # In the same transaction: a program that reads meanwhile finds the old tables or the new ones, never none.
+            _make_tables(connection)
+        self._prepared = True
 
     def move_aside(self) -> Path | None:
         """Give a damaged SQLite file another name, so that a new one can be made; None where there is none."""
@@ -136,11 +145,20 @@ class Database:
                 self._prepare()
                 self._prepared = True
             with self._engine.execution_options(**{_READ_ONLY: read_only}).begin() as connection:
+                if not read_only:
+                    self._alone(connection)
                 yield connection
+
+    def _alone(self, connection: Connection) -> None:
+        """Wait until no other program writes: two that take the same rows in two orders would block each other."""
+        from sqlalchemy import text
+
+        if not self.is_sqlite:  # SQLite has one writer at a time by itself
+            connection.execute(text(f"SELECT pg_advisory_xact_lock({_WRITERS})"))
 
     def _prepare(self) -> None:
         """Make the tables where there are none; refuse those of another version."""
-        from sqlalchemy import insert, inspect, select, text
+        from sqlalchemy import inspect, select
 
         from ipmclab.store.catalogue import tables
 
@@ -152,14 +170,10 @@ class Database:
             found = version(connection)
         if found is None:
             with self._engine.begin() as connection:
-                if not self.is_sqlite:
-                    # Two programs that start at once: the second waits here and finds the tables of the first.
-                    connection.execute(text("SELECT pg_advisory_xact_lock(7310281144)"))
+                self._alone(connection)  # of two programs that start at once the second finds the tables of the first
                 found = version(connection)
                 if found is None:
-                    tables.metadata.create_all(connection)
-                    connection.execute(insert(tables.about).values(version=tables.VERSION))
-                    found = tables.VERSION
+                    found = _make_tables(connection)
         if found != tables.VERSION:
             newer = found > tables.VERSION
             first = "update ipmclab, or let this version make it anew" if newer else "let this version make it anew"
@@ -250,7 +264,7 @@ class Database:
                 repair="see that the server runs and that the address, the user and the password are right; "
                 "without --catalogue and IPMCLAB_CATALOGUE the catalogue beside the runs is used",
             )
-        if state == "55P03":
+        if state in _HELD:
             return IpmclabError(
                 f"another program has held the catalogue for {self._patience:g} s ({reason})",
                 code="catalogue-busy",
@@ -273,6 +287,17 @@ class Database:
             where=self.where,
             repair="nothing is lost, the runs are in their files; make it anew: ipmclab runs FOLDER --rebuild",
         )
+
+
+def _make_tables(connection: Connection) -> int:
+    """Make the tables of this version; returns the version."""
+    from sqlalchemy import insert
+
+    from ipmclab.store.catalogue import tables
+
+    tables.metadata.create_all(connection)
+    connection.execute(insert(tables.about).values(version=tables.VERSION))
+    return tables.VERSION
 
 
 def url_beside(root: Path) -> URL:

@@ -149,7 +149,8 @@ def facts_of(
     document : mapping
         What ``store.document.to_document`` wrote.
     identity : str
-        What tells the run from others when it has no uuid: the SHA-256 of its document.
+        What tells the run from others, and from its other versions: the SHA-256 of its document, which names the
+        content; empty for one that is being recorded.
     channels : names of its channels
     rows : int, optional
     first, last : float [s]
@@ -164,7 +165,7 @@ def facts_of(
     means = means or {}
     duration = last - first if rows and rows > 1 else None
     return {
-        "identity": uuid or f"document {identity}",
+        "identity": f"{uuid or 'document'} {identity}".strip(),
         "uuid": uuid,
         "content_sha256": _text(document.get("content_sha256")),
         "state": _text(metadata.get("state")),

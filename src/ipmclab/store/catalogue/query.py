@@ -57,11 +57,13 @@ class RunQuery:
 class CatalogueRow(NamedTuple):
     """One run of the catalogue; numbers in SI units, None where something is not known.
 
-    ``state`` is one of STATES or None; ``recorded`` is in s since 1970; ``drive`` is the signal
+    ``version`` counts the versions of a run, which have its uuid and other metadata, from 1 in the order in which they
+    were found; ``state`` is one of STATES or None; ``recorded`` is in s since 1970; ``drive`` is the signal
     without its rests; ``path`` is below ``laboratory``; ``codes`` is None until the run was inspected.
     """
 
     id: int
+    version: int
     uuid: str | None
     content_sha256: str | None
     state: str | None
@@ -119,6 +121,9 @@ def select_rows(query: RunQuery) -> Select[Any]:
     columns: dict[str, ColumnElement[Any]] = {name: run.c[name] for name in CatalogueRow._fields if name in run.c}
     columns |= {name: file.c[name] for name in ("laboratory", "path", "problem")}
     columns["state"] = state.label("shown_state")
+    earlier = run.alias("earlier")
+    before = select(func.count()).where(earlier.c.uuid == run.c.uuid, earlier.c.id < run.c.id).correlate(run)
+    columns["version"] = (1 + before.scalar_subquery()).label("version")
     statement = select(*(columns[name] for name in CatalogueRow._fields)).select_from(
         run.outerjoin(file, and_(file.c.run_id == run.c.id, file.c.shown))
     )

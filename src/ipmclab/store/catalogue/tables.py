@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.dialects.postgresql import JSONB
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Of these tables. A catalogue of another version is made anew from the run files: no row is ever migrated."""
 
 _JSON = JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql")
@@ -37,9 +37,9 @@ run = Table(
     "ipmclab_run",
     metadata,
     Column("id", _INTEGER, primary_key=True),
-    # The uuid, or the SHA-256 of its document for a run that no recorder made.
+    # The uuid of a run that a recorder made, and the SHA-256 of its document: each corrected copy has a row of its own.
     Column("identity", Text, nullable=False, unique=True),
-    Column("uuid", Text, unique=True),
+    Column("uuid", Text, index=True),
     Column("content_sha256", Text, index=True),
     Column("state", Text),
     Column("state_reason", Text),

@@ -35,11 +35,13 @@ def put_run(connection: Connection, columns: Mapping[str, Any]) -> int:
 
 def put_new_run(connection: Connection, columns: Mapping[str, Any]) -> None:
     """Write a run that has just begun; a row that is there, also one written at this moment, knows more."""
-    from sqlalchemy import insert
+    from sqlalchemy import insert, select
 
     from ipmclab.store.catalogue.tables import document, run
 
     facts = {name: value for name, value in columns.items() if name != "document"}
+    if connection.execute(select(run.c.id).where(run.c.uuid == facts["uuid"]).limit(1)).first() is not None:
+        return
     new = _insert(connection.dialect.name, run).on_conflict_do_nothing(index_elements=[run.c.identity])
     run_id = connection.execute(new.values(**facts).returning(run.c.id)).scalar()
     if run_id is not None:
@@ -69,15 +71,6 @@ def _run_of_file() -> Any:
     from ipmclab.store.catalogue.tables import file
 
     return select(file.c.run_id).where(file.c.laboratory == bindparam("at"), file.c.path == bindparam("below"))
-
-
-@cache
-def _content_of_run() -> Any:
-    from sqlalchemy import bindparam, select
-
-    from ipmclab.store.catalogue.tables import run
-
-    return select(run.c.content_sha256).where(run.c.identity == bindparam("who"))
 
 
 @cache
@@ -123,6 +116,7 @@ def put_run_file(
         columns |= {"size": facts.size, "mtime_ns": facts.mtime_ns, "sha256": facts.sha256}
         other = _other_content(connection, laboratory, path, facts.run)
         if other is None:
+            _take_over(connection, laboratory, path, facts.run)
             now = put_run(connection, {**facts.run, "home": laboratory})
         else:
             code = "same-uuid"
@@ -140,14 +134,11 @@ def _other_content(connection: Connection, laboratory: str, path: str, run_colum
 
     if run_columns["uuid"] is None:
         return None
-    content = connection.execute(_content_of_run(), {"who": run_columns["identity"]}).scalar()
-    if content in (None, run_columns["content_sha256"]):
-        return None
     statement = (
         select(file.c.path)
         .join(run, file.c.run_id == run.c.id)
         .where(
-            run.c.identity == run_columns["identity"],
+            run.c.uuid == run_columns["uuid"],
             run.c.content_sha256 != run_columns["content_sha256"],
             file.c.problem_code.is_(None),
             not_((file.c.laboratory == laboratory) & (file.c.path == path)),
@@ -155,6 +146,29 @@ def _other_content(connection: Connection, laboratory: str, path: str, run_colum
     )
     found = connection.execute(statement.limit(1)).scalar()
     return None if found is None else str(found)
+
+
+def _take_over(connection: Connection, laboratory: str, path: str, run_columns: Mapping[str, Any]) -> None:
+    """Let the row of this run that no other file holds be that of this file: it was recorded, or changed in its place.
+
+    A row that another file holds is another version of the run.
+    """
+    from sqlalchemy import not_, select, update
+
+    from ipmclab.store.catalogue.tables import file, run
+
+    if run_columns["uuid"] is None:
+        return
+    rows = select(run.c.id, run.c.identity).where(run.c.uuid == run_columns["uuid"]).order_by(run.c.id)
+    known = connection.execute(rows).all()
+    if any(identity == run_columns["identity"] for _, identity in known):
+        return
+    here = (file.c.laboratory == laboratory) & (file.c.path == path)
+    for run_id, _ in known:
+        others = select(file.c.id).where(file.c.run_id == run_id, not_(here)).limit(1)
+        if connection.execute(others).first() is None:
+            connection.execute(update(run).where(run.c.id == run_id).values(identity=run_columns["identity"]))
+            return
 
 
 def clear_file(connection: Connection, laboratory: str, path: str) -> int | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ipmclab.run import Run
 from ipmclab.store.document import FORMAT, flag_text, flat_attributes
-from ipmclab.store.exports import heading, run_of_table
+from ipmclab.store.exports.table import heading, run_of_table
 from ipmclab.store.importers.csv import CsvFile, read, read_text
 
 _TITLE = f"# {FORMAT}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from ipmclab.run import Run
 from ipmclab.store.document import flat_attributes, from_document
-from ipmclab.store.exports import unit_of
+from ipmclab.store.exports.table import unit_of
 from ipmclab.store.importers.columns import open_error
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ipmclab.errors import InputError
 from ipmclab.run import Run
 from ipmclab.store.document import flag_text, flat_attributes
-from ipmclab.store.exports import heading, run_of_table
+from ipmclab.store.exports.table import heading, run_of_table
 from ipmclab.store.importers.xlsx import XlsxFile, columns_of, read_sheets
 
 _MAX_ROWS: Final = 1_048_576 - 1  # of a sheet, less the heading

@@ -29,6 +29,22 @@ _FIRST_BYTES: Final = (
 """How files begin that are not text: what they are, and their format in a map where it has one."""
 
 
+def format_of_start(start: bytes, where: str) -> str:
+    """The format of a file that begins so; an empty text where it may be a text table.
+
+    Raises
+    ------
+    InputError
+        A file of a kind that no importer reads.
+    """
+    for signature, kind, name in _FIRST_BYTES:
+        if start.startswith(signature):
+            if not name:
+                raise InputError(f"this is {kind}", code="other-format", where=where, repair="save it as .xlsx or .csv")
+            return name
+    return "lvm" if b"LabVIEW Measurement" in start else ""
+
+
 def read_columns(path: Path, file: File) -> Columns:
     """Read the columns of a file with the importer of its format.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.run import FloatArray
+from ipmclab.store.importers.dates import DATE_ORDERS, DateOrder, read_dates
 
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _MISSING: Final = frozenset(
@@ -27,6 +29,11 @@ _GROUPED: Final = {
     ",": re.compile(r"[+-]?[0-9]{1,3}(?:[. \xa0\u202f'’][0-9]{3})+(?:,[0-9]*)?"),
 }
 """Numbers with thousands marks, by their decimal mark."""
+
+
+def is_missing(text: str) -> bool:
+    """Whether a cell says that there is no reading."""
+    return text.strip().lower() in _MISSING
 
 
 class Clock(NamedTuple):
@@ -123,6 +130,30 @@ class Columns:
             values = np.array([self._number(cell, row, column) for row, cell in enumerate(cells)], dtype=np.float64)
         return np.where(np.isfinite(values), values, np.nan)
 
+    def dates(self, columns: Sequence[int], order: DateOrder) -> FloatArray:
+        """Times from the first row [s], of columns that hold the date and the time of day; NaN for a blank cell.
+
+        Raises
+        ------
+        InputError
+            A cell that is no date in this order, named by its place in the file.
+        """
+        cells = self.cells[columns[0]]
+        if len(columns) > 1:
+            cells = [_joined(each) for each in zip(*(self.cells[column] for column in columns), strict=True)]
+        try:
+            read = read_dates(cells, order)
+        except ValueError as error:
+            row = int(error.args[0])
+            raise InputError(
+                f"{str(cells[row])[:60]!r} is no date written as {order}",
+                code="bad-date",
+                where=f"{self.file}: {self.place(row, columns[0])}",
+                repair="write another order as dates in the map: " + ", ".join(DATE_ORDERS),
+            ) from error
+        first = next((time for time in read if time is not None), 0)
+        return np.array([np.nan if time is None else (time - first) / 1e9 for time in read])
+
     def _number(self, cell: Any, row: int, column: int) -> float:
         if isinstance(cell, int | float) and not isinstance(cell, bool):
             try:
@@ -136,7 +167,7 @@ class Columns:
             pointed = text if self.decimal == "." else text.replace(".", " ").replace(self.decimal, ".")
             if _NUMBER.fullmatch(pointed):
                 return float(pointed)
-            if text.lower() in _MISSING:
+            if is_missing(text):
                 return np.nan
             if self.decimal in _GROUPED and _GROUPED[self.decimal].fullmatch(text):
                 raise self._complaint(
@@ -168,6 +199,14 @@ class Columns:
             where=f"{self.file}: {self.place(row, column)}",
             repair=repair,
         )
+
+
+def _joined(cells: Sequence[Any]) -> Any:
+    """The date and the time of day of one row as one cell."""
+    day, time = cells
+    if isinstance(day, datetime.datetime) and isinstance(time, datetime.time):
+        return datetime.datetime.combine(day.date(), time)
+    return " ".join(str(cell).strip() for cell in cells if cell is not None)
 
 
 def open_error(path: Any, error: Exception, kind: str) -> InputError:

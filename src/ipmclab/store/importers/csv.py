@@ -1,4 +1,4 @@
-"""Records as text tables: separated by commas, semicolons or tabs, also gzipped."""
+"""Records as text tables: separated by commas, semicolons, tabs, bars or blanks, also gzipped."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import csv
 import gzip
 import io
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from pydantic import Field
 
@@ -15,23 +16,31 @@ from ipmclab.errors import InputError
 from ipmclab.store.importers.columns import Columns, open_error
 from ipmclab.store.strict import Strict
 
+if TYPE_CHECKING:
+    from _csv import Reader
+
+
+Encoding = Literal["utf-8", "utf-16", "cp1252", "latin-1", "cp850", "gbk", "shift_jis"]
+
 
 class CsvFile(Strict):
     """How a text table is written.
 
-    ``separator`` stands between cells, ``decimal`` is the decimal mark. ``skip_lines`` lines come before
-    the table; ``header`` says whether its first line names the columns, and ``units_row`` whether the next
-    one gives their units. Lines that start with ``comment`` are left out.
+    ``separator`` stands between cells, ``decimal`` is the decimal mark; a blank as separator stands for any number
+    of them. ``skip_lines`` lines come before the table; ``header`` says whether its first line names the columns,
+    ``units_row`` whether the next one gives their units, and ``skip_rows`` how many more come before the numbers.
+    Lines that start with ``comment`` are left out.
     """
 
     format: Literal["csv"]
-    separator: Literal[",", ";", "\t"] = ","
+    separator: Literal[",", ";", "\t", "|", " "] = ","
     decimal: Literal[".", ","] = "."
     skip_lines: Annotated[int, Field(ge=0)] = 0
     header: bool = True
     units_row: bool = False
+    skip_rows: Annotated[int, Field(ge=0)] = 0
     comment: Literal["#", "%", "//"] | None = None
-    encoding: Literal["utf-8", "utf-16", "latin-1", "gbk", "shift_jis"] = "utf-8"
+    encoding: Encoding = "utf-8"
 
 
 def read_text(path: Path, encoding: str) -> str:
@@ -49,8 +58,16 @@ def read_text(path: Path, encoding: str) -> str:
             f"it is not text in {encoding}: {error}",
             code="bad-encoding",
             where=str(path),
-            repair="give its encoding in the map (utf-8, utf-16, latin-1, gbk, shift_jis)",
+            repair=f"give its encoding in the map ({', '.join(get_args(Encoding))})",
         ) from error
+
+
+def split_rows(lines: Iterable[str], separator: str) -> Reader:
+    """The cells of each line of a text; ``line_num`` of what this gives counts the lines."""
+    if separator == " ":
+        lines = (line.replace("\t", " ").strip() + "\n" for line in lines)
+    # Blanks that follow a separator are no cell; where the separator is the blank, that makes any number of them one.
+    return csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
 
 
 def read(path: Path, options: CsvFile) -> Columns:
@@ -67,7 +84,7 @@ def read(path: Path, options: CsvFile) -> Columns:
         "\n" if number < options.skip_lines or (options.comment and line.startswith(options.comment)) else line
         for number, line in enumerate(text)
     )
-    reader = csv.reader(table, delimiter=options.separator, strict=True)
+    reader = split_rows(table, options.separator)
     rows: list[list[str]] = []
     lines: list[int] = []
     try:
@@ -79,6 +96,7 @@ def read(path: Path, options: CsvFile) -> Columns:
         raise open_error(f"{path}: line {reader.line_num}", error, "a text table") from error
     names = [name.strip() for name in rows.pop(0)] if options.header and rows else []
     units = [unit.strip(" ()[]") for unit in rows.pop(0)] if options.units_row and rows else None
+    del rows[: options.skip_rows]
     lines = lines[len(lines) - len(rows) :]
     if not rows:
         raise InputError(
@@ -88,6 +106,9 @@ def read(path: Path, options: CsvFile) -> Columns:
             repair="see that the record was saved, and header, skip_lines and comment in the map",
         )
     width = len(names or rows[0])
+    for row in rows:
+        while len(row) > width and not row[-1].strip():  # some loggers end each line with a separator
+            del row[-1]
     for heading, given in (("units", units), *((f"line {line}", row) for line, row in zip(lines, rows, strict=True))):
         if given is not None and len(given) != width:
             raise InputError(

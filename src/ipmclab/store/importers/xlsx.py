@@ -10,6 +10,7 @@ from pydantic import Field
 
 from ipmclab.errors import InputError
 from ipmclab.store.importers.columns import Columns, open_error
+from ipmclab.store.importers.nesting import refuse_nested
 from ipmclab.store.strict import Strict
 
 _MOST_CELLS: Final = 2**24
@@ -19,7 +20,7 @@ _MOST_CELLS: Final = 2**24
 class XlsxFile(Strict):
     """How a workbook is laid out.
 
-    ``sheet`` is its name, the first sheet when left out; ``skip_lines``, ``header`` and ``units_row``
+    ``sheet`` is its name, the first sheet when left out; ``skip_lines``, ``header``, ``units_row`` and ``skip_rows``
     as for a text table.
     """
 
@@ -28,6 +29,7 @@ class XlsxFile(Strict):
     skip_lines: Annotated[int, Field(ge=0)] = 0
     header: bool = True
     units_row: bool = False
+    skip_rows: Annotated[int, Field(ge=0)] = 0
 
 
 def read_sheets(path: Path) -> dict[str, list[tuple[Any, ...]]]:
@@ -36,10 +38,11 @@ def read_sheets(path: Path) -> dict[str, list[tuple[Any, ...]]]:
     Raises
     ------
     InputError
-        The file is not a workbook, or a sheet is too wide for its rows.
+        The file is not a workbook, a sheet is too wide for its rows, or its parts are nested too deep.
     """
     import openpyxl
 
+    refuse_nested(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about styles and validation that openpyxl leaves out
@@ -98,6 +101,7 @@ def columns_of(sheets: dict[str, list[tuple[Any, ...]]], options: XlsxFile, wher
     rows = sheets.get(sheet, [])[options.skip_lines :]
     names = list(rows.pop(0)) if options.header and rows else []
     units = list(rows.pop(0)) if options.units_row and rows else []
+    del rows[: options.skip_rows]
     while rows and all(cell is None for cell in rows[-1]):
         rows.pop()
     if not rows:
@@ -108,7 +112,7 @@ def columns_of(sheets: dict[str, list[tuple[Any, ...]]], options: XlsxFile, wher
             repair="see that the record was saved, and sheet, header and skip_lines in the map",
         )
     width = max(len(row) for row in [names, *rows])
-    first = 1 + options.skip_lines + options.header + options.units_row
+    first = 1 + options.skip_lines + options.header + options.units_row + options.skip_rows
     return Columns(
         file=where,
         names=tuple(str(name).strip() if name is not None else "" for name in _pad(names, width)),

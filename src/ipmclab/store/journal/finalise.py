@@ -12,7 +12,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -21,11 +21,12 @@ import numpy.typing as npt
 
 from ipmclab.checksum import ArrayChecksum, content_checksum
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import detached, is_still_at, lock_file, move_file
+from ipmclab.platform import detached, is_still_at, lock_file, move_file, python_child, sync_file
 from ipmclab.store.document import attributes_of, document_of
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.record import JournalRecord, read_journal
 from ipmclab.store.journal.run import Layout, layout_of
+from ipmclab.store.journal.salvage import salvage
 from ipmclab.store.run_file import CHUNK_ROWS, add_attributes, add_variables
 
 Outcome = Literal["run", "empty", "lost", "in-use", "gone"]
@@ -41,7 +42,8 @@ class Finished:
         Where it was.
     outcome : "run", "empty", "lost", "in-use" or "gone"
         A run file was made of it; it had no rows and was put away; it could not be made into a run and is in
-        ``lost+found``; it is being written at this moment; somebody else has dealt with it.
+        ``lost+found``, its rows beside it where it has whole ones; it is being written at this moment; somebody else
+        has dealt with it.
     path : str
         Of the run file, or where the journal is now.
     uuid, state, note : str
@@ -49,6 +51,8 @@ class Finished:
     rows : int
     sha256 : str
         Of the run file.
+    salvaged : str
+        A table of the rows of a journal that is lost.
     """
 
     journal: str
@@ -59,6 +63,12 @@ class Finished:
     note: str = ""
     rows: int = 0
     sha256: str = ""
+    salvaged: str = ""
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether it has rows that no run has."""
+        return self.outcome == "lost" and bool(self.rows or self.salvaged)
 
 
 def finalise(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.PathLike[str]) -> Path:
@@ -106,7 +116,7 @@ def finish(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.Pa
         It could not be done; the journal is kept.
     """
     root = Laboratory.open(laboratory).root
-    command = [sys.executable, "-m", "ipmclab.store.journal.finalise", os.fspath(journal), str(root)]
+    command = python_child("ipmclab.store.journal.finalise", os.fspath(journal), str(root))
     done = subprocess.run(command, capture_output=True, check=False, **detached())
     lines = done.stdout.decode(errors="replace").strip().splitlines()
     try:
@@ -158,9 +168,14 @@ def _deal_with(journal: Path, stream: BinaryIO, laboratory: Laboratory) -> tuple
     try:
         record = read_journal(journal, stream)
     except InputError as error:
-        if error.code not in ("empty-file", "not-a-journal"):
+        if error.code == "empty-file":
+            return _put_away(journal, "empty", laboratory.lost, note=error.message)
+        if error.code not in ("header-lost", "not-a-journal"):
             raise
-        return _put_away(journal, "lost", laboratory.lost, note=error.message)
+        finished, taken = _put_away(journal, "lost", laboratory.lost, note=error.message)
+        if error.code == "header-lost":
+            finished = replace(finished, salvaged=str(salvage(stream, taken)))
+        return finished, taken
     uuid, rows = record.header.uuid, record.n_rows
     if rows == 0:
         return _put_away(journal, "empty", laboratory.archive, uuid=uuid, note="no rows")
@@ -204,7 +219,7 @@ def _run_file(record: JournalRecord, layout: Layout, stream: BinaryIO, laborator
     try:
         digests = _write(layout, stream, temporary)
         with temporary.open("rb+") as written:
-            os.fsync(written.fileno())
+            sync_file(written.fileno())
         difference = _difference(temporary, digests, _document(layout, digests))
         if difference is not None:
             raise IpmclabError(

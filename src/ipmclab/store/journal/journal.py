@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import is_still_at, lock_file, reserve, sync_folder
+from ipmclab.platform import is_still_at, lock_file, reserve, sync_file, sync_folder
 from ipmclab.run import RunMetadata
 from ipmclab.store.document import metadata_table
 from ipmclab.store.journal.frames import DATA, END, EVENT, HEADER, Frame
@@ -96,6 +96,8 @@ class Journal:
         self._on_commit = on_commit
         self._size = 0
         self._sequence = 0
+        self._copy_at = 1
+        self._header_payload = b""
         self._next_row = 0
         self._acknowledged = 0
         self._queue: deque[_Rows | _Note] = deque()
@@ -148,6 +150,7 @@ class Journal:
         except OSError as error:
             raise _failed(path, error) from error
         journal = cls(path, header, descriptor, held if ballast else None, on_commit)
+        journal._header_payload = first
         try:
             if ballast:
                 _hold_room(held, ballast)
@@ -376,17 +379,23 @@ class Journal:
     def _commit(self, items: list[_Rows | _Note]) -> None:
         """Bring items to the disk: one write, one sync; or none of them, and the error."""
         frames, rows = self._frames(items)
+        if rows and self._sequence >= self._copy_at:
+            # A disk that damages the first frame must not take the rows with it. The copies lie ever further apart:
+            # few of them, also in a journal of hours, and one of them near wherever a journal is cut.
+            frames.append(Frame(HEADER, self._header_payload, self._sequence + len(frames)))
         data = memoryview(b"".join(frame.encode() for frame in frames))
         try:
             left = data
             while len(left):
                 left = left[os.write(self._descriptor, left) :]
-            os.fsync(self._descriptor)
+            sync_file(self._descriptor)
         except OSError:
             os.ftruncate(self._descriptor, self._size)
             raise
         self._size += len(data)
         self._sequence += len(frames)
+        if frames[-1].kind == HEADER:
+            self._copy_at = 2 * self._sequence
         self._acknowledged += rows
 
     def _frames(self, items: list[_Rows | _Note]) -> tuple[list[Frame], int]:

@@ -13,6 +13,7 @@ from typing import Final
 from uuid import UUID
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import LONGEST_PATH
 from ipmclab.run import RunMetadata
 
 BALLAST: Final = 64 << 20
@@ -119,6 +120,10 @@ class Laboratory:
         """The journals that are being written or wait to be finished, the oldest first."""
         return tuple(path for _, path in sorted(_with_age(self.recording)))
 
+    def salvaged(self) -> tuple[Path, ...]:
+        """The tables of journals that lost their header."""
+        return tuple(sorted(self.lost.glob("*.csv")))
+
     def archived(self, before: float) -> tuple[Path, ...]:
         """The archived journals that were last written before a time [s since 1970]."""
         return tuple(path for age, path in _with_age(self.archive) if age < before)
@@ -145,11 +150,35 @@ class Laboratory:
         name = "_".join((digits[:8], digits[8:14], *words, UUID(uuid).hex[:8]))
         return self.runs / digits[:4] / digits[4:6] / f"{name}.nc"
 
+    def check_name(self, metadata: RunMetadata) -> None:
+        """Refuse a run whose file would have a name that cannot be opened: better before it is recorded than after.
+
+        Parameters
+        ----------
+        metadata : RunMetadata
+            Rig, sample and signal: they stand in the name.
+
+        Raises
+        ------
+        InputError
+        """
+        file = self.run_file(_SOME_UUID, metadata, "2026-11-21T14:32:05")
+        length = len(str(file)) + len(".part")
+        if length > LONGEST_PATH:
+            raise InputError(
+                f"the run would be at a path of {length} letters, this system opens {LONGEST_PATH} at most: {file}",
+                code="path-too-long",
+                where="folder",
+                repair=f"record into a folder whose path is {length - LONGEST_PATH} letters shorter, or give rig, "
+                "sample or signal a shorter name",
+            )
+
     def free_space(self) -> int:
         """Bytes that are free on its disk."""
         return shutil.disk_usage(self.root).free
 
 
+_SOME_UUID: Final = "00000000-0000-4000-8000-000000000000"
 _DATE: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d")
 
 

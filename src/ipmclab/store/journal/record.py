@@ -132,9 +132,7 @@ def read_journal(path: str | os.PathLike[str], stream: BinaryIO | None = None) -
     if stream is None:
         with _opened(source) as opened:
             return read_journal(source, opened)
-    found = read_frames(stream)
-    header = _header(next(found, None), str(path))
-    return _Collector(source, header).collect(found)
+    return _Collector(source, _header(stream, str(path))).collect(read_frames(stream))
 
 
 def read_header(path: str | os.PathLike[str]) -> JournalHeader:
@@ -146,7 +144,7 @@ def read_header(path: str | os.PathLike[str]) -> JournalHeader:
         No such file, or one without a readable header.
     """
     with _opened(Path(path)) as stream:
-        return _header(next(read_frames(stream), None), str(path))
+        return _header(stream, str(path))
 
 
 def _opened(path: Path) -> BinaryIO:
@@ -161,15 +159,28 @@ def _opened(path: Path) -> BinaryIO:
         ) from error
 
 
-def _header(first: Frame | Damage | None, where: str) -> JournalHeader:
-    if not isinstance(first, Frame) or first.kind != HEADER:
+def _header(stream: BinaryIO, where: str) -> JournalHeader:
+    """What a journal says of itself: in its first frame or, where that is damaged, in the first whole copy of it."""
+    rows, is_empty = 0, True
+    for item in read_frames(stream):
+        is_empty = False
+        if isinstance(item, Frame):
+            if item.kind == HEADER:
+                return JournalHeader.from_json(item.payload, where=where)
+            rows += item.rows
+    if rows:
         raise InputError(
-            "its first frame is no header of a journal" if first else "it is empty (0 bytes)",
-            code="not-a-journal" if first else "empty-file",
+            f"its header is damaged, and there is no copy of it: {rows} rows are whole, but nothing says what they are",
+            code="header-lost",
             where=where,
-            repair="what is in it cannot be told",
+            repair="ipmclab recover writes them as numbered columns",
         )
-    return JournalHeader.from_json(first.payload, where=where)
+    raise InputError(
+        "it is empty (0 bytes)" if is_empty else "its first frame is no header of a journal",
+        code="empty-file" if is_empty else "not-a-journal",
+        where=where,
+        repair="what is in it cannot be told",
+    )
 
 
 class _Collector:
@@ -191,7 +202,7 @@ class _Collector:
         for item in found:
             if isinstance(item, Damage):
                 self.damage.append(item)
-            elif item.kind == DATA:
+            elif item.kind == DATA:  # a header is the first frame, or a copy of it
                 self._add_rows(item)
             elif item.kind in (EVENT, END):
                 self._add_note(item)

@@ -13,10 +13,15 @@ from uuid import UUID
 
 from ipmclab.errors import IpmclabError
 from ipmclab.store.journal.finalise import Finished, finish
+from ipmclab.store.journal.guardian_word import SUFFIX, read_word
 from ipmclab.store.journal.laboratory import Laboratory
 
 ARCHIVE_TIME: Final = 30 * 86400.0
 """How long [s] the journal of a finished run is kept."""
+
+
+WORD_TIME: Final = 60.0
+"""How long [s] the word of a guardian is kept that brought its output to 0 V: clients look several times a second."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,7 @@ def recover(
         except IpmclabError as error:
             failed.append((journal, error))
     removed += _old_journals(laboratory)
+    removed += _settled_words(laboratory)
     return Recovery(tuple(finished), tuple(failed), tuple(removed))
 
 
@@ -95,6 +101,20 @@ def _old_journals(laboratory: Laboratory) -> list[Path]:
         return []
     there = {path.stem.rpartition("_")[2] for path in laboratory.runs.glob("*/*/*.nc")}
     return [path for path in old if _first_digits(path) in there and _remove(path)]
+
+
+def _settled_words(laboratory: Laboratory) -> list[Path]:
+    """Remove what guardians left that had their output at 0 V, once no journal waits for it and others have read it."""
+    if laboratory.journals():
+        return []
+    return [
+        file
+        for file in laboratory.recording.glob(f"*{SUFFIX}")
+        if (word := read_word(file)).state in ("zero", "disarmed")
+        and word.time < time.time() - WORD_TIME
+        and not file.with_suffix(".recorder").exists()
+        and _remove(file)
+    ]
 
 
 def _first_digits(journal: Path) -> str:

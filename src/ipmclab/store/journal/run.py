@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Hold, Mark, RunMetadata
+from ipmclab.store.journal.guardian_word import EVENT as GUARDIAN
+from ipmclab.store.journal.guardian_word import read_word
 from ipmclab.store.journal.record import FloatArray, JournalRecord
 from ipmclab.store.run_file import CHUNK_ROWS
 
@@ -116,16 +119,24 @@ def _state(record: JournalRecord) -> tuple[Any, str]:
         first = record.damage[0]
         dropped = f"{record.bytes_dropped} bytes dropped, the first at byte {first.start}: {first.reason}"
     if record.state is None:
-        return "recovered", f"the recording was cut off before its end; {dropped or '0 bytes dropped'}"
+        return "recovered", f"the recording was cut off before its end; {dropped or '0 bytes dropped'}{_output(record)}"
     if not dropped:
         return record.state, record.reason
     said = f"the recording ended {record.state}" + (f" ({record.reason})" if record.reason else "")
     return "recovered", f"{said}, but its journal is damaged; {dropped}"
 
 
+def _output(record: JournalRecord) -> str:
+    """What is known of the output after a recording that was cut off, where a guardian watched over it."""
+    named = next((event.text for event in record.events if event.kind == GUARDIAN), "")
+    if not named:
+        return ""
+    return f"; {read_word(record.path.with_name(Path(named).name), since=record.path.stat().st_mtime)}"
+
+
 def _marks(record: JournalRecord, known: tuple[Mark, ...]) -> tuple[Mark, ...]:
     rate = record.header.rate
-    marks = [*known, *(Mark(e.time, e.text, e.kind) for e in record.events if e.kind != ENVIRONMENT)]
+    marks = [*known, *(Mark(e.time, e.text, e.kind) for e in record.events if e.kind not in (ENVIRONMENT, GUARDIAN))]
     told = [mark.time for mark in marks if mark.kind == "gap"]
     gaps = [
         (start, stop)

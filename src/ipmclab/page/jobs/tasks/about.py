@@ -20,7 +20,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """
     from ipmclab.page.jobs.tasks.given import read_runs, rows_of
     from ipmclab.quality import measure
-    from ipmclab.report.tables import metric_rows, run_facts
+    from ipmclab.reporting.tables import metric_rows, run_facts
 
     progress("measuring the run")
     (record,) = read_runs([arguments["run"]])

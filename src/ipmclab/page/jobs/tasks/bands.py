@@ -16,8 +16,8 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     Arrays are ``OUTPUT.low`` and ``OUTPUT.high`` in SI units, at the rows of that answer, or at times of their own.
     ``label`` is empty where there is no band; ``sentences`` say why, and what a band holds for.
     """
-    from ipmclab.identify.many_runs.answer import sure_answer
     from ipmclab.page.jobs.tasks.simulate import answered, stamps, thinned_where_long
+    from ipmclab.prediction.answer import sure_answer
 
     of = {"stamps": stamps(arguments)}
     answer, measured, actuator, _ = answered({**arguments, "changes": {}})

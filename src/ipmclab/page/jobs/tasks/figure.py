@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Draw the files ``runs`` to ``out`` (.svg, .png or .pdf)."""
     from ipmclab.page.jobs.tasks.given import read_runs
-    from ipmclab.report import plot
+    from ipmclab.reporting import plot
 
     progress("drawing")
     labels = [Path(path).stem for path in arguments["runs"]]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.store.run_file import read_run
+from ipmclab.workflows.reading import read_named_run
 
 if TYPE_CHECKING:
-    from ipmclab.identify.scores import Comparison
     from ipmclab.page.wire import FloatArray
+    from ipmclab.prediction.scores import Comparison
     from ipmclab.run import Finding, Run
 
 _SHOWN_APART: Final = 400
@@ -29,13 +28,7 @@ def read_runs(paths: Sequence[str]) -> list[Run]:
     InputError
         A file that is no run.
     """
-    runs = []
-    for path in paths:
-        run = read_run(path)
-        if run.metadata.source_file is None and run.metadata.signal is None:
-            run = replace(run, metadata=replace(run.metadata, source_file=Path(path).name))
-        runs.append(run)
-    return runs
+    return [read_named_run(path) for path in paths]
 
 
 def finding_row(finding: Finding, run: Run | None = None) -> dict[str, Any]:

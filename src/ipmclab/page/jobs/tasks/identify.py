@@ -8,7 +8,7 @@ from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
-    from ipmclab.identify import Fit
+    from ipmclab.fit.fit import Fit
     from ipmclab.page.jobs.tasks import Progress
     from ipmclab.run import Run
 
@@ -24,31 +24,23 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         What ``identify`` refuses.
     """
     from ipmclab import load_actuator
-    from ipmclab.identify.fit_file import write_fit
-    from ipmclab.identify.identify import identify
-    from ipmclab.identify.many_runs.left_out import leave_one_run_out
-    from ipmclab.identify.progress import part, telling
-    from ipmclab.identify.uncertainty.profiles import profile
+    from ipmclab.fit.fit_file import write_fit
     from ipmclab.page.jobs.tasks.given import read_runs
+    from ipmclab.workflows.fitting import fit_of_runs
 
     progress("reading the runs", 0.0)
     actuator = load_actuator(arguments["actuator"])
     runs = read_runs(arguments["runs"])
-    with telling(progress):
-        with part("", 0.0, 0.8):
-            fit = identify(
-                actuator,
-                runs,
-                free=arguments["free"],
-                per_run=arguments.get("per_run") or (),
-                per_mounting=arguments.get("per_mounting") or (),
-                prior=arguments.get("prior") or (),
-                labels=arguments["labels"],
-            )
-        with part("", 0.8, 0.9):
-            fit = profile(fit)
-        with part("", 0.9, 1.0):
-            fit = leave_one_run_out(fit) if len(runs) > 1 else fit
+    fit = fit_of_runs(
+        actuator,
+        runs,
+        free=arguments["free"],
+        per_run=arguments.get("per_run") or (),
+        per_mounting=arguments.get("per_mounting") or (),
+        prior=arguments.get("prior") or (),
+        labels=arguments["labels"],
+        progress=progress,
+    )
     write_fit(fit, arguments["out"], overwrite=True)
     document, arrays = fit_frame(fit, runs)
     return Frame({**document, "out": arguments["out"]}, arrays)
@@ -56,15 +48,15 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
-    from ipmclab.identify.diagnostics.output_diagnosis import WORDS
-    from ipmclab.identify.fitted import fitted_outputs
-    from ipmclab.identify.many_runs.mountings import why_unknown
-    from ipmclab.identify.remarks import averages
+    from ipmclab.fit.output_diagnosis import WORDS
+    from ipmclab.identification.mountings.mountings import why_unknown
+    from ipmclab.identification.mountings.remarks import averages
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, rows_of
-    from ipmclab.report.many_runs import left_out_rows
-    from ipmclab.report.profiles import profiles_csv, profiles_part
-    from ipmclab.report.svg import standalone_svg
-    from ipmclab.report.tables import fit_rows, fixed_rows, parameter_rows
+    from ipmclab.prediction.fitted import fitted_outputs
+    from ipmclab.reporting.many_runs import left_out_rows
+    from ipmclab.reporting.profiles import profiles_csv, profiles_part
+    from ipmclab.reporting.svg import standalone_svg
+    from ipmclab.reporting.tables import fit_rows, fixed_rows, parameter_rows
     from ipmclab.units import CHANNELS
 
     fitted = [fitted_outputs(fit, one, place) for place, one in enumerate(runs)]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.page.jobs.frames import Frame
-from ipmclab.page.jobs.tasks.unpacked import refuse_large
+from ipmclab.page.jobs.tasks.room import refuse_large_here
 
 if TYPE_CHECKING:
     from ipmclab.page.jobs.tasks import Progress
@@ -26,7 +26,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab.store.import_map import ImportMap
 
     progress("importing")
-    refuse_large(Path(arguments["path"]))
+    refuse_large_here(Path(arguments["path"]))
     table = arguments["map"]
     imported = import_run(arguments["path"], ImportMap.from_table(table, where="map") if table else None)
     if arguments.get("out"):

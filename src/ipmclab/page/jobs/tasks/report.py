@@ -21,9 +21,9 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         What ``report`` refuses.
     """
     from ipmclab import load_actuator
-    from ipmclab.identify.fit_file import read_fit
+    from ipmclab.fit.fit_file import read_fit
     from ipmclab.page.jobs.tasks.given import read_runs
-    from ipmclab.report import report
+    from ipmclab.reporting import report
 
     progress("reading the runs")
     fit = read_fit(arguments["fit"])

@@ -17,9 +17,9 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     Arrays are ``MODEL.RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``, by places.
     """
     from ipmclab import load_actuator
-    from ipmclab.identify.validate import validate
     from ipmclab.page.jobs.tasks.given import comparison_arrays, finding_row, read_runs, rows_of
-    from ipmclab.report.tables import score_rows
+    from ipmclab.prediction.validate import validate
+    from ipmclab.reporting.tables import score_rows
 
     progress("reading the runs")
     runs = read_runs(arguments["runs"])

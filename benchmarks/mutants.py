@@ -1,0 +1,145 @@
+"""How many small changes to the code does the suite notice?
+
+Run ``python -m benchmarks.mutants [--changes 200] [--workers 2] [--limit 240] [--record]``. Changes are drawn over
+``src`` with seed 20261121, a tenth from each of ``rig/safety`` and ``store/journal`` besides their part of the whole.
+Each is made in a copied tree, where the tests that could notice run until one fails. What was found is kept under
+``build/`` as it is found: a call that is ended goes on where it was, as long as the changed files are what they were.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import shutil
+import tempfile
+import threading
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+
+from benchmarks.harness import finish
+from benchmarks.mutation.changes import SEED, STRICT, Change, draw
+from benchmarks.mutation.noticing import Imports
+from benchmarks.mutation.trial import LIKELIEST, Trial, Verdict
+
+SOURCES = ("src", "tests", "benchmarks/mutation")
+ROOT = Path(__file__).parents[1]
+NOTICED, NOTICED_STRICT = 0.80, 0.95
+"""Of the changes, at least: over the whole house, and in each of the strict rooms."""
+
+
+class Known:
+    """Verdicts on disk, one a line, each under the text of the file that it is about."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(exist_ok=True)
+        self._path, self._lock = path, threading.Lock()
+        self._verdicts = {}
+        for line in path.read_text().splitlines() if path.exists() else ():
+            found = json.loads(line)
+            self._verdicts[found.pop("key")] = Verdict(Change(**found.pop("change")), **found)
+
+    def get(self, change: Change) -> Verdict | None:
+        """What is known of a change."""
+        return self._verdicts.get(_key(change))
+
+    def add(self, verdict: Verdict) -> None:
+        """Keep it, for good."""
+        key = _key(verdict.change)
+        with self._lock, self._path.open("a") as file:
+            self._verdicts[key] = verdict
+            file.write(json.dumps({"key": key, **asdict(verdict)}) + "\n")
+
+
+def _key(change: Change) -> str:
+    text = (ROOT / change.path).read_bytes()
+    return hashlib.sha256(text + repr((change.path, change.begin, change.new)).encode()).hexdigest()
+
+
+def judge(changes: list[Change], known: Known, workers: int, limit: float) -> None:
+    """Put those on trial that are not known yet."""
+    imports = Imports(ROOT)
+    pending = [change for change in changes if known.get(change) is None]
+    lock = threading.Lock()
+
+    def work(folder: Path) -> None:
+        trial = Trial(ROOT, folder)
+        while True:
+            with lock:
+                if not pending:
+                    return
+                change = pending.pop(0)
+            verdict = trial.of(change, imports.tests_of(change.path), limit)
+            known.add(verdict)
+            print(
+                f"{verdict.seconds:5.0f} s  {_where(change)}: {_what(change)}: {verdict.noticed_by or 'SURVIVED'}",
+                flush=True,
+            )
+
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
+        for done in [pool.submit(work, Path(folder) / str(k)) for k in range(workers)]:
+            done.result()
+
+
+def _where(change: Change) -> str:
+    return f"{change.path.removeprefix('src/').removeprefix('ipmclab/')}:{change.line}"
+
+
+def _what(change: Change) -> str:
+    old = " ".join(change.old.split())
+    short = old if len(old) <= 50 else f"{old[:47]}..."
+    return f"`{short}` to `{change.new}`" if change.new else f"`{short}` dropped"
+
+
+def page(verdicts: list[Verdict], drawn: int) -> str:
+    """The score by room, and what nobody noticed."""
+    tried = Counter(verdict.change.room for verdict in verdicts)
+    noticed = Counter(verdict.change.room for verdict in verdicts if verdict.noticed_by)
+    late = Counter(verdict.change.room for verdict in verdicts if verdict.out_of_time)
+    rows = [(room, tried[room], noticed[room], late[room]) for room in sorted(tried)]
+    rows.append(("**all**", tried.total(), noticed.total(), late.total()))
+    asked = {**dict.fromkeys(STRICT, NOTICED_STRICT), "**all**": NOTICED}
+    table = "\n".join(
+        f"| {room} | {n} | {a} | {n - a - b} | {b} | {a / n:.0%} | {f'{asked[room]:.0%}' if room in asked else ''} |"
+        for room, n, a, b in rows
+    )
+    survivors = "\n".join(
+        f"| {_where(verdict.change)} | {_what(verdict.change)} |{' the time was over' if verdict.out_of_time else ''} |"
+        for verdict in sorted(verdicts, key=lambda verdict: (verdict.change.path, verdict.change.line))
+        if not verdict.noticed_by
+    )
+    return (
+        f"{len(verdicts)} of {drawn} changes drawn over `src` (seed {SEED}) were put on trial, each before the "
+        f"examples of its module and the {LIKELIEST - 1} test files that are likeliest to notice it, in "
+        f"{sum(verdict.seconds for verdict in verdicts) / 3600.0:.1f} hours.\n\n"
+        "| room | tried | noticed | not noticed | time over | score | at least |\n|---|---|---|---|---|---|---|\n"
+        f"{table}\n\n"
+        "## Noticed by no test\n\nSome of these change nothing that can be seen: a test cannot notice them.\n\n"
+        f"| where | change | |\n|---|---|---|\n{survivors}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--changes", type=int, default=200)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--limit", type=float, default=240.0, help="for one change [s]")
+    parser.add_argument("--known", action="store_true", help="report what is known already, try nothing")
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/mutants.md")
+    options = parser.parse_args()
+    if shutil.which("git") is None:
+        raise SystemExit("git is not found: the copied tree holds the files that it lists")
+    changes = draw(ROOT, options.changes)
+    known = Known(ROOT / "build" / "mutants.jsonl")
+    if not options.known:
+        judge(changes, known, options.workers, options.limit)
+    verdicts = [verdict for change in changes if (verdict := known.get(change))]
+    if not verdicts:
+        raise SystemExit("no change was put on trial")
+    finish("mutants", "Small changes noticed", page(verdicts, len(changes)), [], record=options.record, gate=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,229 @@
+"""Fits of models that are not complete, beside plain least squares of the same circuit.
+
+Run ``python -m benchmarks.wrong_model [--trials 100] [--record]``; ``IPMCLAB_REAL_RUNS`` names the real records. No
+model of a strip is complete. What is asked here is whether the free-running prediction of the fit is as near to the
+readings as what a user writes in ten lines: bounded least squares of the same circuit from six starts, its sheet
+resistance and the zero of the current free, the voltage taken as it is recorded.
+
+Real: the current of four records, 5 s before to 60 s after the contact, two and three branches; then fitted up to 30 s
+and predicted to 60 s. Simulated: strips drawn about friend-2 by a factor of 3 each way, with one branch more than the
+fit has, a leak, or electrodes as a line; a step of 0.5 to 2.5 V from 5 s on, 40 s, 10 to 100 S/s, white noise of 0 to
+0.03 mA, readings rounded to 0 to 0.1 mA, the hold known or not; two branches are fitted. Seed 20261122.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.optimize
+import scipy.signal
+
+import ipmclab
+from benchmarks.harness import finish
+from benchmarks.real_records import StepRecord, records
+from ipmclab.model.variants import with_stages
+
+SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+SEED = 20261122
+FREE = ("electrical", "circuit.sheet_resistance")
+WORST_DRAWN = 1.1
+Array = npt.NDArray[np.float64]
+
+
+def circuit_current(entries: Array, voltage: Array, period: float) -> Array:
+    """Current of R + (R_dc || RC || RC ...), the voltage held from row to row; entries are logarithms [ohm, F]."""
+    series, leak = np.exp(entries[:2])
+    resistances, capacitances = np.exp(entries[2::2]), np.exp(entries[3::2])
+    conductances = 1.0 / resistances
+    total = 1.0 / series + 1.0 / leak + conductances.sum()
+    # The node's voltage is (v / R + sum u_i / R_i) / total; each capacitor has C_i u_i' = (node - u_i) / R_i.
+    scale = 1.0 / np.sqrt(capacitances)
+    inner = scale[:, None] * (np.outer(conductances, conductances) / total - np.diag(conductances)) * scale
+    rates, vectors = np.linalg.eigh(inner)
+    drive = vectors.T @ (scale * conductances / (series * total))
+    decays = np.exp(rates * period)
+    current = voltage / series - voltage / (series**2 * total)
+    for decay, rate, gain, seen in zip(decays, rates, drive, drive, strict=True):
+        state = scipy.signal.lfilter([0.0, (decay - 1.0) / rate * gain], [1.0, -decay], voltage)
+        current = current - seen * state
+    return np.asarray(current)
+
+
+def plain_fit(voltage: Array, current: Array, period: float, branches: int, used: npt.NDArray[np.bool_]) -> Array:
+    """Bounded least squares from six starts: the entries, and last the zero [A]."""
+    steady = float(np.abs(voltage).max() / max(np.abs(current[used][-20:]).mean(), 1e-6))
+    first = float(np.abs(voltage).max() / max(np.abs(current[used]).max(), 1e-6))
+    lower = np.log([1e-1, 1e1, *[1e-1, 1e-6] * branches])
+    upper = np.log([1e4, 1e7, *[1e6, 1e2] * branches])
+    generator = np.random.default_rng(1)
+
+    def residual(point: Array) -> Array:
+        return np.asarray(1e3 * (circuit_current(point[:-1], voltage, period) + 1e-3 * point[-1] - current)[used])
+
+    best: scipy.optimize.OptimizeResult | None = None
+    for _ in range(6):
+        times = np.sort(np.exp(generator.uniform(np.log(4 * period), np.log(20.0), branches)))
+        resistances = np.geomspace(first, 10 * first, branches) * np.exp(generator.uniform(-0.5, 0.5, branches))
+        start = [np.log(0.7 * first), np.log(steady)]
+        for resistance, constant in zip(resistances, times, strict=True):
+            start += [np.log(resistance), np.log(constant / resistance)]
+        begin = np.append(np.clip(start, lower + 1e-3, upper - 1e-3), 0.0)
+        found = scipy.optimize.least_squares(
+            residual, begin, bounds=(np.append(lower, -1e3), np.append(upper, 1e3)), x_scale="jac", max_nfev=200
+        )
+        best = found if best is None or found.cost < best.cost else best
+    assert best is not None
+    return np.asarray(best.x)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Root mean square of what is left [A]: by ``identify``, and by plain least squares; and the times [s]."""
+
+    left: float
+    plain: float
+    seconds: float
+
+    @property
+    def ratio(self) -> float:
+        return self.left / self.plain
+
+
+def compared(run: ipmclab.Run, actuator: ipmclab.Actuator, branches: int) -> Compared:
+    """One fit beside plain least squares."""
+    assert run.current is not None
+    used = np.isfinite(run.current)
+    current = np.where(used, run.current, 0.0)
+    begin = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = ipmclab.identify(actuator, run, free=FREE)
+    seconds = time.perf_counter() - begin
+    seen = np.isfinite(fit.residuals[0]["current"])
+    left = float(np.sqrt(np.mean(fit.residuals[0]["current"][seen] ** 2)))
+    point = plain_fit(run.voltage, current, 1.0 / run.rate, branches, seen)
+    away = circuit_current(point[:-1], run.voltage, 1.0 / run.rate) + 1e-3 * point[-1] - current
+    return Compared(left, float(np.sqrt(np.mean(away[seen] ** 2))), seconds)
+
+
+def cut_out(record: StepRecord, last: float) -> ipmclab.Run:
+    """The current of a record from 5 s before the contact on."""
+    rows = record.rows(-5.0, last)
+    assert record.run.current is not None
+    current = np.where(record.usable("current")[rows], record.run.current[rows], np.nan)
+    # Before the contact no voltage is at the strip.
+    on = np.arange(len(record.run.time))[rows] >= record.contact
+    time_of = record.run.time[rows] - record.run.time[rows][0]
+    return ipmclab.Run.from_arrays(time=time_of, voltage=np.where(on, record.run.voltage[rows], 0.0), current=current)
+
+
+def predicted(record: StepRecord, actuator: ipmclab.Actuator, branches: int) -> tuple[Compared, float]:
+    """The same for rows after 30 s, of fits that saw only what is before; and the share inside the 95 % band."""
+    whole, first = cut_out(record, 60.0), cut_out(record, 30.0)
+    assert first.current is not None
+    assert whole.current is not None
+    begin = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = ipmclab.identify(actuator, first, free=FREE)
+        found = ipmclab.validate(fit.actuator, whole).runs[0].comparisons["current"]
+    seconds = time.perf_counter() - begin
+    used = np.isfinite(first.current)
+    point = plain_fit(first.voltage, np.where(used, first.current, 0.0), 1.0 / first.rate, branches, used)
+    plain = circuit_current(point[:-1], whole.voltage, 1.0 / whole.rate) + 1e-3 * point[-1] - whole.current
+    later = found.used & (np.arange(len(whole)) >= len(first))
+    left = found.error[later]
+    inside = float(np.mean(np.abs(left) <= found.reach[later])) if found.reach is not None else float("nan")
+    return Compared(float(np.sqrt(np.mean(left**2))), float(np.sqrt(np.mean(plain[later] ** 2))), seconds), inside
+
+
+def drawn(generator: np.random.Generator) -> tuple[str, ipmclab.Run]:
+    """A strip with more than the model knows, and its current."""
+    kind = str(generator.choice(["one more branch", "cubic leak", "exponential leak", "electrodes as a line"]))
+    stage = {
+        "one more branch": "branches=3",
+        "cubic leak": "leak.cubic",
+        "exponential leak": "leak.exponential",
+        "electrodes as a line": "line.segments=10",
+    }[kind]
+    strip = with_stages(ipmclab.load_actuator("friend-2"), stage)
+    about = np.log(3.0)
+    moved = [name for name in strip.parameter_values if name.startswith(("circuit.", "leak.")) and strip[name] > 0.0]
+    strip = strip.replace(**{name: strip[name] * np.exp(generator.uniform(-about, about)) for name in moved})
+    rate, volts = float(generator.choice([10.0, 25.0, 50.0, 100.0])), float(generator.uniform(0.5, 2.5))
+    clean = ipmclab.simulate(strip, f"step {volts:.4g} V delay=5 s", duration=40, rate=rate)
+    assert clean.current is not None
+    current = clean.current + generator.choice([0.0, 3e-6, 3e-5]) * generator.standard_normal(len(clean))
+    step = float(generator.choice([0.0, 1e-6, 1e-5, 1e-4]))
+    current = np.round(current / step) * step if step else current
+    hold = clean.hold if generator.random() < 0.5 else "unknown"
+    return kind, ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold=hold)
+
+
+def real_part() -> list[str]:
+    """The table of the real records."""
+    two = ipmclab.load_actuator("friend-2")
+    lines = [
+        "| record | branches | fit, mA | plain, mA | ratio | time | next 30 s: fit, mA | plain | ratio | inside band |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, record in records().items():
+        for branches, actuator in ((2, two), (3, with_stages(two, "branches=3"))):
+            one = compared(cut_out(record, 60.0), actuator, branches)
+            after, inside = predicted(record, actuator, branches)
+            lines.append(
+                f"| {name} | {branches} | {1e3 * one.left:.4f} | {1e3 * one.plain:.4f} | {one.ratio:.3f} | "
+                f"{one.seconds:.1f} s | {1e3 * after.left:.3f} | {1e3 * after.plain:.3f} | {after.ratio:.2f} | "
+                f"{100 * inside:.0f} % |"
+            )
+            print(lines[-1], flush=True)
+    return lines
+
+
+def drawn_part(trials: int) -> list[str]:
+    """The table of simulated strips."""
+    generator = np.random.default_rng(SEED)
+    actuator = ipmclab.load_actuator("friend-2")
+    ratios: dict[str, list[float]] = {}
+    seconds: list[float] = []
+    for number in range(trials):
+        kind, run = drawn(generator)
+        one = compared(run, actuator, 2)
+        ratios.setdefault(kind, []).append(one.ratio)
+        seconds.append(one.seconds)
+        print(f"{number + 1} of {trials}: {kind}, {one.ratio:.3f}, {one.seconds:.1f} s", flush=True)
+    lines = [
+        "| truth has | strips | median ratio | 95 % | largest | above 1.1 |",
+        "|---|---|---|---|---|---|",
+    ]
+    for kind, found in sorted(ratios.items()):
+        values = np.array(found)
+        lines.append(
+            f"| {kind} | {len(values)} | {np.median(values):.3f} | {np.quantile(values, 0.95):.3f} | "
+            f"{values.max():.3f} | {int((values > WORST_DRAWN).sum())} |"
+        )
+    return [
+        *lines,
+        "",
+        f"Time of a fit: median {np.median(seconds):.1f} s, 95 % below {np.quantile(seconds, 0.95):.1f} s.",
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/wrong_model.md")
+    options = parser.parse_args()
+    body = ["## Real records", "", *real_part(), "", "## Simulated strips", "", *drawn_part(options.trials)]
+    finish(
+        "wrong_model", "Fits of models that are not complete", "\n".join(body), [], record=options.record, gate=False
+    )
+
+
+if __name__ == "__main__":
+    main()

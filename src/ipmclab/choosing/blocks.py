@@ -1,0 +1,96 @@
+"""Which rows are held out together: blocks of time, and the folds that hold them out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.record import PreparedRun
+
+FloatArray = npt.NDArray[np.float64]
+
+_SURELY: Final = 4.0  # standard deviations of the noise that count as a movement
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive rows of one run, held out in one fold.
+
+    Parameters
+    ----------
+    run : int
+        Place of the run in the call.
+    start, stop : int
+        Its rows, the last exclusive.
+    fold : int
+    """
+
+    run: int
+    start: int
+    stop: int
+    fold: int
+
+
+def time_blocks(records: Sequence[PreparedRun], count: int, folds: int) -> list[Block]:
+    """Blocks of every run, held out in turn: block 0 in fold 0, block 1 in fold 1, and so on round.
+
+    What lies on both sides of a held-out block stays with the fit, and no fold loses a whole part of a record.
+    """
+    found: list[Block] = []
+    each = max(2 * folds, -(-count // len(records)))
+    for record in records:
+        edges = boundaries(record, each)
+        for start, stop in pairwise(edges):
+            found.append(Block(record.place, start, stop, len(found) % folds))
+    return found
+
+
+def run_blocks(records: Sequence[PreparedRun], count: int, folds: int) -> list[Block]:
+    """Whole runs are held out in turn; what is compared between models are still blocks of them."""
+    each = max(4, -(-count // len(records)))
+    return [
+        Block(record.place, start, stop, record.place % folds)
+        for record in records
+        for edges in [boundaries(record, each)]
+        for start, stop in pairwise(edges)
+    ]
+
+
+def boundaries(record: PreparedRun, count: int) -> list[int]:
+    """Edges of at most ``count`` blocks that hold equal parts of the readings and of their movement.
+
+    Half a block's share is the number of its usable readings, half how far they move from row to row beyond
+    their noise: a transient that says most about a model is not all in one block.
+
+    Returns
+    -------
+    edges : list of int
+        From 0 to the number of rows; every block has a usable reading.
+    """
+    rows = len(record.run)
+    used = np.any([reading.exact for reading in record.readings.values()], axis=0)
+    share = used / max(int(np.count_nonzero(used)), 1)
+    movements = []
+    for reading in record.readings.values():
+        moved = np.zeros(rows)
+        places = np.flatnonzero(reading.exact)
+        steps = np.abs(np.diff(reading.values[places])) - _SURELY * reading.noise
+        moved[places[1:]] = np.maximum(steps, 0.0)
+        if moved.any():
+            # One jump is one event, however high: it must not take the movement of a whole record.
+            moved = np.minimum(moved, moved.sum() / count)
+            movements.append(moved / moved.sum())
+    weight = 0.5 * share + 0.5 * np.mean(movements, axis=0) if movements else share
+    reached = np.cumsum(weight)
+    inner = np.searchsorted(reached, reached[-1] * np.arange(1, count) / count) + 1
+    edges = [0]
+    held = np.concatenate([[0], np.cumsum(used)])
+    for edge in np.unique(inner):
+        if held[edge] > held[edges[-1]] and held[-1] > held[edge]:
+            edges.append(int(edge))
+    return [*edges, rows]

@@ -1,0 +1,238 @@
+"""What came of choosing between models: how each predicted, and which the runs call for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from ipmclab.choosing.compare import Difference
+from ipmclab.choosing.noise import FadingNoise
+from ipmclab.fit.fit import Fit
+from ipmclab.shown import Shown
+
+HoldOut = Literal["runs", "blocks"]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One model, and how it did.
+
+    Parameters
+    ----------
+    name : str
+        As it was named in the call.
+    fit : Fit or None
+        To all runs; None where that failed.
+    free : tuple of str
+        What was freed.
+    reason : str
+        Why it could not be compared; empty otherwise.
+    parameters : int
+        Number of free parameters, those of single runs included.
+    log_predictive : float or None [nat]
+        Log predictive likelihood of all held-out readings (SI units).
+    rmse : mapping of output to float [SI]
+        Of the held-out readings.
+    aic, bic : float or None
+        Of the fit to all runs, with correlated noise; smaller is better.
+    log_likelihood : float or None [nat]
+        On which they rest.
+    noise : mapping of output to FadingNoise
+        Under which the held-out errors are most likely.
+    shown_in_one : mapping of stage to tuple of str
+        Stages that the fit to all runs determines and the fit without one run does not, with the labels of such runs.
+    held : tuple of str
+        Stages that not every model has, and of which nothing was free.
+    """
+
+    name: str
+    fit: Fit | None = None
+    free: tuple[str, ...] = ()
+    reason: str = ""
+    parameters: int = 0
+    log_predictive: float | None = None
+    rmse: Mapping[str, float] = field(default_factory=dict)
+    aic: float | None = None
+    bic: float | None = None
+    log_likelihood: float | None = None
+    noise: Mapping[str, FadingNoise] = field(default_factory=dict)
+    shown_in_one: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Choice(Shown):
+    """What ``choose`` returns.
+
+    Parameters
+    ----------
+    candidates : tuple of Candidate
+        The best prediction first; those that could not be compared last.
+    preferred : str
+        Of the models that the runs cannot tell from the best one, that with the fewest parameters.
+    differences : mapping of (name, name) to Difference
+        Between every two models that could be compared.
+    held_out : "runs" or "blocks"
+    blocks : int
+        How many blocks were compared.
+    outputs : tuple of str
+        What was compared.
+    labels : tuple of str
+        The runs.
+    readings : int
+    effective_readings : float
+        How many independent readings they are worth, by what the best model leaves.
+    unscored : tuple of str
+        Outputs that only some of the models read.
+    """
+
+    candidates: tuple[Candidate, ...]
+    preferred: str
+    differences: Mapping[tuple[str, str], Difference]
+    held_out: HoldOut
+    blocks: int
+    outputs: tuple[str, ...]
+    labels: tuple[str, ...]
+    readings: int
+    effective_readings: float
+    unscored: tuple[str, ...] = ()
+
+    @property
+    def ranked(self) -> tuple[Candidate, ...]:
+        """The models that could be compared, the best prediction first."""
+        return tuple(one for one in self.candidates if one.log_predictive is not None)
+
+    @property
+    def best(self) -> str:
+        """The model whose prediction was nearest, whether or not the runs can tell it from others."""
+        return self.ranked[0].name
+
+    @property
+    def fit(self) -> Fit:
+        """The fit of the preferred model to all runs."""
+        fit = self[self.preferred].fit
+        assert fit is not None
+        return fit
+
+    def __getitem__(self, name: str) -> Candidate:
+        """The candidate of a name."""
+        for one in self.candidates:
+            if one.name == name:
+                return one
+        raise KeyError(name)
+
+    def to_best(self, name: str) -> Difference | None:
+        """A model against the best one; None for the best itself."""
+        return self.differences.get((name, self.best))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What came of it, in words."""
+        told = []
+        ranked = self.ranked
+        against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
+        alike = [one for one, apart in against if not apart.is_told]
+        if alike:
+            told.append(f"These records cannot tell {_listed([self.best, *(one.name for one in alike)])} apart.")
+            reason = (
+                "it has the fewest parameters of these"
+                if any(one.parameters != self[self.preferred].parameters for one in (self[self.best], *alike))
+                else "it predicted best, and none of these has fewer parameters"
+            )
+            told.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
+        elif len(ranked) > 1:
+            told.append(f"{self.best} predicts best, and the records tell it from every other model.")
+        else:
+            told.append(f"{self.best} is the only model that could be compared.")
+        for one, apart in against:
+            if apart.is_told:
+                size = f"{abs(apart.value):.3g} nats, standard error {apart.standard_error:.2g}"
+                told.append(f"{one.name} predicts worse than {self.best} (by {size}).")
+        told += [
+            f"{one.name}: only {_listed(labels)} shows {stage}, and without it the fit leaves that stage open. So "
+            "whole runs cannot judge it: hold out blocks of time (--hold-out blocks)."
+            for one in ranked
+            if one.name != self.preferred or alike
+            for stage, labels in one.shown_in_one.items()
+        ]
+        told += [
+            f"{one.name}: nothing of {_listed(one.held)} is free, so that it stays at the values of the actuator, "
+            "usual ones where the stage was added by name; free it too (--free), or leave --free out."
+            for one in self.candidates
+            if one.held
+        ]
+        told += [
+            f"The fit of {one.name} did not converge: see what it says of why."
+            for one in ranked
+            if one.fit is not None and not one.fit.converged
+        ]
+        told += [f"{one.name} could not be compared: {one.reason}." for one in self.candidates if one.reason]
+        if self.unscored:
+            told.append(f"Not every model reads the {_listed(self.unscored)}: that was left out of the comparison.")
+        return tuple(told)
+
+    def __str__(self) -> str:
+        """A line for each model, and what came of it."""
+        lines = [f"{len(self.ranked)} models compared on {self.blocks} held-out blocks of {len(self.labels)} run(s)"]
+        for one in self.ranked:
+            apart = self.to_best(one.name)
+            size = "" if apart is None else f", {apart.value:.3g} nats from the best (error {apart.standard_error:.2g})"
+            lines.append(f"  {one.name}: {one.parameters} parameters{size}")
+        return "\n".join([*lines, *self.sentences])
+
+    __repr__ = __str__
+
+    def as_dict(self) -> dict[str, Any]:
+        """The choice as ``--json`` prints it."""
+        return {
+            "preferred": self.preferred,
+            "best": self.best,
+            "held_out": self.held_out,
+            "blocks": self.blocks,
+            "outputs": list(self.outputs),
+            "labels": list(self.labels),
+            "readings": self.readings,
+            "effective_readings": self.effective_readings,
+            "sentences": list(self.sentences),
+            "models": [_as_dict(self, one) for one in self.candidates],
+            "differences": [_difference(one) for one in self.differences.values()],
+        }
+
+
+def _as_dict(choice: Choice, one: Candidate) -> dict[str, Any]:
+    apart = choice.to_best(one.name) if one.log_predictive is not None else None
+    return {
+        "name": one.name,
+        "reason": one.reason or None,
+        "free": list(one.free),
+        "held": list(one.held),
+        "shown_in_one": {stage: list(labels) for stage, labels in one.shown_in_one.items()},
+        "parameters": one.parameters,
+        "converged": None if one.fit is None else one.fit.converged,
+        "log_predictive": one.log_predictive,
+        "to_best": None if apart is None else _difference(apart),
+        "rmse": dict(one.rmse),
+        "log_likelihood": one.log_likelihood,
+        "aic": one.aic,
+        "bic": one.bic,
+        "noise": {
+            output: {"white": noise.white, "parts": [part._asdict() for part in noise.parts]}
+            for output, noise in one.noise.items()
+        },
+    }
+
+
+def _difference(one: Difference) -> dict[str, Any]:
+    return {
+        "model": one.model,
+        "other": one.other,
+        "value": one.value,
+        "standard_error": one.standard_error,
+        "limit": one.limit,
+        "told": one.is_told,
+    }
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,335 @@
+"""Which of several models the runs call for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ipmclab.choosing.blocks import run_blocks, time_blocks
+from ipmclab.choosing.choice import Candidate, Choice, HoldOut
+from ipmclab.choosing.compare import HeldOut, difference
+from ipmclab.choosing.held_out import Division, Key, held_out_noise, held_out_rmse, hold_out, residuals, score_blocks
+from ipmclab.choosing.models import free_of, parse_models, refuse_unknown, words_of
+from ipmclab.choosing.noise import FadingNoise, ResidualSeries, fit_noise
+from ipmclab.choosing.stages_shown import shown_in_one, stages_apart, stages_held
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.identification.identify import identify
+from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
+from ipmclab.model import Actuator
+from ipmclab.prediction.validate import run_labels
+from ipmclab.quality import check
+from ipmclab.run import Run
+from ipmclab.ties import largest_first
+
+BLOCKS: Final = 24
+"""Blocks whose differences are compared: enough for a standard error, and each still a piece of a response."""
+
+FOLDS: Final = 6
+"""Parts in which blocks are held out together."""
+
+Tell = Callable[[str, int, int], None]
+Left = Mapping[Key, tuple[ResidualSeries, FadingNoise]]
+"""What a fit leaves of each output of each run, and the noise that it looks like."""
+
+_FAULTS: Final = (ArithmeticError, ValueError, np.linalg.LinAlgError)
+"""What a fit of an unsuitable model may end in, besides our own errors."""
+
+
+def choose(
+    runs: Sequence[Run] | Run,
+    models: str | Iterable[str | Actuator],
+    *,
+    actuator: str | Actuator | None = None,
+    free: str | Iterable[str] = (),
+    per_run: str | Iterable[str] = (),
+    held_out: HoldOut | None = None,
+    blocks: int = BLOCKS,
+    folds: int = FOLDS,
+    labels: Sequence[str] | None = None,
+    progress: Tell | None = None,
+) -> Choice:
+    """Fit several models, and rank them by how likely they make readings that they did not see.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    models : str, or sequence of str or Actuator
+        Names as on the command line: actuators, variants (``friend-2+leak.cubic``), or stages of ``actuator``.
+    actuator : str or Actuator, optional
+        What stages are added to.
+    free : str or iterable of str
+        As in ``identify``; a name that only some of the models have is freed in those. By default everything in the
+        groups of a model's stages.
+    per_run : str or iterable of str
+        As in ``identify``.
+    held_out : "runs" or "blocks", optional
+        Whole runs (the default for two or more), or blocks of time of every run.
+    blocks : int
+        How many blocks are compared, about.
+    folds : int
+        How often each model is fitted without a part, at most.
+    labels : sequence of str, optional
+        A short name for each run.
+    progress : function of (str, int, int), optional
+        Told before each fit: what, how many fits are done, and of how many.
+
+    Returns
+    -------
+    choice : Choice
+
+    Raises
+    ------
+    InputError
+        No runs, no models, an unknown name, a number out of range, whole runs to hold out of one run. Not for a model
+        whose stages do not go together: that one comes last, with its reason.
+    IpmclabError
+        None of the models could be compared.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ipmclab import Run, load_actuator, simulate
+    >>> clean = simulate(load_actuator("friend-2"), "step 1 V", duration=20, rate=50)
+    >>> noise = 1e-4 * np.random.default_rng(20261121).standard_normal(1000)
+    >>> run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise)
+    >>> choose(run, "branches=1,2", actuator="friend-2").preferred
+    'branches=2'
+    """
+    given = [runs] if isinstance(runs, Run) else list(runs)
+    named = _named(models, actuator)
+    _refuse(given, blocks, folds, held_out)
+    asked, own = words_of(free), words_of(per_run)
+    built = [(name, model) for name, model in named if isinstance(model, Actuator)]
+    candidates = {name: Candidate(name, reason=str(fault)) for name, fault in named if isinstance(fault, InputError)}
+    if not built:
+        raise _none(candidates)
+    refuse_unknown((*asked, *own), [model for _, model in built])
+    whole_runs = len(given) > 1 if held_out is None else held_out == "runs"
+    told = list(labels) if labels is not None else run_labels(given)
+    channels = {name for run in given for name in READ_OUTPUTS if name in run.channels}
+    each = min(folds, len(given)) if whole_runs else folds
+    count, done = len(built) * (1 + each), 0
+
+    def tell(name: str, what: str) -> None:
+        nonlocal done
+        if progress is not None:
+            progress(f"{name}, {what}", done, count)
+        done += 1
+
+    for name, model in built:
+        words, of_runs = free_of(model, channels, asked), _own(model, own)
+        tell(name, "all runs")
+        try:
+            fit = identify(model, given, free=words, per_run=of_runs, labels=told)
+        except (IpmclabError, *_FAULTS) as fault:
+            candidates[name] = Candidate(name, free=words, reason=_why(fault))
+            done += each
+        else:
+            candidates[name] = Candidate(name, fit, words, parameters=len(fit.parameters))
+    division, unscored = _divide(given, told, candidates, whole_runs=whole_runs, blocks=blocks, folds=each)
+    said: dict[str, HeldOut] = {}
+    apart = stages_apart(dict(built))
+    for name, model in built:
+        one = candidates[name]
+        if one.fit is None:
+            continue
+        try:
+            out = hold_out(
+                model,
+                given,
+                division,
+                one.free,
+                _own(model, own),
+                lambda fold, name=name: tell(name, f"part {fold + 1} of {each} held out"),  # type: ignore[misc]
+            )
+        except (IpmclabError, *_FAULTS) as fault:
+            candidates[name] = replace(one, reason=f"without a part of the readings: {_why(fault)}")
+            continue
+        noise = held_out_noise(out, division)
+        said[name] = score_blocks(out, division, noise)
+        candidates[name] = replace(
+            one,
+            log_predictive=float(said[name].score.sum()),
+            rmse=held_out_rmse(out, division),
+            noise=noise,
+            shown_in_one=shown_in_one(one.fit, apart[name], out, division),
+        )
+    for name, stages in stages_held(dict(built), {name: candidates[name].free for name, _ in built}).items():
+        candidates[name] = replace(candidates[name], held=stages)
+    return _choice(given, candidates, said, division, unscored, told)
+
+
+def _named(
+    models: str | Iterable[str | Actuator], actuator: str | Actuator | None
+) -> list[tuple[str, Actuator | InputError]]:
+    named: list[tuple[str, Actuator | InputError]] = []
+    for one in [models] if isinstance(models, str) else list(models):
+        named += [(one.name, one)] if isinstance(one, Actuator) else parse_models(one, actuator)
+    names = [name for name, _ in named]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(
+            f"two models are called {twice!r}", code="same-model-twice", where="models", repair="give each model once"
+        )
+    if len(named) < 2:
+        raise InputError(
+            f"{len(named)} model was given" if named else "no models were given",
+            code="no-models",
+            where="models",
+            repair="name at least two, such as branches=1,2",
+        )
+    return named
+
+
+def _refuse(runs: Sequence[Run], blocks: int, folds: int, held_out: HoldOut | None) -> None:
+    if not runs:
+        raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
+    if held_out not in (None, "runs", "blocks"):
+        raise InputError(
+            f"{held_out!r} cannot be held out",
+            code="bad-hold-out",
+            where="hold out",
+            repair="hold out 'runs' or 'blocks'",
+        )
+    if held_out == "runs" and len(runs) < 2:
+        raise InputError(
+            "there is one run: none is left for the fit",
+            code="bad-hold-out",
+            where="hold out",
+            repair="give more runs, or hold out blocks",
+        )
+    if folds < 2 or blocks < folds:
+        raise InputError(
+            f"{blocks} blocks in {folds} folds",
+            code="bad-folds",
+            where="folds",
+            repair="give at least 2 folds, and at least as many blocks",
+        )
+
+
+def _own(model: Actuator, words: Sequence[str]) -> list[str]:
+    return list(free_of(model, (), words)) if words else []
+
+
+def _why(fault: Exception) -> str:
+    return str(fault) if isinstance(fault, IpmclabError) else f"its fit ended in {type(fault).__name__}: {fault}"
+
+
+def _divide(
+    runs: Sequence[Run],
+    labels: Sequence[str],
+    candidates: Mapping[str, Candidate],
+    *,
+    whole_runs: bool,
+    blocks: int,
+    folds: int,
+) -> tuple[Division, tuple[str, ...]]:
+    """The blocks, and what of each run is scored: the outputs that every model reads."""
+    fits = [one.fit for one in candidates.values() if one.fit is not None]
+    if not fits:
+        raise _none(candidates)
+    read = [[set(fit.observations[place].noise) for fit in fits] for place in range(len(runs))]
+    keys = [
+        (place, output)
+        for place in range(len(runs))
+        for output in READ_OUTPUTS
+        if all(output in outputs for outputs in read[place])
+    ]
+    if not keys:
+        raise IpmclabError(
+            "there is no output that every model reads",
+            code="nothing-to-compare",
+            where="models",
+            repair="free parameters of the same stages in each of them",
+        )
+    some = {output for of_run in read for outputs in of_run for output in outputs}
+    records = []
+    for place, run in enumerate(runs):
+        outputs = [output for output in READ_OUTPUTS if any(output in of_fit for of_fit in read[place])]
+        records.append(replace(prepare(run, place, outputs, check(run)), label=labels[place]))
+    cut = run_blocks if whole_runs else time_blocks
+    found = [block for block in cut(records, blocks, folds) if any(place == block.run for place, _ in keys)]
+    return Division(records, found, keys, whole_runs), tuple(sorted(some - {output for _, output in keys}))
+
+
+def _choice(
+    runs: Sequence[Run],
+    candidates: Mapping[str, Candidate],
+    said: Mapping[str, HeldOut],
+    division: Division,
+    unscored: tuple[str, ...],
+    labels: Sequence[str],
+) -> Choice:
+    if not said:
+        raise _none(candidates)
+    names = list(said)
+    scores = np.array([float(said[name].score.sum()) for name in names])
+    # Log densities have no zero of their own: what counts is how far each lies below the best, to a thousandth.
+    order = [names[k] for k in largest_first(np.round(scores - scores.max(), 3))]
+    block_of, run_of = division.indices()
+    differences = {
+        (first, second): difference((first, said[first]), (second, said[second]), block_of, run_of)
+        for first in order
+        for second in order
+        if first != second
+    }
+    best = order[0]
+    alike = [best, *(name for name in order[1:] if not differences[name, best].is_told)]
+    preferred = min(alike, key=lambda name: (candidates[name].parameters, order.index(name)))
+    left = {name: _left(runs, candidates[name], division) for name in order}
+    readings = sum(int(np.count_nonzero(series.seen)) for series, _ in left[best].values())
+    effective = sum(noise.effective_readings(series) for series, noise in left[best].values())
+    finished = [_informed(candidates[name], left[name], effective) for name in order]
+    failed = [one for name, one in candidates.items() if name not in said]
+    return Choice(
+        candidates=(*finished, *failed),
+        preferred=preferred,
+        differences=differences,
+        held_out="runs" if division.whole_runs else "blocks",
+        blocks=len(division.blocks),
+        outputs=division.outputs,
+        labels=tuple(labels),
+        readings=readings,
+        effective_readings=effective,
+        unscored=unscored,
+    )
+
+
+def _left(runs: Sequence[Run], one: Candidate, division: Division) -> Left:
+    """What the fit to all runs leaves of each output, and the noise that it looks like."""
+    assert one.fit is not None
+    found: dict[Key, ResidualSeries] = {}
+    for place, run in enumerate(runs):
+        found.update(residuals(division, one.fit, run, place, place))
+    noise = {
+        output: fit_noise([series for key, series in found.items() if key[1] == output]) for output in division.outputs
+    }
+    return {key: (series, noise[key[1]]) for key, series in found.items()}
+
+
+def _informed(one: Candidate, left: Left, effective: float) -> Candidate:
+    """The candidate with its information criteria."""
+    likely = sum(noise.filter(series).total for series, noise in left.values())
+    noises = {key[1]: noise for key, (_, noise) in left.items()}
+    count = one.parameters + sum(noise.parameters for noise in noises.values())
+    return replace(
+        one,
+        aic=2.0 * count - 2.0 * likely,
+        # A drift may leave two or three independent readings: BIC would then ask for less than AIC.
+        bic=count * max(math.log(effective), 2.0) - 2.0 * likely,
+        log_likelihood=likely,
+    )
+
+
+def _none(candidates: Mapping[str, Candidate]) -> IpmclabError:
+    reasons = "; ".join(f"{name}: {one.reason}" for name, one in candidates.items())
+    return IpmclabError(
+        f"none of the models could be compared ({reasons})",
+        code="nothing-to-compare",
+        where="models",
+        repair="see that the runs have what the models need",
+    )

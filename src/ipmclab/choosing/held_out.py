@@ -1,0 +1,307 @@
+"""Fit a model without some readings, and see what it says of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.choosing.blocks import Block
+from ipmclab.choosing.compare import HeldOut
+from ipmclab.choosing.kernels import filter_spread
+from ipmclab.choosing.noise import FadingNoise, Filtered, ResidualSeries, fit_noise
+from ipmclab.choosing.spread import directions, slopes
+from ipmclab.errors import IpmclabError
+from ipmclab.fit.fit import Fit
+from ipmclab.identification.identify import identify
+from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun
+from ipmclab.model import Actuator
+from ipmclab.prediction.fitted import fitted_outputs
+from ipmclab.prediction.scores import Comparison
+from ipmclab.prediction.validate import validate
+from ipmclab.run import Run
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+Key = tuple[int, str]
+"""Place of a run, and an output."""
+
+
+@dataclass(frozen=True, eq=False)
+class Division:
+    """The runs, and how they are divided.
+
+    Parameters
+    ----------
+    records : sequence of PreparedRun
+        With every output that some model reads.
+    blocks : sequence of Block
+    keys : sequence of (place, output)
+        What is scored: the outputs of each run that every model reads.
+    whole_runs : bool
+        Whether the fit never sees anything of a run that is held out.
+    """
+
+    records: Sequence[PreparedRun]
+    blocks: Sequence[Block]
+    keys: Sequence[Key]
+    whole_runs: bool
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """What is scored, of any run."""
+        return tuple(dict.fromkeys(output for _, output in self.keys))
+
+    def outputs_of(self, place: int) -> list[str]:
+        """What is scored of one run."""
+        return [output for of_run, output in self.keys if of_run == place]
+
+    @property
+    def folds(self) -> int:
+        """How often each model is fitted to a part."""
+        return 1 + max(block.fold for block in self.blocks)
+
+    def held_rows(self, record: PreparedRun, fold: int) -> npt.NDArray[np.bool_]:
+        """Which rows of a run a fold holds out."""
+        held = np.zeros(len(record.run), dtype=bool)
+        for block in self.blocks:
+            if block.run == record.place and block.fold == fold:
+                held[block.start : block.stop] = True
+        return held
+
+    def series(self, key: Key, residual: FloatArray) -> ResidualSeries:
+        """A residual with the yardsticks of its record, which are the same for every model."""
+        record = self.records[key[0]]
+        reading = record.readings[key[1]]
+        extent = float(np.ptp(reading.measured)) or 1.0
+        return ResidualSeries(
+            time=record.run.time,
+            residual=np.where(reading.exact, residual, 0.0),
+            seen=reading.exact,
+            noise=max(reading.noise, 1e-9 * extent),
+            extent=extent,
+        )
+
+    def indices(self) -> tuple[IndexArray, IndexArray]:
+        """The block of each held-out reading, in the order of ``HeldOut``, and the run of each block."""
+        block_of = [
+            np.full(
+                int(np.count_nonzero(self.records[block.run].readings[output].exact[block.start : block.stop])),
+                number,
+                dtype=np.intp,
+            )
+            for number, block in enumerate(self.blocks)
+            for output in self.outputs_of(block.run)
+        ]
+        return np.concatenate(block_of), np.array([block.run for block in self.blocks], dtype=np.intp)
+
+
+Residuals = Mapping[Key, ResidualSeries]
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """What the fit without one fold says.
+
+    Parameters
+    ----------
+    residuals : mapping of (place, output) to ResidualSeries
+        In the rows that the fit saw and in those that it did not.
+    slopes : mapping of (place, output) to float array, shape (n_time, n_parameter) [SI]
+        How its prediction moves with its parameters.
+    weights : mapping of (place, output) to float [1/SI]
+        What the fit gave to each reading of what it saw.
+    left_open : tuple of str
+        The parameters that what it saw does not determine.
+    """
+
+    residuals: Residuals
+    slopes: Mapping[Key, FloatArray]
+    weights: Mapping[Key, float]
+    left_open: tuple[str, ...] = ()
+
+
+def hold_out(
+    actuator: Actuator,
+    runs: Sequence[Run],
+    division: Division,
+    free: Sequence[str],
+    per_run: Sequence[str],
+    tell: Callable[[int], None],
+) -> tuple[Fold, ...]:
+    """Fit a model to everything but each fold in turn, and see what it leaves of every reading.
+
+    A row is held out by taking its readings away; its time and its voltage stay, so that the model arrives at
+    the next row with its whole history.
+
+    Returns
+    -------
+    folds : tuple of Fold
+    """
+    folds = []
+    for fold in range(division.folds):
+        tell(fold)
+        held = [division.held_rows(record, fold) for record in division.records]
+        kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
+        part = identify(
+            actuator,
+            [_seen(division.records[place], held[place]) for place in kept],
+            free=free,
+            per_run=per_run,
+            labels=[division.records[place].label for place in kept],
+        )
+        left: dict[Key, ResidualSeries] = {}
+        moved: dict[Key, FloatArray] = {}
+        weights: dict[Key, float] = {}
+        for place, run in enumerate(runs):
+            in_fit = kept.index(place) if place in kept else None
+            delay: float | None = None
+            if in_fit is not None:
+                left |= residuals(division, part, run, place, in_fit)
+            else:
+                told = validate(part.actuator, [run]).runs[0]
+                left |= _series(division, place, told.comparisons)
+                delay = told.delay
+            outputs = division.outputs_of(place)
+            found = slopes(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
+            moved |= {(place, output): columns for output, columns in found.items()}
+            if in_fit is not None:
+                weights |= {(place, output): 1.0 / part.observations[in_fit].noise[output] for output in outputs}
+        left_open = tuple(name for name, one in part.parameters.items() if not one.determined)
+        folds.append(Fold(left, moved, weights, left_open))
+    return tuple(folds)
+
+
+def residuals(division: Division, fit: Fit, run: Run, place: int, in_fit: int) -> dict[Key, ResidualSeries]:
+    """What a fit leaves of a run that it saw, in all its rows; ``in_fit`` is the run's place in that fit."""
+    return _series(division, place, fitted_outputs(fit, run, in_fit))
+
+
+def _seen(record: PreparedRun, held: npt.NDArray[np.bool_]) -> Run:
+    """The run as the fit may see it: what ``check`` masked and what is held out is missing."""
+    channels: dict[str, Any] = dict.fromkeys(READ_OUTPUTS)
+    for output, reading in record.readings.items():
+        channels[output] = np.where(reading.used & ~held, reading.values, np.nan)
+    return replace(record.run, **channels)
+
+
+def _series(division: Division, place: int, comparisons: Mapping[str, Comparison]) -> dict[Key, ResidualSeries]:
+    found: dict[Key, ResidualSeries] = {}
+    label = division.records[place].label
+    for output in division.outputs_of(place):
+        if output not in comparisons:
+            raise IpmclabError(
+                f"its fit to a part of the readings leaves the {output} out",
+                code="no-readings",
+                where=label,
+                repair="give runs with more readings of it",
+            )
+        one = comparisons[output]
+        series = division.series((place, output), one.measured - one.predicted)
+        lost = np.flatnonzero(~np.isfinite(series.residual))
+        if len(lost):
+            raise IpmclabError(
+                f"it predicts no {output} in {len(lost)} rows that have a reading, the first is row {lost[0]}",
+                code="not-finite",
+                where=label,
+                repair="see that the model holds for this run",
+            )
+        found[place, output] = series
+    return found
+
+
+def held_out_noise(folds: Sequence[Fold], division: Division) -> dict[str, FadingNoise]:
+    """The noise of each output: that under which the held-out errors of this model are most likely."""
+    return {output: fit_noise(_held_out(folds, division, output)) for output in division.outputs}
+
+
+def held_out_rmse(folds: Sequence[Fold], division: Division) -> dict[str, float]:
+    """Root mean square of the held-out errors of each output [SI]."""
+    found = {}
+    for output in division.outputs:
+        errors = np.concatenate([one.residual[one.seen] for one in _held_out(folds, division, output)])
+        found[output] = math.sqrt(float(np.mean(errors**2)))
+    return found
+
+
+def _held_out(folds: Sequence[Fold], division: Division, output: str) -> list[ResidualSeries]:
+    """The errors of each run, every block from the fit that did not see it."""
+    joined = []
+    for place in (of_run for of_run, name in division.keys if name == output):
+        residual = np.zeros(len(division.records[place].run))
+        for block in division.blocks:
+            if block.run == place:
+                rows = slice(block.start, block.stop)
+                residual[rows] = folds[block.fold].residuals[place, output].residual[rows]
+        joined.append(division.series((place, output), residual))
+    return joined
+
+
+def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, FadingNoise]) -> HeldOut:
+    """The log predictive density of every block, given the readings that the fit saw.
+
+    The noise is autocorrelated, so what the fit saw before and after a block says something of the noise
+    in it: the density of a block is that of the seen readings with the block over that without it.
+    A model that bends with a drift gains nothing over one that leaves the drift to the noise. Of a run that was
+    held out whole nothing was seen: its blocks follow each other.
+
+    The parameters are not known better than what the fit saw tells under this noise: along what they may be off, the
+    prediction is so much wider.
+    """
+
+    off_by = [_off_by(fold, place, division, noise) for place, fold in enumerate(folds)]
+    scores = np.zeros(len(division.blocks))
+    innovation: list[FloatArray] = []
+    variance: list[FloatArray] = []
+    known: dict[tuple[int, Key], Filtered] = {}
+    learned: dict[int, tuple[FloatArray, FloatArray]] = {}
+    for number, block in enumerate(division.blocks):
+        fold = folds[block.fold]
+        held = division.held_rows(division.records[block.run], block.fold)
+        here = np.zeros(len(held), dtype=bool)
+        here[block.start : block.stop] = True
+        for output in division.outputs_of(block.run):
+            key = block.run, output
+            series, columns = fold.residuals[key], fold.slopes[key] @ off_by[block.fold]
+            if (block.fold, key) not in known:
+                seen = series.seen if division.whole_runs else series.seen & ~held
+                known[block.fold, key] = noise[output].filter(series, seen)
+            filtered, rows, seen = known[block.fold, key], here & series.seen, series.seen
+            if division.whole_runs:
+                error, spread_of = filtered.innovation[rows], filtered.variance[rows]
+                scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * spread_of) + error**2 / spread_of))
+                off = columns
+            else:
+                before = filtered.total
+                seen = series.seen & (~held | here)
+                filtered = noise[output].filter(series, seen)
+                scores[number] += filtered.total - before
+                off = np.where(here[:, None], columns, 0.0)
+            deviation = np.sqrt(filtered.variance[rows])
+            white = np.empty((len(deviation), off.shape[1]))
+            for column in range(off.shape[1]):
+                moved = replace(series, residual=np.ascontiguousarray(off[:, column]))
+                white[:, column] = noise[output].filter(moved, seen).innovation[rows] / deviation
+            at = block.run if division.whole_runs else -1 - number
+            mean, covariance = learned.setdefault(at, (np.zeros(off.shape[1]), np.eye(off.shape[1])))
+            left, widened = np.empty(len(deviation)), np.empty(len(deviation))
+            scores[number] += filter_spread(
+                filtered.innovation[rows] / deviation, white, mean, covariance, left, widened
+            )
+            innovation.append(left * deviation)
+            variance.append(widened * deviation**2)
+    return HeldOut(scores, np.concatenate(innovation), np.concatenate(variance))
+
+
+def _off_by(fold: Fold, number: int, division: Division, noise: Mapping[str, FadingNoise]) -> FloatArray:
+    """The errors of a fold's parameters, from what its fit saw."""
+    seen = []
+    for key, weight in fold.weights.items():
+        series = fold.residuals[key]
+        held = division.held_rows(division.records[key[0]], number)
+        seen.append((replace(series, seen=series.seen & ~held), fold.slopes[key], weight, noise[key[1]]))
+    return directions(seen)

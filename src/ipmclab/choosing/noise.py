@@ -1,0 +1,205 @@
+"""The noise of autocorrelated residuals, its likelihood, and how many readings it leaves.
+
+A residual is taken as white noise plus up to two Ornstein-Uhlenbeck processes (correlations that fade
+exponentially with time): one for what a model misses for a moment, one for a drift. The time is continuous, so
+runs of different rates and records with gaps share one noise. The density of a row given the rows before comes
+from a Kalman filter, hence exactly (Rasmussen and Williams, Gaussian Processes for Machine Learning, app. B).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.choosing.kernels import filter_residual
+
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MOST_PARTS: Final = 2
+_FLOOR: Final = 1e-9  # of the extent: a residual below is arithmetic
+_LONGEST: Final = 10.0  # records: a process slower than that is a constant
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualSeries:
+    """The residual of one output of one run, with the two yardsticks of its noise.
+
+    Parameters
+    ----------
+    time : float array, shape (n_time,) [s]
+    residual : float array, shape (n_time,) [SI]
+    seen : bool array, shape (n_time,)
+    noise : float [SI]
+        Scatter between neighbouring readings: white noise is counted in it.
+    extent : float [SI]
+        Range of the readings: what a model misses is counted in it.
+    """
+
+    time: FloatArray
+    residual: FloatArray
+    seen: Mask
+    noise: float
+    extent: float
+
+
+class Filtered(NamedTuple):
+    """Log density of the seen rows, and of each the error [SI] and the variance [SI^2] of its prediction."""
+
+    total: float
+    innovation: FloatArray
+    variance: FloatArray
+
+
+class Part(NamedTuple):
+    """One fading correlation: standard deviation in extents of the output, and how long it lasts [s]."""
+
+    amplitude: float
+    time_constant: float
+
+
+@dataclass(frozen=True)
+class FadingNoise:
+    """White noise and fading correlations.
+
+    Parameters
+    ----------
+    white : float
+        Standard deviation of the white noise, in scatters of neighbouring readings.
+    parts : tuple of Part
+    """
+
+    white: float
+    parts: tuple[Part, ...] = ()
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers were fitted."""
+        return 1 + 2 * len(self.parts)
+
+    def filter(self, series: ResidualSeries, seen: Mask | None = None) -> Filtered:
+        """The density of a residual, of all its seen rows or of those that ``seen`` names."""
+
+        variances, rates = np.zeros(MOST_PARTS), np.zeros(MOST_PARTS)
+        for place, part in enumerate(self.parts):
+            variances[place], rates[place] = (part.amplitude * series.extent) ** 2, 1.0 / part.time_constant
+        white = (self.white * series.noise) ** 2 + (_FLOOR * series.extent) ** 2 + 1e-300
+        innovation, variance = np.full(len(series.time), np.nan), np.full(len(series.time), np.nan)
+        total = filter_residual(
+            series.time,
+            series.residual,
+            series.seen if seen is None else seen,
+            white,
+            variances,
+            rates,
+            innovation,
+            variance,
+        )
+        return Filtered(float(total), innovation, variance)
+
+    def effective_readings(self, series: ResidualSeries) -> float:
+        """How many independent readings would fix a mean as well as these do.
+
+        The variance of one reading over the variance of the mean of all: n for white noise; for a
+        correlation that lasts tau in a record of length T about T/(2 tau), never below 1.
+
+        Examples
+        --------
+        >>> time = np.arange(1000) * 0.1
+        >>> series = ResidualSeries(time, np.zeros(1000), np.full(1000, True), 1.0, 1.0)
+        >>> FadingNoise(1.0).effective_readings(series)
+        1000.0
+        >>> round(FadingNoise(0.0, (Part(1.0, 1.0),)).effective_readings(series), 1)
+        50.5
+        """
+        count = int(np.count_nonzero(series.seen))
+        if count < 2:
+            return float(count)
+        white = (self.white * series.noise) ** 2 + (_FLOOR * series.extent) ** 2
+        of_one, of_mean = white, white / count
+        seen = series.time[series.seen]
+        length = float(seen[-1] - seen[0])
+        for part in self.parts:
+            square, ratio = (part.amplitude * series.extent) ** 2, part.time_constant / length
+            of_one += square
+            of_mean += square * 2.0 * ratio * (1.0 + ratio * math.expm1(-1.0 / ratio))
+        if of_mean <= 0.0:
+            return float(count)
+        return min(max(of_one / of_mean, 1.0), float(count))
+
+
+def fit_noise(series: Sequence[ResidualSeries]) -> FadingNoise:
+    """The noise under which residuals are most likely, with as many fading correlations as they call for (BIC).
+
+    Parameters
+    ----------
+    series : sequence of ResidualSeries
+        Of one output, one for each run.
+
+    Examples
+    --------
+    >>> time = np.arange(2000) * 0.02
+    >>> white = np.random.default_rng(20261121).standard_normal(2000)
+    >>> fit_noise([ResidualSeries(time, white, np.full(2000, True), 1.0, 5.0)]).parts
+    ()
+    """
+    used = [one for one in series if one.seen.any()]
+    count = sum(int(np.count_nonzero(one.seen)) for one in used)
+    scatter = math.sqrt(
+        sum(float(np.sum((one.residual[one.seen] / one.noise) ** 2)) for one in used if one.noise > 0) / max(count, 1)
+    )
+    best = FadingNoise(max(scatter, 1e-12))
+    likely = sum(best.filter(one).total for one in used)
+    penalty = 0.5 * math.log(max(count, 2))
+    for _ in range(MOST_PARTS):
+        found = max((_refine(used, start) for start in _richer(used, best)), key=lambda pair: pair[1])
+        if found[1] - likely < 2.0 * penalty:
+            break
+        best, likely = found
+    return best
+
+
+def _richer(series: Sequence[ResidualSeries], noise: FadingNoise) -> list[FadingNoise]:
+    """Where to look for one more correlation: short and long ones."""
+    length = max(float(one.time[-1] - one.time[0]) for one in series)
+    step = min(float(np.min(np.diff(one.time))) for one in series)
+    relative = np.concatenate([one.residual[one.seen] / one.extent for one in series])
+    amplitude = max(0.7 * float(np.sqrt(np.mean(relative**2))), 1e-9)
+    between = max(0.3 * noise.white, 1e-12)
+    times = (5.0 * step, math.sqrt(5.0 * step * 0.2 * length), 0.2 * length)
+    if noise.parts:
+        taken = noise.parts[0].time_constant
+        return [
+            FadingNoise(noise.white, (noise.parts[0], Part(amplitude, time))) for time in times if abs(time - taken) > 0
+        ]
+    return [FadingNoise(between, (Part(amplitude, time),)) for time in times]
+
+
+def _refine(series: Sequence[ResidualSeries], start: FadingNoise) -> tuple[FadingNoise, float]:
+    """The most likely noise near a start, in logarithms."""
+    from scipy.optimize import minimize
+
+    step = min(float(np.min(np.diff(one.time))) for one in series)
+    length = max(float(one.time[-1] - one.time[0]) for one in series)
+    limits = [(math.log(1e-3), math.log(1e9))]
+    entries = [math.log(max(start.white, 1e-3))]
+    for part in start.parts:
+        entries += [math.log(part.amplitude), math.log(part.time_constant)]
+        limits += [(math.log(1e-10), math.log(1e3)), (math.log(0.5 * step), math.log(_LONGEST * length))]
+
+    def noise(theta: FloatArray) -> FadingNoise:
+        values = [float(value) for value in np.exp(theta)]
+        return FadingNoise(values[0], tuple(map(Part, values[1::2], values[2::2])))
+
+    def negative_log_likelihood(theta: FloatArray) -> float:
+        return -sum(noise(theta).filter(one).total for one in series)
+
+    found = minimize(
+        negative_log_likelihood, np.array(entries), method="L-BFGS-B", bounds=limits, options={"maxiter": 60}
+    )
+    return noise(found.x), -float(found.fun)

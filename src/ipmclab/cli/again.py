@@ -1,0 +1,154 @@
+"""``ipmclab profile`` and ``ipmclab bootstrap``: how sure a fit is, asked of the runs in another way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ipmclab.cli.files import fit_or_actuator, read_runs
+from ipmclab.cli.options import ActuatorName, Json, PerMounting, PerRun, Prior, RunFiles
+from ipmclab.cli.output import print_json, print_table, progress, significant
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ipmclab.fit.fit import Fit
+    from ipmclab.progress import Tell
+
+Free = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAMES", help="As in identify; of a fitted file, without it, what its fit had freed."),
+]
+
+
+def profile(
+    actuator: ActuatorName,
+    runs: RunFiles,
+    free: Free = None,
+    per_run: PerRun = None,
+    per_mounting: PerMounting = None,
+    prior: Prior = None,
+    as_json: Json = False,
+) -> None:
+    """Fit, then follow the likelihood's profile of every parameter to where its 95 % interval ends.
+
+    \b
+    ipmclab profile fitted.toml step.nc sine.nc
+    """
+    from ipmclab.identification.uncertainty.profiles import profile as follow
+
+    fit = _fitted(actuator, runs, (free, per_run, per_mounting, prior), lambda fit, tell: follow(fit, progress=tell))
+    rows = {name: (one.interval, one.is_open) for name, one in fit.profiles.items()}
+    if as_json:
+        document = {
+            name: {
+                "value": fit.parameters[name].value,
+                "interval": ends,
+                "is_open": is_open,
+                "unit": fit.parameters[name].unit,
+            }
+            for name, (ends, is_open) in rows.items()
+        }
+        print_json({"actuator": actuator, "runs": runs, "profiles": document})
+        return
+    _print(fit, {name: ends for name, (ends, _) in rows.items()}, "profile's 95 %")
+
+
+def bootstrap(
+    actuator: ActuatorName,
+    runs: RunFiles,
+    free: Free = None,
+    count: Annotated[int, typer.Option(help="How many fits, at least 40.")] = 200,
+    per_run: PerRun = None,
+    per_mounting: PerMounting = None,
+    prior: Prior = None,
+    as_json: Json = False,
+) -> None:
+    """Fit, then fit again to readings drawn under the noise that was found, and see how the parameters scatter.
+
+    \b
+    ipmclab bootstrap fitted.toml step.nc --count 200
+    """
+    from ipmclab.identification.uncertainty.bootstrap import FEWEST_DRAWS
+    from ipmclab.identification.uncertainty.bootstrap import bootstrap as draw
+
+    if count < FEWEST_DRAWS:
+        raise InputError(
+            f"{count} draws do not give a 95 % interval, which needs {FEWEST_DRAWS}",
+            code="out-of-range",
+            where="--count",
+            repair=f"give 200, or at least {FEWEST_DRAWS}",
+        )
+    kept = []
+
+    def ask(fit: Fit, tell: Tell) -> Fit:
+        kept.append(draw(fit, count, progress=tell))
+        return fit
+
+    fit = _fitted(actuator, runs, (free, per_run, per_mounting, prior), ask)
+    (found,) = kept
+    if as_json:
+        document = {
+            name: {
+                "value": fit.parameters[name].value,
+                "interval": ends,
+                "standard_error": found.standard_errors[name],
+                "unit": fit.parameters[name].unit,
+            }
+            for name, ends in found.intervals.items()
+        }
+        print_json({"actuator": actuator, "runs": runs, "count": count, "failed": found.failed, "parameters": document})
+        return
+    _print(fit, found.intervals, "95 % of fits")
+    print(f"{count} fits to drawn readings, {found.failed} of them failed")
+
+
+Lists = tuple[list[str] | None, list[str] | None, list[str] | None, list[str] | None]
+
+
+def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, Tell], Fit]) -> Fit:
+    """The fit of runs, and what is then asked of it."""
+    from ipmclab.fit.fit import Fit as AnyFit
+    from ipmclab.identification.identify import identify
+
+    free, per_run, per_mounting, prior = names
+    given = fit_or_actuator(actuator)
+    model = given.actuator if isinstance(given, AnyFit) else given
+    if not free and isinstance(given, AnyFit):
+        known = model.parameters()
+        free = sorted({name.partition("[")[0] for name in given.parameters} & known.keys())
+    if not free:
+        raise InputError(
+            "nothing is free",
+            code="nothing-free",
+            where="--free",
+            repair="add --free electrical, or give a fitted file",
+        )
+    loaded = read_runs(runs)
+    with progress(f"fitting {model.name}") as tell:
+        fit = identify(
+            model,
+            loaded,
+            free=free,
+            per_run=per_run or [],
+            per_mounting=per_mounting or [],
+            prior=prior or [],
+            progress=tell,
+        )
+        return ask(fit, tell)
+
+
+def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> None:
+    """Print intervals beside those of the fit, in the units that people read."""
+    known = fit.actuator.parameters()
+    rows = []
+    for name, ends in found.items():
+        one, base = fit.parameters[name], known.get(name.partition("[")[0])
+        factor = base.quantity.to_display(1.0) if base is not None else 1.0
+        spans = [" to ".join(significant(factor * end, 4) for end in pair) for pair in (one.interval, ends)]
+        unit = base.quantity.display_unit if base is not None else one.unit
+        rows.append([name, significant(factor * one.value, 5), *spans, unit])
+    print_table(["parameter", "value", "95 % interval", title, "unit"], rows)

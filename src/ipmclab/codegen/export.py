@@ -1,0 +1,73 @@
+"""Which tool an actuator is written for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from ipmclab.codegen import matlab
+from ipmclab.destination import target_of
+from ipmclab.errors import InputError, suggest
+from ipmclab.model import Actuator
+
+Covariance = Mapping[str, Mapping[str, float]]
+Writer = Callable[[Actuator, Path, Covariance], tuple[Path, ...]]
+
+TARGETS: Final[dict[str, tuple[str, Writer]]] = {"matlab": (".m", matlab.write)}
+"""The tools, each with the ending of its file and what writes it: a new one is a file beside ``matlab.py``."""
+
+
+def export_actuator(
+    actuator: Actuator,
+    path: str | os.PathLike[str],
+    *,
+    to: str = "matlab",
+    covariance: Covariance | None = None,
+    overwrite: bool = False,
+) -> tuple[Path, ...]:
+    """Write an actuator as a program of another tool.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        A leak is in it with its slope at 0 V, as for small voltages.
+    path : str or path
+        For MATLAB and GNU Octave a ``.m`` file; a ``.mat`` file of the same name comes beside it.
+    to : "matlab"
+    covariance : mapping of name to mapping of name to float [SI], optional
+        Of the parameters, as ``fit.covariance`` has it.
+    overwrite : bool
+
+    Returns
+    -------
+    written : tuple of Path
+
+    Raises
+    ------
+    InputError
+        An unknown tool, another ending, a file that exists or a folder that does not.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ipmclab import load_actuator
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in export_actuator(load_actuator("friend-2"), f"{folder}/strip.m")]
+    ['strip.m', 'strip.mat']
+    """
+    if to not in TARGETS:
+        raise InputError(f"unknown tool {to!r}", code="unknown-target", where="to", repair=suggest(to, TARGETS))
+    ending, write = TARGETS[to]
+    target = Path(path)
+    if target.suffix.lower() != ending or not target.stem.isidentifier():
+        raise InputError(
+            f"the file is {target.name!r}; for {to} its name is letters, digits and underscores, and ends in {ending}",
+            code="bad-suffix",
+            where=str(target),
+            repair=f"write for example strip{ending}",
+        )
+    for one in (target, target.with_suffix(".mat")):
+        target_of(one, overwrite=overwrite)
+    return write(actuator, target, covariance or {})

@@ -1,0 +1,65 @@
+"""A fit, and the runs that it was made from, held against what else is known of the strip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ipmclab.consistency.capacitance import CODE as CAPACITANCE
+from ipmclab.consistency.cross_check import cross_check
+from ipmclab.consistency.noisy_voltage import noisy_voltage
+from ipmclab.fit.fit import Fit
+from ipmclab.fit.fit_table import changed, with_findings
+from ipmclab.quality import check
+from ipmclab.quality.scale import CODE as UNIT_OFF
+from ipmclab.run import Finding, Run
+
+
+def with_cross_checks(fit: Fit, runs: Sequence[Run]) -> Fit:
+    """A fit with a finding for each pair of facts about its strip that contradict each other.
+
+    Where the unit of a reading is off, that comes first, and nothing that a fit of such readings says stands beside it
+    but what was left out of them.
+
+    Parameters
+    ----------
+    fit : Fit
+    runs : sequence of Run
+        From which it was made.
+    """
+    off = [finding for finding in units_off(fit, runs) if finding.channel in (None, *fitted_outputs(fit))]
+    if off:
+        kept = [one for one in fit.findings if one.effect != "none" and one.code != UNIT_OFF]
+        ended = f"{fit.message.partition(', but ')[0]}, but errors contradict this fit (see the findings {UNIT_OFF})"
+        return changed(fit, findings=(*off, *kept), diagnoses=(), message=ended)
+    conflicts = [_said_of_the_file(one, fit, runs) for one in cross_check(fit.actuator, runs, fit=fit)]
+    return with_findings(fit, [*conflicts, *noisy_voltage(fit, runs)])
+
+
+def units_off(fit: Fit, runs: Sequence[Run]) -> list[Finding]:
+    """Units that are off by what the dimensions of the strip allow, each with its run."""
+    return [
+        replace(finding, message=f"{observation.label}: {finding.message}")
+        for observation, run in zip(fit.observations, runs, strict=True)
+        for finding in check(run, fit.actuator)
+        if finding.code == UNIT_OFF
+    ]
+
+
+def fitted_outputs(fit: Fit) -> set[str]:
+    """The channels that the fit has read."""
+    return {output for observation in fit.observations for output in observation.samples}
+
+
+def _said_of_the_file(finding: Finding, fit: Fit, runs: Sequence[Run]) -> Finding:
+    """A capacitance that no measured run gave is the file's own, and no mistake of who fits it."""
+    if finding.code != CAPACITANCE:
+        return finding
+    simulated = all(run.metadata.origin != "measured" for run in runs)
+    fitted = any(name.endswith(".permittivity") for name in fit.parameters)
+    if fitted and not simulated:
+        return finding
+    why = "these runs were simulated, so it is that of the actuator behind them" if simulated else "no run changed it"
+    return replace(
+        finding, severity="info", message=f"{fit.actuator.name} itself has this value ({why}): {finding.message}"
+    )

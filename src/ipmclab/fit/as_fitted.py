@@ -1,0 +1,57 @@
+"""Whether an actuator still is the one that its fit found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from ipmclab.fit.fit import Fit
+
+_SAME: Final = 1e-9
+"""Values that went through a file in another unit differ by less."""
+
+
+def why_changed(fit: Fit) -> str:
+    """What of the actuator of a fit is no longer what the fit found or held; empty where all is.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> fit = identify(strip, simulate(strip, "step 1 V", duration=20, rate=50), free="circuit.dc_resistivity")
+    >>> wider = {**fit.actuator.parameter_values, "geometry.width": 6e-3}
+    >>> why_changed(fit), why_changed(replace(fit, actuator=replace(fit.actuator, parameter_values=wider)))
+    ('', 'geometry.width is no longer what it was when its fit was made')
+    """
+    values = fit.actuator.parameter_values
+    known = (fit.actuator.fit_table or {}).get("values")
+    expected = {name: one.value for name, one in fit.parameters.items() if name in values}
+    if isinstance(known, dict):
+        if known.keys() != values.keys():
+            return "the actuator has other stages than when its fit was made"
+        expected |= known
+    moved = [name for name, value in expected.items() if not _same(values[name], value)]
+    stated = fit.actuator.standard_uncertainties
+    held = {name: math.sqrt(max(row[name], 0.0)) for name, row in fit.covariance.items() if name not in fit.parameters}
+    moved += [
+        f"the stated uncertainty of {name}" for name, one in held.items() if not _same(stated.get(name, 0.0), one)
+    ]
+    verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
+    return f"{listed(moved)} {verb} when its fit was made" if moved else ""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a text has them.
+
+    Examples
+    --------
+    >>> listed(["a"]), listed(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _same(one: float, other: object) -> bool:
+    return isinstance(other, int | float) and math.isclose(one, other, rel_tol=_SAME)

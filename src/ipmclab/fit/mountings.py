@@ -1,0 +1,102 @@
+"""What a fit says of the mountings of a strip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """One clamping of the strip, fitted by itself.
+
+    Parameters
+    ----------
+    name : str
+    runs : tuple of str
+        Labels of its runs.
+    values : mapping of name to float [SI]
+        Every parameter that all runs share; empty where it could not be fitted by itself.
+    errors : mapping of name to float [SI]
+        Their standard errors; infinite where its runs alone do not determine one.
+    noise : mapping of output to float [SI]
+        Standard deviation of what its own fit leaves.
+    loadings : mapping of name to mapping of cause to float [SI]
+        The part of the errors that all mountings share: by how much each parameter moves as a fixed parameter does by
+        its stated uncertainty, or a prior by its own.
+    """
+
+    name: str
+    runs: tuple[str, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    loadings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Mountings:
+    """How a strip differs from mounting to mounting.
+
+    Parameters
+    ----------
+    each : tuple of Mounting
+    between : mapping of name to float
+        Standard deviation from one mounting to the next, their own errors taken off: of the logarithm of what a fit
+        moves as a logarithm, else of the value [SI]. From three mountings on.
+    logarithms : tuple of str
+        Which of them are logarithms.
+    p_value : mapping of name to float
+        Probability of estimates as far apart if all mountings were equal.
+    unknown : mapping of name to str
+        Why the value at the next mounting cannot be estimated.
+    """
+
+    each: tuple[Mounting, ...]
+    between: Mapping[str, float] = field(default_factory=dict)
+    logarithms: tuple[str, ...] = ()
+    p_value: Mapping[str, float] = field(default_factory=dict)
+    unknown: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Mountings:
+        """From what ``to_table`` gave."""
+        each = tuple(
+            Mounting(
+                str(one["name"]),
+                tuple(one["runs"]),
+                dict(one["values"]),
+                dict(one["errors"]),
+                dict(one["noise"]),
+                {name: dict(moved) for name, moved in one.get("loadings", {}).items()},
+            )
+            for one in table["each"]
+        )
+        return cls(
+            each,
+            dict(table["between"]),
+            tuple(table["logarithms"]),
+            dict(table["p_value"]),
+            dict(table["unknown"]),
+        )
+
+    def to_table(self) -> dict[str, Any]:
+        """In the types that TOML has."""
+        return {
+            "each": [
+                {
+                    "name": one.name,
+                    "runs": list(one.runs),
+                    "values": dict(one.values),
+                    "errors": dict(one.errors),
+                    "noise": dict(one.noise),
+                    "loadings": {name: dict(moved) for name, moved in one.loadings.items()},
+                }
+                for one in self.each
+            ],
+            "between": dict(self.between),
+            "logarithms": list(self.logarithms),
+            "p_value": dict(self.p_value),
+            "unknown": dict(self.unknown),
+        }

@@ -1,0 +1,71 @@
+"""How well readings tell parameters apart: the combinations that they know best and worst, and sets nearly one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Parameters that move together.
+
+    Parameters
+    ----------
+    coefficients : mapping of name to float
+        Relative change of each along it (unit length).
+    error : float
+        Standard error along it, as a logarithm; infinite where the readings say nothing.
+    """
+
+    coefficients: Mapping[str, float]
+    error: float
+
+
+@dataclass(frozen=True)
+class CollinearSet:
+    """Nearly collinear parameters, and the index of them."""
+
+    names: tuple[str, ...]
+    index: float
+
+
+@dataclass(frozen=True)
+class Practical:
+    """How well readings tell the free parameters apart.
+
+    Parameters
+    ----------
+    combinations : tuple of Combination
+        Eigenvectors of the information, the best known first.
+    collinearity : mapping of name to float
+        How many times larger the error of each parameter is than it were if all others were known; 1 where it stands
+        alone, infinite where the readings say nothing of it.
+    sets : tuple of CollinearSet
+        Of each size from 2 on, the set with the largest index.
+    """
+
+    combinations: tuple[Combination, ...]
+    collinearity: Mapping[str, float]
+    sets: tuple[CollinearSet, ...]
+
+    def to_table(self) -> dict[str, Any]:
+        """In the types that TOML has."""
+        return {
+            "combinations": [{"coefficients": dict(c.coefficients), "error": c.error} for c in self.combinations],
+            "collinearity": dict(self.collinearity),
+            "sets": [{"names": list(one.names), "index": one.index} for one in self.sets],
+        }
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Practical:
+        """As ``to_table`` wrote it."""
+        return cls(
+            tuple(
+                Combination({name: float(part) for name, part in c["coefficients"].items()}, float(c["error"]))
+                for c in table["combinations"]
+            ),
+            {name: float(index) for name, index in table["collinearity"].items()},
+            tuple(CollinearSet(tuple(one["names"]), float(one["index"])) for one in table["sets"]),
+        )

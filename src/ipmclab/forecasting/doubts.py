@@ -1,0 +1,146 @@
+"""What stands against a forecast: parameters that no run determined, old readings, a strip beyond its length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.fit.fit import Fit
+from ipmclab.model import Actuator
+from ipmclab.model.declared import stage_outputs
+from ipmclab.model.stages.relaxation import mode_ratios
+from ipmclab.run import Finding
+
+FloatArray = npt.NDArray[np.float64]
+
+_OLD: Final = 0.1
+"""Share of the horizon beyond which the last usable reading is called old."""
+_FEW_ROWS: Final = 5
+_TOO_OLD: Final = 10.0
+"""Seconds, or the horizon where that is longer, beyond which nothing is forecast any more."""
+_LISTED: Final = 6
+
+
+def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
+    """The parameters of an actuator that its fit did not determine, of those that the channel hangs on.
+
+    Parameters
+    ----------
+    model : Actuator, Fit or None
+        Of an actuator, what the ``[fit]`` table of its file says.
+    channel : "displacement" or "force"
+    """
+    if model is None:
+        return ()
+    if isinstance(model, Fit):
+        open_ones = [name for name, one in model.parameters.items() if not one.determined]
+        known = model.actuator.parameter_values
+    else:
+        open_ones = [
+            one["name"] for one in (model.fit_table or {}).get("parameters", ()) if not one.get("determined", True)
+        ]
+        known = model.parameter_values
+    other = "force" if channel == "displacement" else "displacement"
+    return tuple(name for name in open_ones if name in known and stage_outputs(name) != (other,))
+
+
+def without_open_ratios(actuator: Actuator, channel: str, names: Sequence[str]) -> tuple[Actuator, tuple[str, ...]]:
+    """The actuator with each ratio that no run determined at 0, and which those are: such a value is no prior."""
+    ratios = mode_ratios(names, channel)
+    return (actuator.replace(**dict.fromkeys(ratios, 0.0)) if ratios else actuator), ratios
+
+
+def undetermined_finding(names: Sequence[str], ratios: Sequence[str]) -> Finding | None:
+    """Which parameters of the fit are none, and what the forecast made of them."""
+    if not names:
+        return None
+    as_they_are = [name for name in names if name not in ratios]
+    told = []
+    if ratios:
+        told.append(f"{_some(ratios)} counted as 0")
+    if as_they_are:
+        told.append(
+            f"{_some(as_they_are)} stay as they are: the actuator counts by what it missed earlier in this record, but "
+            "a change of voltage beyond the origin is answered with them"
+        )
+    return Finding(
+        "model-undetermined",
+        "warning",
+        f"the runs of the fit did not determine {len(names)} of its parameters: {'; '.join(told)}",
+        "forecast with a fit of fewer parameters, and hold it against forecast(None, run, ...)",
+        values={"undetermined": len(names)},
+    )
+
+
+def _some(names: Sequence[str]) -> str:
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def age_finding(time: FloatArray, used: npt.NDArray[np.bool_], horizon: float, channel: str) -> Finding | None:
+    """Whether the last usable reading before the origin, the end of ``time``, is old.
+
+    Raises
+    ------
+    InputError
+        It is older than the horizon and 10 s.
+    """
+    rows = np.flatnonzero(used)
+    if not len(rows):
+        return None  # refused elsewhere: there are too few readings
+    last, origin = float(time[rows[-1]]), float(time[-1])
+    age, period = origin - last, float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    told = f"the last usable {channel} before the origin {origin:.6g} s was read at {last:.6g} s, {age:.3g} s earlier"
+    if age > max(horizon, _TOO_OLD):
+        raise InputError(
+            told,
+            code="readings-too-old",
+            where="origin",
+            repair=f"give an origin up to {last + _OLD * horizon:.6g} s; ipmclab check says why no reading was used",
+        )
+    if age <= max(_OLD * horizon, _FEW_ROWS * period):
+        return None
+    return Finding(
+        "readings-old",
+        "warning",
+        f"{told}: the forecast reaches {age + horizon:.3g} s beyond it",
+        "give an earlier origin, or read the strip again",
+        channel=channel,
+        values={"age": age},
+    )
+
+
+def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Finding | None:
+    """Whether a forecast displacement goes beyond the free length, where no strip can be."""
+    beyond = np.flatnonzero(np.abs(mean) > free_length)
+    if not len(beyond):
+        return None
+    furthest = int(np.argmax(np.abs(mean)))
+    return Finding(
+        "beyond-free-length",
+        "warning",
+        f"the forecast displacement passes the free length of {1e3 * free_length:.4g} mm from {time[beyond[0]]:.6g} s "
+        f"on (at most {1e3 * abs(mean[furthest]):.4g} mm): no strip goes there",
+        "correct the actuator or the voltage planned; a strip that bends far is modelled with the stage laser",
+        channel="displacement",
+        values={"largest": float(abs(mean[furthest]))},
+    )
+
+
+def table_without(table: dict[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
+    """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stands."""
+    if table is None or not {"parameters", "correlations"} <= table.keys():
+        return None
+    kept = [place for place, one in enumerate(table["parameters"]) if one["name"] not in gone]
+    correlations = [[table["correlations"][row][column] for column in kept] for row in kept]
+    return {**table, "parameters": [table["parameters"][place] for place in kept], "correlations": correlations}
+
+
+def free_length(actuator: Actuator | None, channel: str) -> float:
+    """How far a displacement can go [m]; infinite where nothing bounds the channel."""
+    return math.inf if actuator is None or channel != "displacement" else actuator["geometry.free_length"]

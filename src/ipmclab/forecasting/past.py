@@ -1,0 +1,265 @@
+"""A record up to an origin, on steps of equal length, with the voltage that is planned and what an actuator answers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from numbers import Real
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.fit.fit import Fit
+from ipmclab.forecasting.doubts import (
+    age_finding,
+    free_length,
+    left_open,
+    undetermined_finding,
+    without_open_ratios,
+)
+from ipmclab.forecasting.forecast_values import known_channel
+from ipmclab.model import Actuator
+from ipmclab.model.given import need_actuator, need_run
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.simulate import with_shunt
+from ipmclab.quality import check, usable
+from ipmclab.run import Finding, Hold, Run
+
+FloatArray = npt.NDArray[np.float64]
+
+STEP: Final = 0.2  # s
+SETTLE: Final = 2.0
+"""Seconds after the first edge that are left out: there a row of delay looks like a slow answer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """What was read up to an origin, as means over steps, and what is planned beyond it.
+
+    Parameters
+    ----------
+    channel : str
+    origin, edge : float [s]
+        Of the last row that was seen, and of the first voltage edge.
+    step : float [s]
+    first, now : int
+        Steps of the first reading that is used, after the edge, and of the last.
+    readings : float array, shape (now + 1,)
+        NaN where none is used.
+    planned, held : float array, shape (n_steps,) [V]
+        Voltage up to the horizon: as planned, and as it stays at the origin.
+    ahead : float array, shape (n_ahead,) [s]
+    leads : float array, shape (n_ahead,) [s]
+        From the middle of the last step with a reading.
+    response : float array, shape (n_steps,), or None without an actuator
+        The actuator's, for the voltage as it stays.
+    response_to_plan : float array, shape (n_ahead,)
+        What the plan changes in it at the rows ahead; 0 without an actuator.
+    findings : tuple of Finding
+    free_length : float [m]
+        How far a displacement can go; infinite where nothing bounds the channel.
+    """
+
+    channel: str
+    origin: float
+    edge: float
+    step: float
+    first: int
+    now: int
+    readings: FloatArray
+    planned: FloatArray
+    held: FloatArray
+    ahead: FloatArray
+    leads: FloatArray
+    response: FloatArray | None
+    response_to_plan: FloatArray
+    findings: tuple[Finding, ...]
+    free_length: float
+
+    @cached_property
+    def filled(self) -> FloatArray:
+        """The readings, each missing one as the last before it."""
+        return _filled(self.readings)
+
+
+def read_past(
+    model: Actuator | Fit | None, run: Run, *, origin: float, horizon: float = 10.0, channel: str = "displacement"
+) -> Past:
+    """What a forecast starts from. See ``forecast``.
+
+    Raises
+    ------
+    InputError
+    """
+    values = _checked(run, origin, horizon, channel)
+    actuator = model.actuator if isinstance(model, Fit) else model
+    kept: list[Finding] = []
+    if actuator is not None:
+        need_actuator(actuator)
+        names_open = left_open(model, channel)
+        actuator, open_ratios = without_open_ratios(actuator, channel, names_open)
+        kept += [one for one in [undetermined_finding(names_open, open_ratios)] if one is not None]
+    past = int(np.searchsorted(run.time, origin + 1e-9 * max(abs(origin), 1.0), side="right"))
+    seen = _until(run, past)
+    findings = check(seen)
+    voltage = run.voltage.copy()
+    followed: list[Finding] = []
+    for finding in findings:
+        if finding.code == "contact-missing":
+            kept.append(finding)
+            followed.append(finding)  # it drifts there as it did before
+            for start, stop in finding.samples:
+                voltage[start:stop] = 0.0
+        elif finding.code in ("sampling-period-unknown", "contact-lost"):
+            kept.append(finding)
+        elif finding.code == "rate-jump" and finding.channel == channel:
+            kept.append(finding)
+            followed.append(finding)  # the reading has moved when the forecast begins
+    # What another finding says of the same rows still holds: a spike stays out.
+    used = usable(seen, [finding for finding in findings if finding not in followed])[channel]
+    used = used & np.isfinite(values[:past])
+    old = age_finding(run.time[:past], used, horizon, channel)
+    kept += [] if old is None else [old]
+    on = np.flatnonzero(np.abs(voltage[:past]) > 0.02 * np.abs(voltage[:past]).max(initial=0.0))
+    edge = float(run.time[on[0]]) if len(on) else float(run.time[0])
+    time, planned = _planned(run, voltage, past, horizon)
+    held = np.where(np.arange(len(time)) < past, planned, planned[past - 1])
+    sparse = time[:past][used]
+    step = max(STEP, float(np.median(np.diff(sparse if len(sparse) > 1 else time))))
+    place = np.ceil((time - time[past - 1]) / step - 1e-6).astype(np.intp)
+    place -= place[0]
+    count = int(place[-1]) + 1
+    readings = _means(np.where(used & (time[:past] >= edge + SETTLE), values[:past], np.nan), place[:past], count)
+    known = np.flatnonzero(np.isfinite(readings))
+    now = int(known[-1]) if len(known) else 0
+    answer = _responses(actuator, run, channel, time, held, planned)
+    return Past(
+        channel=channel,
+        origin=float(time[past - 1]),
+        edge=edge,
+        step=step,
+        first=int(known[0]) if len(known) else 0,
+        now=now,
+        readings=readings[: now + 1],
+        planned=_filled(_means(planned, place, count)),
+        held=_filled(_means(held, place, count)),
+        ahead=time[past:],
+        leads=time[past:] - (float(np.mean(time[place == now])) if len(known) else 0.0),
+        response=None if answer is None else _filled(_means(answer[0], place, count)),
+        response_to_plan=np.zeros(len(time) - past) if answer is None else (answer[1] - answer[0])[past:],
+        findings=tuple(kept),
+        free_length=free_length(actuator, channel),
+    )
+
+
+def _checked(run: Run, origin: float, horizon: float, channel: str) -> FloatArray:
+    known_channel(channel)
+    need_run(run)
+    values: FloatArray | None = getattr(run, channel)
+    if values is None or not np.isfinite(values).any():
+        raise InputError(
+            f"the run has no {channel}", code="no-readings", where=channel, repair="give a run that measured it"
+        )
+    first, last = float(run.time[0]), float(run.time[-1])
+    for name, given in (("origin", origin), ("horizon", horizon)):
+        if not is_number(given):
+            raise InputError(
+                f"the {name} is {given!r}, it must be a number",
+                code=f"bad-{name}",
+                where=name,
+                repair=f"give it in s, such as {name}=30.0",
+            )
+    if not (first < origin <= last + 1e-9):
+        raise InputError(
+            f"the origin {origin!r} s lies outside the run, which lasts from {first:.6g} s to {last:.6g} s",
+            code="bad-origin",
+            where="origin",
+            repair="give a time within the run, counted as run.time counts",
+        )
+    if not (0.0 < horizon < math.inf):
+        raise InputError(
+            f"the horizon is {horizon!r}, it must be a number above 0",
+            code="bad-horizon",
+            where="horizon",
+            repair="give it in s, such as 10",
+        )
+    return values
+
+
+def is_number(given: Any) -> bool:
+    """Whether something is a real number, and no truth value."""
+    return isinstance(given, Real) and not isinstance(given, bool)
+
+
+def _until(run: Run, past: int) -> Run:
+    """The run as it was at the origin: what came later must not tell what is wrong with it."""
+
+    def cut(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else values[:past]
+
+    return replace(
+        run,
+        time=run.time[:past],
+        voltage=run.voltage[:past],
+        current=cut(run.current),
+        displacement=cut(run.displacement),
+        force=cut(run.force),
+        applied_voltage=cut(run.applied_voltage),
+        quality={name: flags[:past] for name, flags in run.quality.items()},
+        raw={},
+        temperature=None,
+        relative_humidity=None,
+        time_environment=None,
+    )
+
+
+def _planned(run: Run, voltage: FloatArray, past: int, horizon: float) -> tuple[FloatArray, FloatArray]:
+    """Times and voltages up to the horizon; the last voltage stays where the run ends before it."""
+    end = run.time[past - 1] + horizon
+    stop = int(np.searchsorted(run.time, end + 1e-9 * max(abs(end), 1.0), side="right"))
+    time, volts = run.time[:stop], voltage[:stop]
+    period = float(np.median(np.diff(run.time)))
+    more = math.floor((end - time[-1]) / period + 1e-9)
+    if more > 0:
+        time = np.concatenate([time, time[-1] + period * np.arange(1, more + 1)])
+        volts = np.concatenate([volts, np.full(more, volts[-1])])
+    return time, volts
+
+
+def _responses(
+    actuator: Actuator | None, run: Run, channel: str, time: FloatArray, held: FloatArray, planned: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """What an actuator answers to the voltage as it stays, and to the plan."""
+    if actuator is None:
+        return None
+    strip = with_shunt(actuator, run)
+    hold: Hold = "zero" if run.hold == "unknown" else run.hold
+    stays = simulate_outputs(strip, time, held, hold, outputs=[channel])[0]
+    plan = (
+        stays if np.array_equal(held, planned) else simulate_outputs(strip, time, planned, hold, outputs=[channel])[0]
+    )
+    for response in (stays, plan):
+        if not np.isfinite(response).all():
+            raise InputError(
+                f"the actuator's {channel} is no number at {time[~np.isfinite(response)][0]:.6g} s",
+                code="bad-output",
+                where="forecast",
+                repair="the strip left its laser there, or the numbers are beyond floating point: correct the actuator",
+            )
+    return stays, plan
+
+
+def _means(values: FloatArray, place: npt.NDArray[np.intp], count: int) -> FloatArray:
+    """Mean over the rows of each step; NaN where none has a value."""
+    known = np.isfinite(values)
+    rows = np.bincount(place[known], minlength=count)
+    total = np.bincount(place[known], weights=values[known], minlength=count)
+    return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    known = np.where(np.isfinite(values), np.arange(len(values)), 0)
+    return np.asarray(values[np.maximum.accumulate(known)])

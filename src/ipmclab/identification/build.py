@@ -1,0 +1,419 @@
+"""From a solved problem to the fit that is given out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.confidence import NORMAL_95
+from ipmclab.fit.fit import DETERMINED, Direction, Fit, FittedParameter
+from ipmclab.fit.fit_table import changed
+from ipmclab.fit.observation import Observation
+from ipmclab.fit.output_diagnosis import OutputDiagnosis
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.problem.order import Order
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.problem.stated import stated_covariance
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.doubts import message, unexplained
+from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.solved import Estimate
+from ipmclab.identification.uncertainty.covariance import Uncertainty, uncertainty
+from ipmclab.identification.uncertainty.interval import (
+    as_determined,
+    beside_bounds,
+    edges_are_open,
+    half_width,
+    interval_of,
+    is_at_bound,
+    open_ends,
+    reaches_out,
+    something_is_open,
+    with_rivals,
+)
+from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
+from ipmclab.identification.uncertainty.noise_found import noise_findings
+from ipmclab.identification.uncertainty.relaxing import set_point_findings
+from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
+from ipmclab.identification.undetermined.leaning import leaning_findings
+from ipmclab.identification.undetermined.practical import practical
+from ipmclab.model import Actuator
+from ipmclab.model.parameters import Parameter
+from ipmclab.run import Finding, Run
+from ipmclab.version import __version__
+
+FloatArray = npt.NDArray[np.float64]
+
+_MUCH_WIDER: Final = 1.1  # times a standard error from the curvature: an interval that says something else
+_MOTION: Final = frozenset({"displacement", "force"})
+
+_OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
+
+
+def build_fit(
+    actuator: Actuator,
+    runs: Sequence[Run],
+    result: Estimate,
+    findings: tuple[Finding, ...],
+    diagnoses: tuple[OutputDiagnosis, ...] = (),
+) -> Fit:
+    """Errors, intervals, correlations, diagnosis and the fitted actuator."""
+    problem, solution = result.problem, result.solution
+    parameters = result.parameters
+    free = {unknown.base for unknown in problem.unknowns}
+    stated = stated_covariance(
+        actuator, [n for n, p in parameters.items() if n not in free and p.standard_uncertainty > 0.0]
+    )
+    exact = _exact_names(actuator, problem, free | set(stated))
+    found = uncertainty(result.correlated, stated, exact)
+    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
+    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    values = np.array(
+        [unknown.value(float(solution.theta[place])) for unknown, place in zip(asked, places, strict=True)]
+    )
+    relative = relative_errors(asked, values, found)
+    order = Order(problem.values(solution.theta, problem.records[0].place))
+    rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
+    model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
+    beside = _beside_unseen(result, stated, exact)
+    open_edges = edges_are_open(asked, found)
+    leaning = something_is_open(problem, solution, asked, places, found)
+    alone = [
+        interval_of(
+            problem,
+            solution,
+            unknown,
+            place,
+            found,
+            number,
+            float(relative[number]),
+            open_edges=open_edges,
+            leaning=leaning,
+        )
+        for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
+    ]
+    apart = {
+        unknown.name
+        for unknown, one in zip(asked, alone, strict=True)
+        if any(reaches_out(unknown, (one.low, one.high), rival) for rival in rivals)
+    }
+    told_twice = apart | {*beside}
+    nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
+    sharper = as_determined(found, relative, np.array(nearer))
+    open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
+    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
+    fitted: dict[str, FittedParameter] = {}
+    for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
+        name = order(unknown.name)
+        error = math.inf if unknown.name in beyond else float(relative[number])
+        nearer_error = math.inf if unknown.name in beyond else nearer[number]
+        value = float(values[number])
+        # Along an open direction a linear unknown stands at the file's value, which may be its bound.
+        at_bound = (unknown.log or math.isfinite(error)) and is_at_bound(unknown, float(solution.theta[place]))
+        others = [(r.entries[unknown.name], r.reach[unknown.name]) for r in rivals if unknown.name in r.entries]
+        first = open_ends(unknown) if unknown.name in beyond else (alone[number].low, alone[number].high)
+        interval, agree = with_rivals(unknown, float(solution.theta[place]), first, others)
+        variance = float(found.covariance[number, number])
+        wider = half_width(unknown, interval) / NORMAL_95 if unknown.name in apart else 0.0
+        if unknown.log and wider**2 > variance:
+            variance = max(variance, wider**2)
+            error = max(error, wider)
+        if leaning and unknown.log and unknown.name not in apart and error <= DETERMINED:
+            followed = half_width(unknown, interval) / NORMAL_95
+            if followed > _MUCH_WIDER * error:
+                # Not what the curvature says while all that is open stays where it is.
+                error, nearer_error, variance = followed, math.inf, followed**2
+        if unknown.name in beside:
+            middle, spread = beside[unknown.name]
+            reach = NORMAL_95 * spread
+            ends = beside_bounds(unknown, middle - reach, middle + reach)
+            interval = min(interval[0], ends[0]), max(interval[1], ends[1])
+            variance = max(variance, spread**2, (middle - float(solution.theta[place])) ** 2)
+            size = 1.0 if unknown.log else max(abs(value) / unknown.scale, 1.0)
+            error = max(error, math.sqrt(variance) / size)
+        fitted[name] = FittedParameter(
+            name=name,
+            value=value,
+            unit=parameters[unknown.base].unit if unknown.base in parameters else _unit(unknown.base),
+            symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
+            standard_error=_standard_error(unknown, value, variance, error),
+            interval=interval,
+            determined=agree and min(error, nearer_error) <= DETERMINED and not (at_bound and unknown.log),
+            at_bound=at_bound,
+            prior=unknown.beforehand,
+        )
+    rank_names = list(actuator.parameter_values)
+    for one in result.unseen:
+        for unknown in one.unknowns:
+            fitted[order(unknown.name)] = _unseen_parameter(unknown, order, problem.base[unknown.base], parameters)
+    fitted = dict(sorted(fitted.items(), key=lambda item: _file_place(item[0], rank_names)))
+    named = tuple(_rename_direction(direction, order) for direction in open_directions)
+    named += tuple(
+        Direction(
+            {order(unknown.name): len(one.unknowns) ** -0.5 for unknown in one.unknowns}, order(one.sentence), math.inf
+        )
+        for one in result.unseen
+    )
+    named = tuple(replace(d, coefficients=dict.fromkeys(fitted, 0.0) | dict(d.coefficients)) for d in named)
+    named += tuple(
+        direction_of_one(list(fitted), name, "it went to its bound" if p.at_bound else "other values fit as well")
+        for name, p in fitted.items()
+        if not p.determined and not any(names_it(direction, name) for direction in named)
+    )
+    correlations = _correlations([order(u.name) for u in asked], found, relative, beyond, asked)
+    correlations = {
+        one: {other: correlations.get(one, {}).get(other, 1.0 if one == other else math.nan) for other in fitted}
+        for one in fitted
+    }
+    observations = tuple(
+        _observation(problem, solution, record, runs[record.place], order, result.correlated)
+        for record in problem.records
+    )
+    told = (
+        *findings,
+        *unexplained(problem, replace(solution, evaluation=result.correlated.plain)),
+        *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
+        *noise_findings(problem, result.correlated, found),
+    )
+    fit = Fit(
+        actuator=actuator,
+        parameters=fitted,
+        undetermined=named,
+        correlations=correlations,
+        rank=found.rank,
+        singular_values=tuple(float(value) for value in found.singular_values),
+        observations=observations,
+        findings=told,
+        converged=solution.converged,
+        message=message(solution, told),
+        evaluations=solution.evaluations,
+        residuals=_residuals(problem, result.correlated),
+        software_version=__version__,
+        practical=practical(problem, solution, order),
+        covariance=_covariance(asked, values, found, stated, problem.base, order),
+        diagnoses=diagnoses,
+        estimate=result,
+    )
+    fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
+    held = set_point_findings(fit)
+    fit = replace(fit, findings=(*fit.findings, *held)) if held else fit
+    return changed(fit)
+
+
+def _beside_unseen(result: Estimate, stated: Table, exact: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Entry and standard error that each unknown has while the unseen stages may still be there.
+
+    That a stage does not show is no proof that it is not there: what trades against it is known no better than beside
+    it.
+    """
+    if result.beside is None:
+        return {}
+    problem, solution = result.beside.problem, result.beside.solution
+    found = uncertainty(result.beside, stated, exact)
+    spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
+    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    return {
+        problem.unknowns[place].name: (float(solution.theta[place]), float(spread[number]))
+        for number, place in enumerate(places)
+    }
+
+
+def _unseen_parameter(
+    unknown: Unknown, order: Order, value: float, parameters: Mapping[str, Parameter]
+) -> FittedParameter:
+    """A parameter of a stage that the readings do not show: it may be anything."""
+    declared = parameters[order(unknown.base)]
+    return FittedParameter(
+        name=order(unknown.name),
+        value=value,
+        unit=declared.unit,
+        symbol=declared.symbol,
+        standard_error=math.inf,
+        interval=open_ends(unknown),
+        determined=False,
+    )
+
+
+def _exact_names(actuator: Actuator, problem: Problem, taken: set[str]) -> list[str]:
+    """Fixed parameters without a stated uncertainty on which the answer leans."""
+    candidates = ["circuit.sheet_resistance"]
+    if not isinstance(problem.responder, CircuitResponder):
+        candidates += ["geometry.thickness", "beam.modulus"]
+    if any(not _MOTION.isdisjoint(record.readings) for record in problem.records):
+        candidates += [name for name in actuator.parameter_values if name.startswith("coupling.")]
+    return [name for name in candidates if name not in taken and name in actuator.parameter_values]
+
+
+def _standard_error(unknown: Unknown, value: float, variance: float, error: float) -> float:
+    return math.inf if math.isinf(error) else math.sqrt(max(variance, 0.0)) * unknown.chain(value)
+
+
+def _unit(base: str) -> str:
+    if base == "observation.delay":
+        return "s"
+    unit = _OBSERVATION_UNITS[base.rsplit(".", 1)[1]]
+    return unit if base.startswith("observation.offset") else f"{unit}/s"
+
+
+def _rename_direction(direction: Direction, order: Order) -> Direction:
+    return replace(
+        direction,
+        coefficients={order(name): value for name, value in direction.coefficients.items()},
+        sentence=order(direction.sentence),
+    )
+
+
+def _file_place(name: str, names: Sequence[str]) -> tuple[int, str]:
+    base = name.split("[")[0]
+    return (names.index(base) if base in names else len(names), name)
+
+
+def _correlations(
+    names: Sequence[str], found: Uncertainty, relative: FloatArray, beyond: set[str], asked: Sequence[Unknown]
+) -> dict[str, dict[str, float]]:
+    deviation = np.sqrt(np.maximum(found.covariance.diagonal(), 1e-300))
+    matrix = (found.covariance / (deviation[:, None] * deviation)).clip(-1.0, 1.0)
+    unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked], dtype=bool)
+    matrix[unknown], matrix[:, unknown] = np.nan, np.nan
+    np.fill_diagonal(matrix, 1.0)
+    return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}
+
+
+def _covariance(
+    asked: Sequence[Unknown],
+    values: FloatArray,
+    found: Uncertainty,
+    stated: Table,
+    base: Mapping[str, float],
+    order: Order,
+) -> dict[str, dict[str, float]]:
+    names = [order(unknown.name) for unknown in asked]
+    chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
+    # A leverage is the change for 1 %.
+    slopes = {name: found.leverage[name] / (0.01 * abs(base[name])) for name in stated if base[name]}
+    held = {name: {other: stated[name][other] for other in slopes} for name in slopes}
+    return covariance_table(names, found.covariance, chains, slopes, held)
+
+
+def _fitted_actuator(
+    actuator: Actuator,
+    problem: Problem,
+    solution: Solution,
+    fit: Fit,
+    order: Order,
+) -> Actuator:
+    every = [problem.values(solution.theta, record.place) for record in problem.records]
+    means = np.mean([[run[name] for name in actuator.parameter_values] for run in every], axis=0)
+    values = dict(zip(actuator.parameter_values, means.tolist(), strict=True))
+    uncertain = {
+        n: u for n, u in actuator.standard_uncertainties.items() if n not in {x.base for x in problem.unknowns}
+    }
+    values = {order(name): value for name, value in values.items()}
+    uncertain = {order(name): value for name, value in uncertain.items()}
+    for name, parameter in fit.parameters.items():
+        if name in values and parameter.determined:
+            uncertain[name] = parameter.standard_error
+    return Actuator(
+        name=actuator.name,
+        parameter_values={name: values[name] for name in actuator.parameter_values},
+        standard_uncertainties=uncertain,
+        sample=actuator.sample,
+    )
+
+
+def _observation(
+    problem: Problem, solution: Solution, record: PreparedRun, run: Run, order: Order, correlated: Correlated
+) -> Observation:
+    theta, place = solution.theta, record.place
+
+    def own(what: str) -> dict[str, float]:
+        return {
+            unknown.base.rsplit(".", 1)[1]: unknown.value(float(entry))
+            for unknown, entry in zip(problem.unknowns, theta, strict=True)
+            if unknown.place == place and unknown.base.startswith(f"observation.{what}.")
+        }
+
+    def of_noise(what: Mapping[tuple[int, str], float]) -> dict[str, float]:
+        return {output: value for (at, output), value in what.items() if at == place}
+
+    state: dict[str, float] = {}
+    if record.start == "free":
+        found = problem.responder.initial_state(record, problem.values(theta, place), problem.start(theta, place))
+        state = {order(name): value for name, value in found.items()}
+    return Observation(
+        label=record.label,
+        content_sha256=run.content_sha256,
+        hold=record.run.hold,
+        delay=problem.delay(theta, record),
+        start=record.start,
+        initial_state=state,
+        offset=_sum({**record.known_offset, **own("offset")}, of_noise(correlated.offset)),
+        drift=_sum({**record.known_drift, **own("drift")}, of_noise(correlated.drift)),
+        noise={
+            output: correlated.deviation.get((place, output), problem.noise[place, output])
+            for output in record.readings
+        },
+        samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
+        series_resistance=record.series_resistance,
+        noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
+        mounting=record.run.metadata.mounting_id or "",
+    )
+
+
+def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: one.get(name, 0.0) + other.get(name, 0.0) for name in (*one, *other)}
+
+
+def _residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
+    pieces = problem.pieces
+    found: list[dict[str, FloatArray]] = []
+    for record in problem.records:
+        of_run: dict[str, FloatArray] = {}
+        for output, reading in record.readings.items():
+            key = record.place, output
+            column = np.full(len(reading.values), np.nan)
+            column[reading.used] = -correlated.plain.residual[pieces[key]] * problem.noise[key]
+            since = record.run.time - record.run.time[0]
+            column -= correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
+            of_run[output] = column
+        found.append(of_run)
+    return tuple(found)
+
+
+def _fit_findings(
+    solution: Solution,
+    found: Uncertainty,
+    fitted: Mapping[str, FittedParameter],
+    stated: Table,
+    exact: Sequence[str],
+    asked: Sequence[Unknown],
+    order: Order,
+    named: Sequence[Direction],
+) -> list[Finding]:
+    findings = []
+    if not solution.converged:
+        findings.append(
+            Finding("not-converged", "error", message(solution, ()), "free fewer parameters, or give longer runs")
+        )
+    findings += [
+        Finding("undetermined", "warning", direction.sentence, "", values=dict(direction.coefficients))
+        for direction in named
+    ]
+    for parameter in fitted.values():
+        if parameter.at_bound:
+            findings.append(
+                Finding(
+                    "at-bound",
+                    "warning",
+                    f"{parameter.name} went to its bound, {parameter.value:.6g} {parameter.unit}".rstrip(),
+                    "the model lacks something that the readings show, or the parameter is not seen: fix it",
+                )
+            )
+    return [*findings, *leaning_findings(found, fitted, stated, exact, asked, order)]

@@ -1,0 +1,61 @@
+"""Where the runs of a fit ask more of its actuator than it holds for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ipmclab.fit.fit import Fit
+from ipmclab.identification.problem.free_run import predict, seen_from_sensor
+from ipmclab.identification.problem.record import PreparedRun, fitted_runs
+from ipmclab.model import Actuator
+from ipmclab.model.stages.laser import blank_lost
+from ipmclab.model.validity import validity
+from ipmclab.run import Finding, Run
+
+
+def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
+    """What ``validity`` says of each run of a fit, with the run's label, and not what the fit already says of it.
+
+    Of the displacement as the fitted actuator predicts it, where it was read: a sensor's zero is no bending. Where
+    current alone was read, the beam is not asked, and being near its resonance is worth a note only.
+
+    Parameters
+    ----------
+    fit : Fit
+        With its fitted actuator and that one's ``fit_table``.
+    records : sequence of PreparedRun
+    """
+    of_runs = fitted_runs(fit.actuator.fit_table)
+    found = []
+    for record, observation in zip(records, fit.observations, strict=True):
+        entry = of_runs[observation.content_sha256]
+        own = entry["parameters"]
+        model = seen_from_sensor(fit.actuator.replace(**own) if own else fit.actuator, record.series_resistance)
+        for finding in validity(model, _answer(model, record, entry), record.run.metadata.signal):
+            if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
+                continue
+            moves = finding.code != "near-resonance" or record.readings.keys() & {"displacement", "force"}
+            found.append(
+                replace(
+                    finding,
+                    severity=finding.severity if moves else "info",
+                    message=f"{record.label}: {finding.message}",
+                    samples=(),  # rows of the prediction, not of the record
+                    effect="none",
+                )
+            )
+    return found
+
+
+def _answer(model: Actuator, record: PreparedRun, entry: Mapping[str, Any]) -> Run:
+    """The run as the fitted actuator predicts it, as far as the fit read it."""
+    run, reading = record.run, record.readings.get("displacement")
+    if reading is None:
+        return Run(time=run.time, voltage=run.voltage, hold=run.hold)
+    every = np.array(predict(model, record, ["displacement"], entry["delay"], entry["initial_state"]))
+    blank_lost(every, ["displacement"], model.parameter_values, kept=reading.exact)
+    return Run(time=run.time, voltage=run.voltage, hold=run.hold, displacement=every[0])

@@ -1,0 +1,129 @@
+"""Look at what a fit leaves, and say what the model cannot explain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ipmclab.fit.output_diagnosis import OutputDiagnosis, Verdict
+from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.diagnostics.residuals import output_diagnosis
+from ipmclab.identification.diagnostics.stages import Tried, named, tried_stages
+from ipmclab.identification.noise.pieces import imitated
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.record import READ_OUTPUTS
+from ipmclab.identification.solved import Estimate
+from ipmclab.model import Actuator
+from ipmclab.model.declared import MOTION, in_group
+from ipmclab.model.kinds import kind_named
+from ipmclab.run import Finding
+
+
+def diagnose(
+    actuator: Actuator, names: FreeParameters, estimate: Estimate
+) -> tuple[tuple[OutputDiagnosis, ...], list[Finding]]:
+    """What is left of each output of each run, and findings where that is more than noise.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        That was given.
+    names : FreeParameters
+        That were free.
+    estimate : Estimate
+
+    Returns
+    -------
+    diagnoses : tuple of OutputDiagnosis
+        One for each output of each run.
+    findings : list of Finding
+        ``stage-missing`` where a stage that the actuator lacks would explain it, ``model-incomplete`` where it follows
+        the voltage and none would.
+    """
+    problem = estimate.correlated.problem
+    if not problem.unknowns:
+        return (), []
+    read = [output for output in READ_OUTPUTS if any(output in record.readings for record in problem.records)]
+    every = [Left.of(estimate, output) for output in read]
+    verdicts = {left.output: _verdict(left) for left in every}
+    basis = imitated(estimate.correlated.whitened)
+    found = []
+    for record in problem.records:
+        for left in every:
+            if left.output in record.readings:
+                alone = record.place in left.coloured_in
+                verdict = verdicts[left.output] if alone else "white"
+                found.append(output_diagnosis(estimate.correlated, record, left.output, verdict, basis))
+    tried = tried_stages(actuator, names, every)
+    return tuple(found), _findings(actuator, every, tried, _fixed_motion(actuator, names, read))
+
+
+def _fixed_motion(actuator: Actuator, names: FreeParameters, read: Sequence[str]) -> str:
+    """The fixed values on which the motion rests, where it is fitted: wrong ones leave what a missing stage leaves."""
+    coupling = in_group(MOTION, actuator.parameter_values)
+    fixed = [name for name in coupling if name not in names.actuator]
+    if not fixed or not {"displacement", "force"} & set(read):
+        return ""
+    return f"{MOTION}.*" if fixed == coupling else ", ".join(fixed)
+
+
+def _verdict(left: Left) -> Verdict:
+    if not left.coloured:
+        return "white"
+    if left.follows:
+        return "follows the voltage"
+    return "bends with the voltage" if left.bends else "autocorrelated"
+
+
+def _findings(actuator: Actuator, every: Sequence[Left], tried: Sequence[Tried], fixed: str) -> list[Finding]:
+    chosen = named(tried)
+    if chosen:
+        return [_missing(actuator, chosen, fixed)]
+    return [_incomplete(left, tried, fixed) for left in every if left.coloured and (left.follows or left.bends)]
+
+
+def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding:
+    best, *others = chosen
+    output = max(best.shares, key=lambda one: best.shares[one])
+    explained = best.shares[output]
+    also = "".join(f"; as well, {_shown(one.stage)}: {one.stage}" for one in others)
+    models = " or ".join(f"{actuator.name}+{one.stage}" for one in chosen)
+    free = dict.fromkeys(group for one in chosen if (group := _group(one.stage)))
+    with_free = f" with {' or '.join(free)} free" if free else ""
+    return Finding(
+        "stage-missing",
+        "warning",
+        f"the model cannot explain what it leaves of the {output}: the residuals show {_shown(best.stage)}. A stage "
+        f"{best.stage} would take away {100.0 * explained:.0f} % of their power beyond noise{also}{_or_wrong(fixed)}",
+        f"identify {models}{with_free}, and compare both by choose",
+        channel=output,
+        values={"stage": best.stage, "explained": explained, "evidence": best.evidence},
+    )
+
+
+def _or_wrong(fixed: str) -> str:
+    if not fixed:
+        return ""
+    return f". A wrong fixed value ({fixed}) can look the same: free it or measure it before you believe a stage"
+
+
+def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
+    how = "follows the voltage" if left.follows else "follows the voltage, not in proportion to it"
+    names = ", ".join(dict.fromkeys(one.stage for one in tried))
+    none = f", and no stage that was tried explains it ({names})" if names else ""
+    return Finding(
+        "model-incomplete",
+        "warning",
+        f"the model cannot explain what it leaves of the {left.output}: it {how} (p < 0.1 %){none}{_or_wrong(fixed)}",
+        "look at the residuals in the report; check what is held fixed, and when the edges were applied; values that "
+        "rest on this output may be wrong by more than their intervals say",
+        channel=left.output,
+    )
+
+
+def _shown(stage: str) -> str:
+    return kind_named(stage).shows
+
+
+def _group(stage: str) -> str:
+    """What is to be free with a stage."""
+    return kind_named(stage).group

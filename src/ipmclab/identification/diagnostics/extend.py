@@ -1,0 +1,153 @@
+"""A fit with one stage more: quickly, to see what the stage would explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import IpmclabError
+from ipmclab.identification.diagnostics.score_directions import ScoreDirection
+from ipmclab.identification.estimate import entries_at, problem_at
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import ASSUMED_REST
+from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
+from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
+from ipmclab.identification.search.solve import Solution, minimise
+from ipmclab.identification.search.starts.start import starting_points
+from ipmclab.model import Actuator
+from ipmclab.model.declared import is_held
+from ipmclab.model.variants import with_stages
+
+FloatArray = npt.NDArray[np.float64]
+
+_EVALUATIONS: Final = 25
+_NEAR: Final = 1e-5  # of the cost
+_AFRESH: Final = 60
+_STARTS: Final = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """A fit with one stage more.
+
+    Parameters
+    ----------
+    direction : ScoreDirection
+        The stage.
+    problem : Problem
+        Not whitened, with the weights of the fit without it.
+    solution : Solution
+        Near the least squares of white noise.
+    """
+
+    direction: ScoreDirection
+    problem: Problem
+    solution: Solution
+
+    @property
+    def cost(self) -> float:
+        """Weighted squares that it leaves."""
+        return self.solution.evaluation.cost
+
+
+def from_here(
+    problem: Problem, theta: FloatArray, actuator: Actuator, direction: ScoreDirection, size: float
+) -> Extended | None:
+    """Fit again with a stage, from where a fit stands; None where the stage does not go with it.
+
+    Parameters
+    ----------
+    problem : Problem
+        Not whitened.
+    theta : float array, shape (n_unknown,)
+    actuator : Actuator
+        That was fitted, without the stage.
+    direction : ScoreDirection
+    size : float
+        The first guess of how much there is of it, in steps along the direction.
+    """
+    try:
+        values = {**actuator.parameter_values, **problem.base}
+        richer = with_stages(actuator.replace(**values), direction.name)
+        sized = direction.sized(size)
+        kept = [column for column, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+        unknowns = [problem.unknowns[column] for column in kept]
+        entries = [float(theta[column]) for column in kept]
+        parameters = richer.replace(**sized).parameters()
+        for name in _freed(actuator, richer):
+            unknown = actuator_unknown(parameters[name], None)
+            unknowns.append(unknown)
+            entries.append(unknown.entry(float(np.clip(parameters[name].value, unknown.lower, unknown.upper))))
+        base = {**richer.parameter_values, **values, **sized}
+        responder = _responder(problem, richer)
+        for record in problem.records:
+            if record.start == "free":
+                if isinstance(responder, ActuatorResponder):
+                    responder.prepare(record, {**base, **problem.values(theta, record.place)})
+                unknowns += [_amplitude(record.place, number) for number in range(responder.amplitudes(record))]
+        wider = Problem(base, problem.records, unknowns, responder, problem.noise)
+        start = np.append(entries, np.zeros(len(unknowns) - len(entries)))
+        linear = np.arange(len(unknowns)) >= len(entries)
+        if linear.any():
+            here = wider.evaluate(start)
+            start[linear] -= np.linalg.lstsq(here.jacobian[:, linear], here.residual, rcond=1e-12)[0]
+        found = minimise(wider, start, evaluations=_EVALUATIONS, tolerance=_NEAR)
+    except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+    return Extended(direction, wider, found) if np.isfinite(found.evaluation.cost) else None
+
+
+def afresh(problem: Problem, actuator: Actuator, names: FreeParameters, direction: ScoreDirection) -> Extended | None:
+    """Fit again with a stage, from what the readings themselves show; None where the stage does not go with it.
+
+    Parameters
+    ----------
+    problem : Problem
+        Not whitened.
+    actuator : Actuator
+        That was fitted, without the stage.
+    names : FreeParameters
+        That were free.
+    direction : ScoreDirection
+    """
+    best: Extended | None = None
+    try:
+        richer = with_stages(actuator, direction.name)
+        richer = richer.replace(**direction.sized(1.0))
+        wider = replace(names, shared=(*names.shared, *_freed(actuator, richer)))
+        parameters = richer.parameters()
+        # It may be for want of this stage that a start from rest was contradicted.
+        records = [
+            replace(record, start=ASSUMED_REST)
+            if record.start == "free" and record.run.metadata.starts_from_rest is None
+            else record
+            for record in problem.records
+        ]
+        for point in starting_points(richer, wider, records)[:_STARTS]:
+            own = problem_at(richer, parameters, wider, records, point, problem.noise)
+            found = minimise(own, entries_at(own, point), evaluations=_AFRESH, tolerance=_NEAR)
+            if best is None or found.evaluation.cost < best.solution.evaluation.cost:
+                best = Extended(direction, own, found)
+    except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return best
+    return best
+
+
+def _freed(actuator: Actuator, richer: Actuator) -> list[str]:
+    """The parameters of a stage that are free at a first look."""
+    return [name for name in richer.parameter_values if name not in actuator.parameter_values and not is_held(name)]
+
+
+def _responder(problem: Problem, richer: Actuator) -> CircuitResponder | ActuatorResponder:
+    if isinstance(problem.responder, CircuitResponder) and richer.structure.is_lumped:
+        return CircuitResponder(richer.circuit.branches)
+    return ActuatorResponder(richer)
+
+
+def _amplitude(run: int, number: int) -> Unknown:
+    base = f"observation.initial_state.{number}"
+    return Unknown(f"{base}[{run}]", base, run, False, 1.0, -np.inf, np.inf, nuisance=True)

@@ -1,0 +1,165 @@
+"""What a fit leaves of one output: how much beyond noise, and whether it follows the voltage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.diagnostics.columns import of_voltage
+from ipmclab.identification.diagnostics.evidence import Evidence
+from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
+from ipmclab.identification.noise.shape import Shape
+from ipmclab.identification.noise.whitening import measured_rows
+from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.solved import Estimate
+from ipmclab.identification.uncertainty.covariance import is_coloured
+from ipmclab.statespace.terms import Terms
+
+FloatArray = npt.NDArray[np.float64]
+
+_REJECT: Final = 1e-3
+_HINT: Final = 0.05
+_BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
+_ROUNDING: Final = 1.01  # times the rounding of the model: below it residuals are no noise
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What is left of one output in all runs that have it.
+
+    Parameters
+    ----------
+    output : str
+    problem : Problem
+        Not whitened.
+    theta : float array, shape (n_unknown,)
+    here : Evaluation
+        Of it there.
+    pieces : tuple of Piece
+    shapes : mapping of (place, output) to Shape
+        The noise of each.
+    coloured_in : set of int
+        Places of the runs in which it is autocorrelated.
+    """
+
+    output: str
+    problem: Problem
+    theta: FloatArray
+    here: Evaluation
+    pieces: tuple[Piece, ...]
+    shapes: Mapping[Key, Shape]
+    coloured_in: Set[int]
+
+    @classmethod
+    def of(cls, estimate: Estimate, output: str) -> Left:
+        """From a solved problem, at the least squares of white noise: no noise has taken anything away there."""
+        correlated = estimate.correlated
+        problem, solution = estimate.white or (estimate.problem, estimate.solution)
+        here = solution.evaluation
+        records = [record for record in problem.records if output in record.readings]
+        residuals = {
+            record.place: here.residual[problem.pieces[record.place, output]][measured_rows(record, output)]
+            for record in records
+        }
+        # An offset and a slope of the noise need three readings to say anything of it.
+        records = [record for record in records if len(residuals[record.place]) > 2]
+        known = correlated.pieces
+        pieces = tuple(
+            known.get((record.place, output)) or Piece.of(record, output, problem.unknowns) for record in records
+        )
+        white = Shape(Terms(), np.zeros(0), 1.0)
+        shapes = {piece.key: correlated.shapes.get(piece.key, white) for piece in pieces}
+        coloured = frozenset(
+            key[0]
+            for key, shape in shapes.items()
+            if problem.noise[key] > _ROUNDING * problem.floors[key]
+            and (not shape.terms.is_white or is_coloured(residuals[key[0]]))
+        )
+        if coloured and all(shape.terms.is_white for shape in shapes.values()):
+            # No noise was found: here the model is what is doubted.
+            system = System(problem, here, pieces)
+            shapes = with_constants(system, choose_noise(system))
+        return cls(output, problem, solution.theta, here, pieces, _drifting(pieces, shapes), coloured)
+
+    @property
+    def coloured(self) -> bool:
+        """Whether it is autocorrelated in any run."""
+        return bool(self.coloured_in)
+
+    @property
+    def readings(self) -> int:
+        """How many there are."""
+        return sum(len(piece.time) for piece in self.pieces)
+
+    @property
+    def noise(self) -> float:
+        """Weighted squares that the scatter of neighbouring readings accounts for."""
+        found = 0.0
+        for piece in self.pieces:
+            record = self.problem.record_at(piece.key[0])
+            found += len(piece.time) * (record.readings[self.output].noise / self.problem.noise[piece.key]) ** 2
+        return found
+
+    def squares(self, problem: Problem, here: Evaluation) -> float:
+        """Weighted squares that some fit leaves of this output."""
+        left = [here.residual[problem.pieces[piece.key]][piece.inside] for piece in self.pieces]
+        return float(sum(one @ one for one in left))
+
+    def evidence(self, added: FloatArray) -> Evidence:
+        """Of changes that the model does not know."""
+        return Evidence(self.problem, self.here, self.pieces, added)
+
+    def deviance(self, problem: Problem | None = None, here: Evaluation | None = None) -> float:
+        """Minus twice the log likelihood of this output under the likeliest noise; of this fit, or of another."""
+        problem, here = problem or self.problem, here or self.here
+        nothing = np.zeros((0, here.rows.shape[1]))
+        # What that fit may move by itself is no constant of its noise.
+        pieces = [piece.among(problem.unknowns) for piece in self.pieces]
+        return Evidence(problem, here, pieces, nothing).deviance([], _drifting(pieces, self.shapes))[0]
+
+    @cached_property
+    def follows(self) -> bool:
+        """Whether it follows the voltage in some linear way that the model does not know."""
+        return self.coloured and self._chance(bent=False) < _REJECT
+
+    @cached_property
+    def bends(self) -> bool:
+        """Whether it follows the voltage times its magnitude, to which no linear model answers."""
+        return self.coloured and self._could_bend and self._chance(bent=True) < _REJECT
+
+    @property
+    def _could_bend(self) -> bool:
+        """Whether the voltages tell the one from the other: under a single step both are in proportion."""
+        volts = np.concatenate([r.run.voltage for r in self.problem.records if self.output in r.readings])
+        bent = volts * np.abs(volts)
+        beside = bent - volts * float(volts @ bent) / max(float(volts @ volts), 1e-300)
+        return float(np.linalg.norm(beside)) > _BENT * float(np.linalg.norm(bent))
+
+    def _chance(self, *, bent: bool) -> float:
+        """How often noise alone would make the output as much likelier if it may also follow the voltage in any way."""
+        from scipy.special import chdtrc
+
+        ways = of_voltage(self.problem, self.theta, self.output, bent=bent)
+        evidence = self.evidence(ways)
+        # Beside the noise that was found, which may have taken it for its own: half of it shows even then.
+        chance = float(chdtrc(len(ways), max(evidence.together(self.shapes), 0.0)))
+        if chance > _HINT:
+            return chance
+        without, _ = evidence.deviance([], self.shapes)
+        with_all, _ = evidence.deviance(range(len(ways)), self.shapes)
+        return float(chdtrc(len(ways), max(without - with_all, 0.0)))
+
+
+def _drifting(pieces: Sequence[Piece], shapes: Mapping[Key, Shape]) -> dict[Key, Shape]:
+    """The noise of each piece with every constant that it may have: a sensor that drifts is no missing stage."""
+    found = {}
+    for piece in pieces:
+        offset, trend = piece.allowed
+        shape = shapes[piece.key]
+        found[piece.key] = replace(shape, terms=replace(shape.terms, offset=offset, trend=trend))
+    return found

@@ -1,0 +1,112 @@
+"""A little of each stage that an actuator lacks: what it would change in the readings of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import IpmclabError
+from ipmclab.identification.problem.excitation import excitation
+from ipmclab.identification.problem.free_run import seen_from_sensor
+from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.model import Actuator
+from ipmclab.model.kinds import kind_named, kinds
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.stages.kind import Trial
+from ipmclab.model.variants import with_stages
+from ipmclab.run import Run
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ScoreDirection:
+    """A little of a stage that is not there.
+
+    Parameters
+    ----------
+    trial : Trial
+        As its stage declares it.
+    outputs : tuple of str
+        Those whose readings would show it.
+    """
+
+    trial: Trial
+    outputs: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The stage as it is named after a plus."""
+        return self.trial.stage
+
+    @property
+    def both_ways(self) -> bool:
+        """Whether less than none of it can be too."""
+        return self.trial.both_ways
+
+    def sized(self, size: float) -> dict[str, float]:
+        """The values of so many of them."""
+        return self.trial.sized(kind_named(self.name), size)
+
+    def given_to(self, actuator: Actuator) -> Actuator:
+        """The actuator, one step along it."""
+        beside = self.trial.beside(actuator.parameter_values) if self.trial.beside is not None else {}
+        return with_stages(actuator, self.name).replace(**self.trial.values, **beside)
+
+
+def score_directions(actuator: Actuator, runs: Sequence[Run], outputs: Sequence[str]) -> list[ScoreDirection]:
+    """Every stage that an actuator lacks and these runs could show.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With fitted values.
+    runs : sequence of Run
+    outputs : sequence of str
+        That were fitted.
+    """
+    asked = excitation(actuator, runs, outputs)
+    found = []
+    for kind in kinds():
+        if kind.electrical and "current" not in outputs:
+            continue
+        for trial in kind.trials(actuator.parameter_values, asked):
+            # What changes the current changes the node voltage too, and so all outputs.
+            shown = trial.outputs or (asked.outputs if kind.electrical else kind.outputs)
+            if set(shown) & set(outputs):
+                found.append(ScoreDirection(trial, shown))
+    return found
+
+
+def response(
+    direction: ScoreDirection, actuator: Actuator, record: PreparedRun, delay: float, state: Mapping[str, float] | None
+) -> dict[str, FloatArray] | None:
+    """What a direction changes in the readings of the outputs that it has; None where it does not go with an actuator.
+
+    Parameters
+    ----------
+    direction : ScoreDirection
+    actuator : Actuator
+        With the values of this run.
+    record : PreparedRun
+    delay : float [s]
+    state : mapping of state name to float, optional
+        At the first row.
+    """
+    run = record.run
+
+    def values(model: Actuator) -> FloatArray:
+        seen = seen_from_sensor(model, record.series_resistance)
+        return simulate_outputs(
+            seen, run.time, run.voltage, model_hold(record), outputs=shown, initial_state=state, delay=delay
+        )
+
+    shown = [output for output in direction.outputs if output in record.readings]
+    try:
+        changed = values(direction.given_to(actuator)) - values(actuator)
+    except (IpmclabError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    return dict(zip(shown, changed, strict=True)) if np.isfinite(changed).all() else None

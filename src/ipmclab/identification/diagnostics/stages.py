@@ -1,0 +1,126 @@
+"""Which stage the actuator lacks: each is tried, and the readings say which makes them likelier."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.identification.diagnostics.columns import along_directions
+from ipmclab.identification.diagnostics.extend import Extended, afresh, from_here
+from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.diagnostics.score_directions import ScoreDirection, score_directions
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.model import Actuator
+from ipmclab.ties import largest_first
+
+_CLEAR: Final = 25.0  # of evidence, from which a stage is named
+_SHARE: Final = 0.2  # of the power beyond noise that it has to take away
+_MISFIT: Final = 1.3  # times the noise: what is left is large, and the linear look at a little of a stage no guide
+_ENOUGH: Final = 0.7  # of the power beyond noise: what has been tried is not tried afresh
+_AS_WELL: Final = 10.0  # less evidence than the best one has: another stage that would do as well
+_AT_LEAST: Final = 30.0  # steps along a stage of which less than none was asked
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a stage would explain.
+
+    Parameters
+    ----------
+    stage : str
+    evidence : float
+        Twice the logarithm by which the readings of all outputs that are doubted become likelier, noise estimated anew,
+        less what a chance fit of the stage's parameters would give (Schwarz).
+    shares : mapping of output to float
+        Part of the power beyond noise that it would take away.
+    """
+
+    stage: str
+    evidence: float
+    shares: Mapping[str, float]
+
+
+def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left]) -> list[Tried]:
+    """What each stage that an actuator lacks would explain of what is left, the best first.
+
+    Empty where nothing that is left follows the voltage.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        That was given.
+    names : FreeParameters
+        That were free.
+    every : sequence of Left
+        One for each output.
+    """
+    doubted = [left for left in every if left.coloured]
+    if not any(left.follows or left.bends for left in doubted):
+        return []
+    problem, theta = doubted[0].problem, doubted[0].theta
+    strip = actuator.replace(**problem.values(theta, problem.records[0].place))
+    some = score_directions(strip, [record.run for record in problem.records], [left.output for left in every])
+    found: dict[str, Extended] = {}
+    for name, (_, direction, size) in _hints(actuator, doubted, some).items():
+        extended = from_here(problem, theta, strip, direction, size if direction.both_ways else max(size, _AT_LEAST))
+        if extended is not None:
+            found[name] = extended
+    tried = _judged(doubted, found)
+    large = any(left.squares(problem, left.here) > _MISFIT**2 * left.noise for left in doubted)
+    if large:
+        # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
+        # Where one explains most of it, only those that did not go with the fit as it stands.
+        enough = any(share > _ENOUGH for one in tried[:1] for share in one.shares.values())
+        for direction in {one.name: one for one in some}.values():
+            if enough and direction.name in found:
+                continue
+            extended = afresh(problem, actuator, names, direction)
+            known = found.get(direction.name)
+            if extended is not None and (known is None or extended.cost < known.cost):
+                found[direction.name] = extended
+        tried = _judged(doubted, found)
+    return tried
+
+
+def _hints(
+    actuator: Actuator, doubted: Sequence[Left], some: Sequence[ScoreDirection]
+) -> dict[str, tuple[float, ScoreDirection, float]]:
+    """For each stage the direction that would lower chi-square most under the noise, by how much, and its size."""
+    best: dict[str, tuple[float, ScoreDirection, float]] = {}
+    for left in doubted:
+        mine = [one for one in some if left.output in one.outputs]
+        mine, rows = along_directions(left.problem, left.theta, actuator, mine, left.output)
+        if not mine:
+            continue
+        evidence = left.evidence(rows)
+        for direction, gain, size in zip(mine, *evidence.alone(left.shapes), strict=True):
+            worth = abs(gain) if direction.both_ways else gain
+            if direction.name not in best or worth > best[direction.name][0]:
+                best[direction.name] = float(worth), direction, float(size)
+    return best
+
+
+def _judged(doubted: Sequence[Left], found: Mapping[str, Extended]) -> list[Tried]:
+    own = sum(left.deviance() for left in doubted)
+    readings = sum(left.readings for left in doubted)
+    tried = []
+    for name, extended in found.items():
+        here = extended.solution.evaluation
+        added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
+        gain = own - sum(left.deviance(extended.problem, here) for left in doubted)
+        shares = {}
+        for left in doubted:
+            squares = left.squares(left.problem, left.here)
+            beyond = max(squares - left.noise, 0.01 * squares)
+            shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
+        if math.isfinite(gain):
+            tried.append(Tried(name, gain - max(added, 1) * math.log(readings), shares))
+    return [tried[k] for k in largest_first([one.evidence for one in tried])]
+
+
+def named(tried: Sequence[Tried]) -> list[Tried]:
+    """The stages to name: the best one, if it is clear, and those that would do as well."""
+    clear = [one for one in tried if one.evidence > _CLEAR and max(one.shares.values()) > _SHARE]
+    return [one for one in clear if one.evidence > clear[0].evidence - _AS_WELL]

@@ -1,0 +1,329 @@
+"""From runs to a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import replace
+from os import PathLike
+from typing import Final
+
+from ipmclab.consistency.of_fit import with_cross_checks
+from ipmclab.errors import InputError
+from ipmclab.fit.fit import Fit
+from ipmclab.fit.fit_table import with_findings
+from ipmclab.identification.build import build_fit
+from ipmclab.identification.diagnostics.beyond import beyond_findings
+from ipmclab.identification.diagnostics.diagnose import diagnose
+from ipmclab.identification.estimate import estimate
+from ipmclab.identification.mountings.mountings import differ, each_mounting, places_of_mountings, with_mountings
+from ipmclab.identification.problem.free import FreeParameters, parse_free
+from ipmclab.identification.problem.priors import prior_findings, with_priors
+from ipmclab.identification.problem.record import (
+    READ_OUTPUTS,
+    PreparedRun,
+    as_read_before,
+    disambiguated,
+    fitted_runs,
+    label_of,
+    noise_only,
+    prepare,
+)
+from ipmclab.model import Actuator
+from ipmclab.model.declared import electrical, outputs_of, stage_outputs
+from ipmclab.model.given import need_actuator, need_run
+from ipmclab.model.stages.circuit import SERIES
+from ipmclab.one_thread import on_one_thread
+from ipmclab.progress import Tell, part, stage, telling
+from ipmclab.quality.check import check_record
+from ipmclab.quality.record import Record as Checked
+from ipmclab.run import Finding, Run
+
+_ALWAYS_TOLD: Final = frozenset({"sampling-period-unknown"})
+"""Findings of a record that are no errors, but on which every time constant of the fit hangs."""
+
+
+def identify(
+    actuator: Actuator,
+    runs: Sequence[Run] | Run,
+    *,
+    free: str | Iterable[str] = "electrical",
+    per_run: str | Iterable[str] = (),
+    per_mounting: str | Iterable[str] = (),
+    prior: str | Iterable[str] = (),
+    labels: Sequence[str] | None = None,
+    progress: Tell | None = None,
+) -> Fit:
+    """Identify parameters of an actuator from one or more runs at once.
+
+    No starting values are needed: a free parameter's value in ``actuator`` is not used, except that along a
+    direction that the readings leave open altogether the answer stays nearest to it. The input is the
+    measured voltage. Current is used where a parameter of the circuit, the leak or the clamp is free; displacement and
+    force where one of the coupling, the beam, the viscoelastic modulus or the dimensions or a series resistance is;
+    the one of them that relaxes where its relaxation is.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Gives the fixed parameters, with their stated uncertainties.
+    runs : sequence of Run
+        Of any lengths, rates and channels. They share every parameter that is not per run.
+    free : str or iterable of str
+        ``electrical``, ``coupling``, ``leak``, ``relaxation``, ``viscoelastic``, ``clamp``, dotted names, or comma
+        lists of them. ``observation.offset.<output>`` and
+        ``observation.drift.<output>`` free the zero and the slope of a sensor, for each run.
+    per_run : str or iterable of str
+        Parameters of which each run has its own, such as ``circuit.contact_resistance``.
+    per_mounting : str or iterable of str
+        Parameters of which each mounting has its own: runs with the same ``mounting_id`` share them.
+    prior : str or iterable of str
+        Free parameters of which something is known beforehand: the value and the standard uncertainty in ``actuator``,
+        or, where it states no uncertainty, the range that strips have. It counts like one more reading of the
+        parameter, normal, or log-normal where the parameter is moved as a logarithm; with ``per_run``, one of each run.
+    labels : sequence of str, optional
+        A short name for each run, for messages and tables; else its source file, its signal or its place.
+    progress : function of (str, float), optional
+        Called with a sentence and the fraction that is done, at most ten times a second. Whatever it raises ends the
+        fit and reaches the caller.
+
+    Returns
+    -------
+    fit : Fit
+
+    Raises
+    ------
+    InputError
+        No actuator, an unknown name, no runs, not one label for each, a run without the readings that the free
+        parameters need, more unknowns than readings, a prior of which nothing is known.
+
+    Examples
+    --------
+    >>> from ipmclab import identify, load_actuator, simulate
+    >>> actuator = load_actuator("friend-2")
+    >>> run = simulate(actuator, "step 1 V", duration=40, rate=50)
+    >>> fit = identify(actuator, [run], free="electrical")
+    >>> round(fit.parameters["circuit.dc_resistivity"].value, 6)
+    43.420408
+    """
+    need_actuator(actuator)
+    given = _runs(runs)
+    named = _labels(labels, len(given))
+    names = parse_free(actuator.parameter_values, free, per_run, per_mounting)
+    _need_mountings(given, names)
+    _refuse_counts(actuator, names)
+    with telling(progress):
+        return identify_freed(actuator, given, with_priors(actuator, names, prior), named)
+
+
+@on_one_thread
+def identify_freed(
+    actuator: Actuator, given: Sequence[Run], names: FreeParameters, labels: Sequence[str] | None
+) -> Fit:
+    """What ``identify`` does when it is settled what is free, and what of it is known beforehand."""
+
+    def of_these(places: Sequence[int], *, diagnosed: bool = False) -> Fit:
+        own = None if labels is None else [labels[place] for place in places]
+        these = [given[place] for place in places]
+        return _identify(actuator, these, names, own, diagnosed=diagnosed)
+
+    every = range(len(given))
+    if len(places_of_mountings(given)) < 2:
+        return with_cross_checks(of_these(every, diagnosed=True), given)
+    with part("each mounting", 0.0, 0.5):
+        each = each_mounting(given, of_these)
+    with part("all mountings", 0.5, 1.0):
+        # Where mountings differ, what one value for all leaves asks for no stage.
+        fit = of_these(every, diagnosed=not differ(each, actuator))
+    return with_cross_checks(with_mountings(fit, each) if each else fit, given)
+
+
+def _identify(
+    actuator: Actuator,
+    given: Sequence[Run],
+    names: FreeParameters,
+    labels: Sequence[str] | None,
+    *,
+    diagnosed: bool,
+) -> Fit:
+    stage("reading the runs", 0.0, 0.05)
+    outputs = _outputs(names)
+    checked = [Checked.of(run) for run in given]
+    found = [check_record(record) for record in checked]
+    silent = [noise_only(findings) & set(outputs) for findings in found]
+    records = [
+        prepare(
+            run, place, [name for name in outputs if name not in silent[place]], found[place], checked[place].channels
+        )
+        for place, run in enumerate(given)
+    ]
+    if labels is not None:
+        records = [replace(record, label=label) for record, label in zip(records, labels, strict=True)]
+    else:
+        records = disambiguated(records)
+    earlier = fitted_runs(actuator.fit_table)
+    circuit_is_free = any(electrical(name) for name in names.actuator)
+    records = [
+        as_read_before(record, earlier[run.content_sha256], circuit_is_free=circuit_is_free)
+        if run.content_sha256 in earlier
+        else record
+        for run, record in zip(given, records, strict=True)
+    ]
+    _refuse_twice(given, records)
+    _need_readings(names, records, silent)
+    left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
+    result = estimate(actuator, names, records)
+    stage("asking what the model lacks", 0.75, 0.8)
+    diagnoses, lacking = diagnose(actuator, names, result) if diagnosed else ((), ())
+    stage("errors and intervals", 0.8, 1.0)
+    told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
+    fit = build_fit(actuator, given, result, told, diagnoses)
+    beyond = beyond_findings(fit, records)
+    if names.priors:
+        with part("without what is known beforehand", 0.8, 1.0):
+            alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
+        beyond += prior_findings(actuator, names.priors, fit, alone)
+    return with_findings(fit, beyond)
+
+
+def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
+    for name in names.actuator:
+        if actuator.structure.declarations[name].transform == "count":
+            raise InputError(
+                f"{name!r} is a count, which a fit does not move",
+                code="count-not-fitted",
+                where="free",
+                repair="compare actuators with different counts: ipmclab choose",
+            )
+
+
+def _need_mountings(runs: Sequence[Run], names: FreeParameters) -> None:
+    """Refuse a parameter of each mounting where a run does not say of which it is."""
+    for place, run in enumerate(runs):
+        if names.per_mounting and not run.metadata.mounting_id:
+            raise InputError(
+                f"each mounting is to have its own {names.per_mounting[0]}, and this run does not say of which it is",
+                code="no-mounting",
+                where=label_of(run, place),
+                repair="give the run a mounting_id, or name the parameter in per_run",
+            )
+
+
+def _runs(runs: Sequence[Run] | Run) -> list[Run]:
+    given = [runs] if isinstance(runs, (Run, str, PathLike)) else list(runs)
+    if not given:
+        raise InputError("no runs were given", code="no-runs", where="runs", repair="give at least one run")
+    for place, run in enumerate(given):
+        need_run(run, where=f"runs[{place}]")
+    return given
+
+
+def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
+    if labels is None:
+        return None
+    given = [labels] if isinstance(labels, str) else list(labels)
+    if len(given) != runs:
+        raise InputError(
+            f"{len(given)} label(s) for {runs} run(s)",
+            code="bad-labels",
+            where="labels",
+            repair=f"give {runs}, one for each run in the order of the runs, or none",
+        )
+    for place, label in enumerate(given):
+        if not isinstance(label, str):
+            raise InputError(
+                f"a label is a text, not a {type(label).__name__}",
+                code="bad-labels",
+                where=f"labels[{place}]",
+                repair="give each run a short name, or leave labels out",
+            )
+    return given
+
+
+def _refuse_twice(runs: Sequence[Run], records: Sequence[PreparedRun]) -> None:
+    """The same record counted twice would make every error too small."""
+    seen: dict[str, str] = {}
+    for run, record in zip(runs, records, strict=True):
+        if run.content_sha256 in seen:
+            raise InputError(
+                f"the same record is given twice, as {seen[run.content_sha256]} too",
+                code="same-run-twice",
+                where=record.label,
+                repair="give each record once",
+            )
+        seen[run.content_sha256] = record.label
+
+
+def _outputs(names: FreeParameters) -> tuple[str, ...]:
+    """The channels that the free parameters need.
+
+    Force and displacement also depend on the circuit, through the drop over its series resistance; but
+    while the coupling is fixed, perhaps at values of another strip, they would spoil what the current knows
+    better. They are asked where current alone is known not to be enough.
+    """
+    chosen = {name.split(".")[2] for name in names.observation}
+    for name in names.actuator:
+        chosen |= set(READ_OUTPUTS if name in SERIES else stage_outputs(name))
+    return tuple(output for output in READ_OUTPUTS if output in chosen)
+
+
+def _left_out(record: PreparedRun, silent: Set[str]) -> Finding:
+    listed, verb = " and ".join(sorted(silent)), "was" if len(silent) == 1 else "were"
+    return Finding(
+        "channel-left-out",
+        "warning",
+        f"{record.label}: {listed} held nothing but noise and {verb} left out of the fit",
+        "check that the instrument was connected and in range",
+        channel=min(silent) if len(silent) == 1 else None,
+    )
+
+
+def _need_readings(names: FreeParameters, records: Sequence[PreparedRun], silent: Sequence[Set[str]]) -> None:
+    """Refuse a free parameter that no run can show."""
+    for name in names.actuator:
+        channels = outputs_of(name)
+        wanting = [record for record in records if not _shows(record, channels)]
+        if name in names.per_mounting:
+            shown = {record.run.metadata.mounting_id for record in records if record not in wanting}
+            wanting = [record for record in wanting if record.run.metadata.mounting_id not in shown]
+        own = name not in names.shared
+        if channels and ((own and wanting) or (not own and len(wanting) == len(records))):
+            noisy = sorted({output for record in wanting for output in silent[record.place] & set(channels)})
+            because = f": the {' and '.join(noisy)} held nothing but noise" if noisy else ""
+            raise InputError(
+                f"{name} is free, and there is no usable {' or '.join(channels)}{because}",
+                code="no-readings",
+                where=wanting[0].label if own or len(records) == 1 else "runs",
+                repair="add runs that have it, or fix the parameter",
+            )
+    for record in records:
+        if not record.run.voltage.any():
+            raise InputError(
+                "the voltage is zero throughout: nothing answers to it",
+                code="no-excitation",
+                where=record.label,
+                repair="leave the run out, or give the voltage that was applied",
+            )
+        if not any(reading.exact.any() for reading in record.readings.values()):
+            noisy = sorted(silent[record.place])
+            because = f": its {' and '.join(noisy)} held nothing but noise" if noisy else ""
+            raise InputError(
+                f"this run has no usable reading of what the free parameters need{because}",
+                code="no-readings",
+                where=record.label,
+                repair="see what check says of it, and leave the run out",
+            )
+
+
+def _shows(record: PreparedRun, channels: Sequence[str]) -> bool:
+    return any(record.readings[channel].exact.any() for channel in channels if channel in record.readings)
+
+
+def _used_findings(records: Sequence[PreparedRun], found: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
+    """Findings of the records that change what enters the fit, or what to think of it, with the run they belong to."""
+    return tuple(
+        replace(finding, message=f"{record.label}: {finding.message}")
+        for record, findings in zip(records, found, strict=True)
+        for finding in findings
+        if finding.severity == "error"
+        or finding.code in _ALWAYS_TOLD
+        or (finding.effect != "none" and (finding.channel is None or finding.channel in record.readings))
+    )

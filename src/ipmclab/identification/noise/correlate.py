@@ -1,0 +1,345 @@
+"""What a fit leaves, as noise: its terms and size, and how it spreads the parameters of least squares.
+
+The parameters are those of least squares: the best free-running prediction of the readings. The noise is found in what
+that leaves, at that point, and says how sure the parameters are; it moves none of them, except that a sensor whose
+residuals show a zero or a drift has these beside the parameters. A model that lacks something leaves more, and counts
+as noise too, so that its intervals are wide; if the noise weighed the readings, it would take up what the model lacks
+and the parameters would go where it is left. ``weighting`` says where it may weigh them all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.blind import Blind, blind_outputs
+from ipmclab.identification.noise.columns import CONSTANTS, constants
+from ipmclab.identification.noise.pieces import (
+    Key,
+    Piece,
+    System,
+    choose_noise,
+    imitated,
+    refine_noise,
+    with_constants,
+)
+from ipmclab.identification.noise.screen import needs_search
+from ipmclab.identification.noise.shape import Shape, drawn, spread_by
+from ipmclab.identification.noise.whitening import CorrelatedProblem, Whitening, measured_rows
+from ipmclab.identification.noise.zeros import DriftingProblem, Zero, slope_at_rest
+from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.solve import Solution
+from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.statespace.terms import Terms
+
+FloatArray = npt.NDArray[np.float64]
+
+_FLOOR: Final = 1.01  # times the rounding of the model: below it residuals are no noise
+
+
+@dataclass(frozen=True, eq=False)
+class Correlated:
+    """A fit, and the noise in what it leaves.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of least squares; a ``DriftingProblem`` where sensors have a zero or a slope beside the parameters.
+    solution : Solution
+    plain : Evaluation
+        The residuals and derivatives there, zeros and slopes in them.
+    shapes : mapping of (place, output) to Shape
+        The noise, in units of the problem's noise, of the outputs of which some run shows more than white noise.
+    pieces : mapping of (place, output) to Piece
+        Outputs that were looked at.
+    blind : mapping of output to Blind
+        Outputs of which no run would show a drift.
+    """
+
+    problem: Problem
+    solution: Solution
+    plain: Evaluation
+    shapes: Mapping[Key, Shape] = field(default_factory=dict)
+    pieces: Mapping[Key, Piece] = field(default_factory=dict)
+    blind: Mapping[str, Blind] = field(default_factory=dict)
+
+    def at(self, solution: Solution) -> Correlated:
+        """The same noise at another point that is as good."""
+        if solution.theta is self.solution.theta:
+            return replace(self, solution=solution)
+        return replace(self, solution=solution, plain=self.problem.plain.evaluate(solution.theta))
+
+    @cached_property
+    def noise(self) -> dict[Key, NoiseModel]:
+        """What ``shapes`` says, in SI units."""
+        return {
+            key: NoiseModel.of(
+                shape.terms, shape.entries, self.problem.noise[key] * math.sqrt(shape.variance), self.pieces[key].step
+            )
+            for key, shape in self.shapes.items()
+        }
+
+    @property
+    def is_weighted(self) -> bool:
+        """Whether the noise weighs the readings, so that the rows of the problem are whitened."""
+        return isinstance(self.problem, CorrelatedProblem)
+
+    @property
+    def zeros(self) -> Mapping[Key, Zero]:
+        """Of the sensors that have any beside the parameters of least squares."""
+        return self.problem.zeros if isinstance(self.problem, DriftingProblem) else {}
+
+    @cached_property
+    def _constants(self) -> dict[Key, tuple[float, float]]:
+        """Zero [SI] at the first row, and slope [SI/s], of the sensors that have any."""
+        found = {}
+        for key, piece in self.pieces.items():
+            residual = self.plain.residual[self.problem.pieces[key]]
+            if key in self.zeros:
+                terms, answer = self.zeros[key].terms, self.problem.constants(key, residual)  # type: ignore[attr-defined]
+            elif self.is_weighted and key in self.shapes and self.shapes[key].terms.constants:
+                terms, answer = self.shapes[key].terms, -self.whitenings[key].constants(residual)[0]
+            else:
+                continue
+            values = list(self.problem.noise[key] * answer)
+            level = float(values.pop(0)) if terms.offset else 0.0
+            middle, half = 0.5 * float(piece.time[0] + piece.time[-1]), 0.5 * float(piece.time[-1] - piece.time[0])
+            slope = float(values.pop(0)) / half if terms.trend else 0.0
+            found[key] = level - slope * (middle - float(self.problem.record_at(key[0]).run.time[0])), slope
+        return found
+
+    @property
+    def offset(self) -> dict[Key, float]:
+        """What the sensor adds at the first row [SI]."""
+        return {key: offset for key, (offset, _) in self._constants.items()}
+
+    @property
+    def drift(self) -> dict[Key, float]:
+        """What it adds in a second [SI/s]."""
+        return {key: drift for key, (_, drift) in self._constants.items() if drift}
+
+    @property
+    def deviation(self) -> dict[Key, float]:
+        """Of the residuals, zero and slope taken out [SI]."""
+        found = {}
+        for key in self.shapes:
+            rows = self.left(key)[self.pieces[key].inside]
+            found[key] = self.problem.noise[key] * float(np.sqrt(np.mean(rows * rows)))
+        return found
+
+    def left(self, key: Key) -> FloatArray:
+        """Residuals of one output of one run about its zero and slope, in units of the problem's noise."""
+        residual = self.plain.residual[self.problem.pieces[key]]
+        if key not in self._constants:
+            return residual
+        offset, drift = self._constants[key]
+        record = self.problem.record_at(key[0])
+        since = (record.run.time - record.run.time[0])[record.readings[key[1]].used]
+        inside = self.pieces[key].inside
+        return np.asarray(residual + np.where(inside, (offset + drift * since) / self.problem.noise[key], 0.0))
+
+    @cached_property
+    def whitenings(self) -> dict[Key, Whitening]:
+        """What makes the rows of each output of each run independent."""
+        return {key: self.pieces[key].whitening(shape) for key, shape in self.shapes.items()}
+
+    @cached_property
+    def whitened(self) -> Evaluation:
+        """The residuals and derivatives as independent rows of variance 1, zeros and slopes taken out."""
+        if self.is_weighted or not self.shapes:
+            return self.solution.evaluation
+        rows = self.plain.rows.copy()
+        for key in self.zeros:
+            rows[-1, self.problem.pieces[key]] = self.left(key)
+        return self._white_problem.whiten(Evaluation(rows, self.plain.beforehand))
+
+    @cached_property
+    def _white_problem(self) -> CorrelatedProblem:
+        return CorrelatedProblem(self.problem.plain, self.whitenings)
+
+    def white(self, key: Key, rows: FloatArray) -> FloatArray:
+        """Rows of one output of one run, shape (n, n_rows), as independent ones of variance 1."""
+        return self._white_problem.whitened(key, rows)
+
+    def spread(self, rows: FloatArray, key: Key, variance: FloatArray | None = None) -> FloatArray:
+        """``rows' V rows`` for the noise of an output of a run, in units of the problem's noise.
+
+        Parameters
+        ----------
+        rows : float array, shape (n_rows, n)
+            Of an evaluation of the problem: zeros and slopes are taken out once more, as the normal equations do.
+        key : (place, output)
+        variance : float array, shape (n_rows,), optional
+            Of each row, over that of the noise.
+        """
+        sized = np.sqrt(variance)[:, None] if variance is not None else 1.0
+        if self.is_weighted or (key not in self.shapes and key not in self.zeros):
+            scaled = rows * sized
+            return np.asarray(scaled.T @ scaled)
+        turned = self.problem.whitened(key, rows.T).T
+        moved = np.zeros((0, rows.shape[1]))
+        inside = measured_rows(self.problem.record_at(key[0]), key[1])
+        if key in self.zeros:
+            # What is known of a zero or a slope beforehand has an error too.
+            moved = self.problem.projections[key].unsure.T @ turned[inside]  # type: ignore[attr-defined]
+        beyond = turned[~inside]
+        turned = turned * sized
+        own = turned[inside]
+        shape = self.shapes.get(key)
+        if shape is None or not (shape.terms.order or shape.terms.walk):
+            middle = (1.0 if shape is None else shape.variance) * (own.T @ own)
+        else:
+            middle = spread_by(own, self.pieces[key].steps, shape)
+        return np.asarray(middle + moved.T @ moved + beyond.T @ beyond)
+
+    def inflation(self, change: FloatArray) -> float:
+        """How many times as much the noise moves the readings along a change of the residuals as white noise would."""
+        power = float(change @ change)
+        if power <= 0.0 or not self.shapes or self.is_weighted:
+            return 1.0
+        parts = [self.spread(change[piece][:, None], key)[0, 0] for key, piece in self.problem.pieces.items()]
+        beyond = change[max((piece.stop for piece in self.problem.pieces.values()), default=0) :]
+        return max(float((sum(parts) + beyond @ beyond) / power), 1.0)
+
+    def drawn(self, generator: np.random.Generator) -> FloatArray:
+        """A draw of the noise in the residuals of the problem; zeros and slopes, which no parameter follows, aside."""
+        found = generator.standard_normal(self.solution.evaluation.residual.size)
+        if self.is_weighted:
+            return found
+        for key, shape in self.shapes.items():
+            rows = found[self.problem.pieces[key]]
+            rows[self.pieces[key].inside] = drawn(shape, self.pieces[key].steps, generator)
+        for key in self.zeros:
+            rows = found[self.problem.pieces[key]]
+            unsure = self.problem.projections[key].unsure  # type: ignore[attr-defined]
+            rows[self.pieces[key].inside] += unsure @ generator.standard_normal(unsure.shape[1])
+            found[self.problem.pieces[key]] = self.problem.whitened(key, rows[None])[0]
+        return found
+
+
+Again = Callable[[Problem, Solution], tuple[Problem, Solution]]
+"""The weights and the minimum of a problem, from near it or from elsewhere."""
+
+
+def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], again: Again) -> Correlated:
+    """Find the noise of each output of each run in the residuals of a fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Weighted by the scatter of its residuals.
+    solution : Solution
+    yielding : sequence of int
+        Entries of zeros and slopes of sensors that were freed because white noise would not have made them: under
+        other noise they are asked anew, as constants of the noise.
+    again : function of (Problem, Solution)
+        Least squares once more, where sensors turn out to have zeros or slopes.
+    """
+    plain = solution.evaluation
+    every, coloured = _pieces(problem, plain)
+    pieces = {piece.key: piece for piece in every}
+    if not every or not problem.unknowns:
+        return Correlated(problem, solution, plain, pieces=pieces)
+    blind = blind_outputs(System(problem, plain, every), every)
+    drifting = {output for output, one in blind.items() if one.allowed}
+    searched = [piece for piece in every if piece.key[1] in coloured | drifting]
+    if not searched:
+        return Correlated(problem, solution, plain, pieces=pieces, blind=blind)
+    fewer, near = _without(problem, solution, yielding, {piece.key for piece in searched})
+    searched = [piece.among(fewer.unknowns) for piece in searched]
+    system = System(fewer, near.evaluation, searched)
+    chosen = choose_noise(system)
+    shapes = with_constants(system, chosen, drifting)
+    hidden = blind_outputs(system, searched, shapes)
+    more = {output for output, one in hidden.items() if one.allowed}
+    if more:
+        shapes = with_constants(system, chosen, drifting | more)
+    if all(shape.terms.is_white for shape in shapes.values()):
+        return Correlated(problem, solution, plain, pieces=pieces, blind={**blind, **hidden})
+    zeros = {piece.key: zero for piece in searched if (zero := _beside(fewer, piece, shapes[piece.key])) is not None}
+    if zeros:
+        least: Problem = DriftingProblem(fewer, zeros)
+        least, near = again(least, replace(near, evaluation=least.evaluate(near.theta)))
+        fewer = least.plain
+        plain = fewer.evaluate(near.theta)
+        shapes = refine_noise(System(fewer, plain, searched), shapes)
+    elif fewer is not problem:
+        least, near = again(fewer, near)
+        fewer, plain = least, near.evaluation
+        shapes = refine_noise(System(fewer, plain, searched), shapes)
+    else:
+        least, plain = fewer, near.evaluation
+    pieces |= {piece.key: piece for piece in searched}
+    return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
+
+
+def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
+    """The zero and slope beside the parameters.
+
+    A walk begins somewhere. It also goes somewhere, but where no row at 0 V says how far, the parameters are asked to
+    explain the readings first: a slope would take up the slow answer of the strip.
+    """
+    record, output, terms = problem.record_at(piece.key[0]), piece.key[1], shape.terms
+    unit = problem.noise[piece.key]
+    known = terms.walk and math.isfinite(slope_at_rest(record, output, shape, unit)[1])
+    offset = (terms.offset or terms.walk) and piece.allowed[0]
+    trend = (terms.trend or known) and piece.allowed[1]
+    return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
+
+
+def _without(problem: Problem, solution: Solution, yielding: Sequence[int], keys: Set[Key]) -> tuple[Problem, Solution]:
+    """The problem without zeros and slopes that are now asked of the noise."""
+    gone = [column for column in yielding if _belongs(problem.unknowns[column], keys)]
+    if not gone:
+        return problem, solution
+    fewer = problem.without(gone, {})
+    theta = np.delete(solution.theta, gone)
+    here = replace(solution, theta=theta, evaluation=fewer.evaluate(theta), evaluations=solution.evaluations + 1)
+    return fewer, here
+
+
+def _belongs(unknown: Unknown, keys: Set[Key]) -> bool:
+    return (unknown.place, unknown.base.rsplit(".", 1)[1]) in keys
+
+
+def _pieces(problem: Problem, here: Evaluation) -> tuple[list[Piece], set[str]]:
+    """Every output of every run whose residuals could be noise, and the outputs of which some run's are not white."""
+    found = []
+    coloured: set[str] = set()
+    basis: FloatArray | None = None
+    for record in problem.records:
+        for output in record.readings:
+            key = record.place, output
+            if problem.noise[key] <= _FLOOR * problem.floors[key]:
+                continue
+            piece = problem.pieces[key]
+            inside = measured_rows(record, output)
+            residual = here.residual[piece] if inside.all() else here.residual[piece][inside]
+            if len(residual) < 2 * CONSTANTS:
+                continue
+            if basis is None:
+                basis = imitated(here)
+            explained = _explained(basis[piece][inside], record.run.time[record.readings[output].exact], residual)
+            found.append(Piece.of(record, output, problem.unknowns))
+            if needs_search(residual, explained):
+                coloured.add(output)
+    return found, coloured
+
+
+def _explained(basis: FloatArray, time: FloatArray, residual: FloatArray) -> float:
+    """By how much an offset and a trend would lower the squares of a white fit, a chi-square with two degrees."""
+    held = constants(time)
+    across = basis.T @ held
+    inner = held.T @ held - across.T @ across
+    # The residual of the whole fit stands square to the basis; that of one piece nearly so.
+    right = held.T @ residual
+    values, vectors = np.linalg.eigh(inner)
+    seen = values > 1e-6 * len(time)
+    return float(np.sum((vectors[:, seen].T @ right) ** 2 / values[seen]))

@@ -1,0 +1,95 @@
+"""A hum in residuals: one frequency that is there from the first row to the last, and not in the voltage."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.pieces import Key
+from ipmclab.identification.noise.whitening import measured_rows
+
+FloatArray = npt.NDArray[np.float64]
+
+_REJECT: Final = 1e-4
+_FEWEST: Final = 200
+_SLOWEST: Final = 8  # periods in the record: what is slower is drift
+_AROUND: Final = 10  # neighbours in the spectrum of the voltage
+_STANDS_OUT: Final = 5.0  # times their median
+_PERIODIC: Final = 4  # periods in the record from which a voltage has multiples
+_MULTIPLES: Final = 9
+_UNEVEN: Final = 2.0  # times, by which a ring that dies away is larger in the first half
+
+
+class Hum(NamedTuple):
+    """A frequency [Hz], and the amplitude of its sine [SI]."""
+
+    frequency: float
+    amplitude: float
+
+
+def hum_in(correlated: Correlated, key: Key) -> Hum | None:
+    """The hum in what is left of one output of one run; None where there is none.
+
+    Fisher's test (1929) of the largest ordinate of the periodogram, at 0.01 %.
+
+    Parameters
+    ----------
+    correlated : Correlated
+    key : (place, output)
+    """
+    problem, piece = correlated.problem, correlated.problem.pieces[key]
+    record = problem.record_at(key[0])
+    reading = record.readings[key[1]]
+    inside = measured_rows(record, key[1])
+    rows = np.flatnonzero(reading.used)[inside]
+    time = record.run.time[rows]
+    if len(rows) < _FEWEST or np.ptp(np.diff(time)) > 1e-3 * float(time[1] - time[0]):
+        return None
+    power = _spectrum(correlated.whitened.residual[piece][inside])
+    peak = int(np.argmax(power[_SLOWEST:])) + _SLOWEST
+    share = float(power[peak] / power[1:].sum())
+    if len(power) * math.exp(-share * len(power)) > _REJECT:
+        return None
+    left = correlated.plain.residual[piece][inside] * problem.noise[key]
+    frequency = _frequency(left, peak, time)
+    if _is_of_the_drive(record.run.voltage[rows], peak, frequency, time):
+        return None
+    first, second = (_amplitude(each, frequency, time) for each, time in _halves(left, time))
+    if not 1.0 / _UNEVEN < first / max(second, 1e-300) < _UNEVEN:
+        return None
+    return Hum(frequency, 0.5 * (first + second))
+
+
+def _is_of_the_drive(voltage: FloatArray, peak: int, frequency: float, time: FloatArray) -> bool:
+    """Whether the voltage has a line there, or one of which it is a multiple: the model leaves something there."""
+    drive = _spectrum(voltage)
+    if drive[peak] > _STANDS_OUT * np.median(drive[max(1, peak - _AROUND) : peak + _AROUND + 1]):
+        return True
+    first = int(np.argmax(drive))
+    if first < _PERIODIC:
+        return False
+    ratio = frequency / _frequency(voltage - voltage.mean(), first, time)
+    return round(ratio) <= _MULTIPLES and abs(ratio - round(ratio)) * first <= 1.0
+
+
+def _frequency(values: FloatArray, line: int, time: FloatArray) -> float:
+    """Of a line of the spectrum [Hz], between its neighbours too."""
+    near = (line + np.linspace(-0.5, 0.5, 11)) / (len(time) * float(time[1] - time[0]))
+    return float(max(near, key=lambda one: _amplitude(values, one, time)))
+
+
+def _spectrum(values: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(np.fft.rfft(values - values.mean())) ** 2)
+
+
+def _halves(values: FloatArray, time: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    middle = len(values) // 2
+    return [(values[:middle], time[:middle]), (values[middle:], time[middle:])]
+
+
+def _amplitude(values: FloatArray, frequency: float, time: FloatArray) -> float:
+    return 2.0 * abs(complex(np.mean(values * np.exp(-2j * math.pi * frequency * time))))

@@ -1,0 +1,66 @@
+"""Restricted likelihood of the noise of one output of one run, beside all other readings of a fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.columns import Columns, without
+from ipmclab.identification.noise.kernels import restricted
+from ipmclab.progress import tick
+from ipmclab.statespace.terms import Terms
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """How likely the readings are under a noise, its scale chosen to make them most likely.
+
+    Parameters
+    ----------
+    deviance : float
+        Minus twice the restricted log likelihood (Patterson and Thompson 1971), of this output's readings given all
+        others; up to a constant that is the same for all shapes with the same constants.
+    criterion : float
+        Bayes's information criterion, from the likelihood itself (which is comparable between different constants).
+    variance : float
+        Square of the scale, in units of the residual.
+    products : float array, shape (n_directions + 1, n_directions + 1)
+        What these readings add to the normal equations, residual last.
+    """
+
+    deviance: float
+    criterion: float
+    variance: float
+    products: FloatArray
+
+
+def likelihood(
+    columns: Columns, others: FloatArray, terms: Terms, entries: FloatArray, variance: float = 1.0
+) -> Likelihood:
+    """The likelihood at a shape of the noise.
+
+    Parameters
+    ----------
+    columns : Columns
+    others : float array, shape (n_directions + 1, n_directions + 1)
+        What all other readings add to the normal equations, weighted by their own noise.
+    terms : Terms
+    entries : float array, shape (terms.shapes,)
+    variance : float
+        Where the search for the scale starts.
+    """
+    tick()
+    every, logarithm = columns.products(terms, entries)
+    own, of_constants = without(every, terms)
+    variance, misfit, of_directions = restricted(own, others, float(columns.count - terms.constants), variance)
+    full = columns.count * math.log(variance) + logarithm + misfit
+    deviance = full - terms.constants * math.log(variance) + of_constants + of_directions
+    if not math.isfinite(deviance):
+        deviance = full = math.inf
+    criterion = full + (terms.shapes + terms.constants) * math.log(columns.count)
+    return Likelihood(deviance, criterion, variance, own / variance)

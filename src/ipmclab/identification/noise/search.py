@@ -1,0 +1,174 @@
+"""Find the noise under which residuals are most likely, with as few terms as Bayes's criterion calls for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.columns import CONSTANTS, Columns
+from ipmclab.identification.noise.likelihood import Likelihood, likelihood
+from ipmclab.statespace.terms import MOST_ORDER, Terms
+
+FloatArray = npt.NDArray[np.float64]
+
+_WALKS: Final = (0.003, 0.01, 0.03, 0.1, 0.4)
+_FADING: Final = (math.atanh(0.5), math.atanh(0.9), math.atanh(0.99))
+_WHITES: Final = (0.3, 1.0, 3.0)
+_CLOSE: Final = 3.0  # penalties of one term: covariances that far above the best are tried with fewer constants
+_HOPELESS: Final = 0.0  # penalties by which the best start of further terms may be less likely than without them
+_STEP: Final = 1e-4
+_ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
+_FLAT: Final = 1e-2
+_IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Terms, and the shape that makes the readings most likely."""
+
+    terms: Terms
+    entries: FloatArray
+    likelihood: Likelihood
+
+    @property
+    def criterion(self) -> float:
+        """Bayes's information criterion."""
+        return self.likelihood.criterion
+
+
+def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[FloatArray]) -> Found:
+    """The most likely shape of given terms, from the best of some starts.
+
+    Parameters
+    ----------
+    columns : Columns
+    others : float array, shape (n_directions + 1, n_directions + 1)
+        What all other readings add to the normal equations.
+    terms : Terms
+    starts : iterable of float array, shape (terms.shapes,)
+    """
+    tried = [(likelihood(columns, others, terms, start), start) for start in starts]
+    first, entries = min(tried, key=lambda pair: pair[0].deviance)
+    if not terms.shapes or not math.isfinite(first.deviance):
+        return Found(terms, entries, first)
+    variance = first.variance
+
+    def above(point: FloatArray) -> float:
+        height = likelihood(columns, others, terms, point, variance).deviance - first.deviance
+        return height if height < _IMPOSSIBLE else _IMPOSSIBLE  # differences of infinities are no numbers
+
+    entries = _descend(above, entries, terms.bounds)
+    return Found(terms, entries, likelihood(columns, others, terms, entries, variance))
+
+
+def _descend(height: Callable[[FloatArray], float], start: FloatArray, bounds: list[tuple[float, float]]) -> FloatArray:
+    from scipy.optimize import minimize
+
+    options = {"eps": _STEP, "ftol": _ENOUGH, "gtol": _FLAT, "maxiter": 40}
+    return np.asarray(minimize(height, start, method="L-BFGS-B", bounds=bounds, options=options).x)
+
+
+def rough_noise(columns: Columns, others: FloatArray, allowed: tuple[bool, bool]) -> Found:
+    """A noise that comes near to most: offset, trend, and white noise beside a correlation that fades."""
+    terms = Terms(order=1, white=True, offset=allowed[0], trend=allowed[1])
+    starts = [np.array([one, math.log(white)]) for one, white in itertools.product(_FADING, _WHITES)]
+    return refine(columns, others, terms, starts)
+
+
+def choose_terms(columns: Columns, others: FloatArray, allowed: tuple[bool, bool]) -> Found:
+    """The terms that Bayes's criterion prefers.
+
+    First covariances with every constant that is allowed, so that no drift passes for correlation; then the good ones
+    among them with fewer constants.
+
+    Parameters
+    ----------
+    columns : Columns
+    others : float array, shape (n_directions + 1, n_directions + 1)
+    allowed : pair of bool
+        Whether an offset and a trend may be terms: not where they are unknowns of the fit already.
+    """
+    search = _Search(columns, others)
+    every = Terms(offset=allowed[0], trend=allowed[1])
+    found = [search.refine(every, [np.zeros(0)])]
+    partials = _partials(columns)
+    for order in range(1, MOST_ORDER + 1):
+        starts = [np.arctanh(partials[:order])] + ([np.append(found[-1].entries, 0.0)] if order > 1 else [])
+        found.append(search.refine(replace(every, order=order), starts))
+        if found[-1].criterion > found[-2].criterion:
+            break
+    best = _best(found)
+    for base in {one.terms.order: one for one in (found[0], best)}.values():
+        starts = [np.append(base.entries, math.log(walk)) for walk in _WALKS]
+        found += search.if_promising(replace(base.terms, walk=True), starts, base)
+    if best.terms.order:
+        slow = [*found[1].entries, *_FADING[1:]]
+        starts = [np.array([one, math.log(white)]) for one, white in itertools.product(slow, _WHITES)]
+        mixed = search.if_promising(replace(every, order=1, white=True), starts, _best(found))
+        found += mixed
+        for base in mixed:
+            starts = [np.array([base.entries[0], math.log(walk), base.entries[1]]) for walk in _WALKS]
+            found += search.if_promising(replace(base.terms, walk=True), starts, base)
+    limit = _best(found).criterion + _CLOSE * search.penalty
+    for one in [one for one in found if one.criterion < limit]:
+        found += [search.refine(fewer, [one.entries]) for fewer in _fewer(one.terms)]
+    return _best(found)
+
+
+class _Search:
+    """Tries terms on one output of one run."""
+
+    def __init__(self, columns: Columns, others: FloatArray) -> None:
+        self.columns, self.others = columns, others
+        self.penalty = math.log(columns.count)
+
+    def refine(self, terms: Terms, starts: Iterable[FloatArray]) -> Found:
+        """Terms at their best."""
+        return refine(self.columns, self.others, terms, starts)
+
+    def if_promising(self, terms: Terms, starts: Iterable[FloatArray], base: Found) -> list[Found]:
+        """Terms at their best, if some start is nearly as likely as what there is."""
+        tried = [(likelihood(self.columns, self.others, terms, start).deviance, start) for start in starts]
+        deviance, start = min(tried, key=lambda pair: pair[0])
+        same = terms.constants == base.terms.constants
+        if same and deviance > base.likelihood.deviance + _HOPELESS * self.penalty:
+            return []
+        return [self.refine(terms, [start])]
+
+
+def _fewer(terms: Terms) -> list[Terms]:
+    """The same covariance with fewer constants; a walk keeps its offset, which is where it starts."""
+    less = []
+    if terms.trend:
+        less.append(replace(terms, trend=False))
+    if terms.offset and not terms.walk:
+        less.append(replace(terms, trend=False, offset=False))
+    return less
+
+
+def _best(found: Iterable[Found]) -> Found:
+    return min(found, key=lambda one: one.criterion)
+
+
+def _partials(columns: Columns) -> FloatArray:
+    """Partial autocorrelations of the residual as it is, for a start (Durbin's recursion on the autocovariances)."""
+    residual = columns.matrix[:, -1]
+    constants = columns.matrix[:, :CONSTANTS]
+    residual = residual - constants @ np.linalg.lstsq(constants, residual, rcond=None)[0]
+    covariances = np.array([residual[lag:] @ residual[: len(residual) - lag] for lag in range(MOST_ORDER + 1)])
+    correlations = covariances / max(covariances[0], 1e-300)
+    coefficients = np.zeros(0)
+    partials = np.zeros(MOST_ORDER)
+    for order in range(MOST_ORDER):
+        above = correlations[order + 1] - coefficients @ correlations[order:0:-1]
+        below = 1.0 - coefficients @ correlations[1 : order + 1]
+        partial = float(np.clip(above / max(below, 1e-9), -0.99, 0.99))
+        coefficients = np.append(coefficients - partial * coefficients[::-1], partial)
+        partials[order] = partial
+    return partials

@@ -1,0 +1,146 @@
+"""Stages of which the readings show nothing: their parameters are named, never given a number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.solve import Solution, entry_errors, minimise, polish
+from ipmclab.model.declared import has_shape
+from ipmclab.model.kinds import kind_of
+from ipmclab.model.stages.kind import StageKind
+
+REJECT: Final = 1e-3
+"""A stage is seen when readings without it would lose so much as rarely as this."""
+
+_SURELY: Final = 0.1  # standard error over value of a size that leaves no question
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """A stage that was taken out.
+
+    Parameters
+    ----------
+    unknowns : tuple of Unknown
+        Its free parameters.
+    off : mapping of name to float [SI]
+        The values that switch it off.
+    sentence : str
+    """
+
+    unknowns: tuple[Unknown, ...]
+    off: Mapping[str, float]
+    sentence: str
+
+
+def without_unseen(under: Correlated) -> tuple[Unseen, ...]:
+    """Take out, one after the other, the stages without which the readings are met as well.
+
+    At a size of zero the shape of a stage means nothing, and its size is whatever the shape allows, so that the
+    curvature there is no measure of what is known. A stage is kept where leaving it out costs more than noise would.
+
+    Parameters
+    ----------
+    under : Correlated
+    """
+    problem, solution = under.problem, under.solution
+    found: list[Unseen] = []
+    kept: set[str] = set()
+    while True:
+        stages = {name: own for name, own in _stages(problem).items() if name not in kept}
+        worst: tuple[float, str, Problem, Solution] | None = None
+        for name, (columns, sizes) in stages.items():
+            if _is_sure(problem, solution, sizes):
+                kept.add(name)
+                continue
+            smaller, there = _switched_off(problem, solution, columns, sizes)
+            chance = _chance(under, solution, there, len(columns))
+            if chance < REJECT:
+                kept.add(name)
+            elif worst is None or chance > worst[0]:
+                worst = chance, name, smaller, there
+        if worst is None:
+            return tuple(found)
+        chance, name, smaller, there = worst
+        columns, sizes = stages[name]
+        off = dict.fromkeys((problem.unknowns[column].base for column in sizes), 0.0)
+        off = {problem.unknowns[column].base: smaller.base[problem.unknowns[column].base] for column in columns} | off
+        found.append(_unseen(name, [problem.unknowns[column] for column in columns], off, chance))
+        problem, solution = smaller, there
+
+
+def _stages(problem: Problem) -> dict[str, tuple[list[int], list[int]]]:
+    """For each stage that can be switched off: the entries that then mean nothing, and those of its size."""
+    found: dict[str, tuple[list[int], list[int]]] = {}
+    kinds: dict[str, StageKind] = {}
+    for column, unknown in enumerate(problem.unknowns):
+        kind = kind_of(unknown.base)
+        if kind is None or not kind.off or not has_shape(unknown.base):
+            continue
+        name = kind.one(unknown.base)
+        kinds[name] = kind
+        columns, own = found.setdefault(name, ([], []))
+        columns.append(column)
+        if kind.ending(unknown.base) in kind.off:
+            own.append(column)
+    for name, kind in kinds.items():
+        for other in [one for one, of in kinds.items() if of.one_of and of.one_of == kind.follows]:
+            # Without the one there is nothing of the other either.
+            found[other] = ([*found[other][0], *found[name][0]], [*found[other][1], *found[name][1]])
+    # A size that is fixed is known not to be zero.
+    free = {unknown.base for unknown in problem.unknowns}
+    return {
+        name: (columns, own)
+        for name, (columns, own) in found.items()
+        if own and all(f"{name}{size}" in free or not problem.base.get(f"{name}{size}") for size in kinds[name].off)
+    }
+
+
+def _is_sure(problem: Problem, solution: Solution, sizes: Sequence[int]) -> bool:
+    errors = entry_errors(solution.evaluation)
+    return any(
+        errors[column] < _SURELY * (1.0 if problem.unknowns[column].log else abs(float(solution.theta[column])))
+        for column in sizes
+    )
+
+
+def _switched_off(
+    problem: Problem, solution: Solution, columns: Sequence[int], sizes: Sequence[int]
+) -> tuple[Problem, Solution]:
+    off = {problem.unknowns[column].base: 0.0 for column in sizes}
+    left = [place for place in range(len(problem.unknowns)) if place not in set(columns)]
+    smaller = problem.without(columns, off)
+    theta = solution.theta[left]
+    if not left:
+        return smaller, Solution(theta, smaller.evaluate(theta), True, "nothing else is free", 1)
+    again = polish(smaller, theta) or minimise(smaller, theta, evaluations=100)
+    return smaller, again
+
+
+def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:
+    """How often noise alone would lose as much when the stage is left out."""
+    from scipy.special import chdtrc
+
+    power = solution.evaluation.cost
+    times = under.inflation(there.evaluation.residual - solution.evaluation.residual)
+    variance = power / max(len(solution.evaluation.residual) - len(solution.theta), 1) * times
+    lost = max(there.evaluation.cost - power, 0.0)
+    return float(chdtrc(count, lost / variance)) if variance > 0 else float(lost == 0.0)
+
+
+def _unseen(name: str, unknowns: Sequence[Unknown], off: Mapping[str, float], chance: float) -> Unseen:
+    listed = ", ".join(dict.fromkeys(unknown.name for unknown in unknowns))
+    stage = name.rstrip(".")
+    kind = kind_of(unknowns[0].base)
+    cure = kind.to_show if kind is not None else ""
+    plural = "are" if len(unknowns) > 1 else "is"
+    sentence = (
+        f"{listed} {plural} not determined: these runs are met as well without {stage} (p = {chance:.2g}), and "
+        f"everything else stands where it does without it; {cure}"
+    )
+    return Unseen(tuple(unknowns), off, sentence)

@@ -1,0 +1,131 @@
+"""Readings weighted by their noise, where that costs the prediction nothing.
+
+Under noise that is not white, least squares is not the sharpest estimate; under a random walk it is a poor one. Weights
+from the noise would be, if the model were right. But what a wrong model leaves looks like such noise too, and under
+weights made of it the parameters go where it is left. Two questions tell them apart. The rows at 0 V hold the noise and
+nothing else: what is found under voltage must not be larger there. And the prediction must stay as good as that of
+least squares. Where it does not, or few rows are at 0 V, and least squares loses no more at the weighted estimate than
+such noise would move it (Hausman 1978), nobody can tell which of both is the strip: then the one is the answer, and the
+other a fit as good.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.correlate import Again, Correlated
+from ipmclab.identification.noise.pieces import Key, System, refine_noise
+from ipmclab.identification.noise.shape import structure
+from ipmclab.identification.noise.whitening import CorrelatedProblem
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.solve import settled
+from ipmclab.quality.noise import quantum_of
+
+FloatArray = npt.NDArray[np.float64]
+
+_TURNS: Final = 4
+_STILL: Final = 0.1  # of a standard error, by which the parameters still move
+_FEWEST: Final = 50  # rows at 0 V that show the noise
+_AS_GOOD: Final = 1.05  # times what least squares leaves (rms): half of what a prediction is asked to hold
+_LAGS: Final = (50, 10, 4)  # parts of the rows at 0 V
+_TIMES: Final = 2.0  # as much as at 0 V, which few rows tell no better than that
+_REJECT: Final = 1e-3
+
+
+def weighted(least: Correlated, again: Again) -> tuple[Correlated, Correlated | None]:
+    """The fit under its noise, where that predicts as well as least squares; and the other one where nobody can tell.
+
+    Parameters
+    ----------
+    least : Correlated
+        Of least squares.
+    again : function of (Problem, Solution)
+        The minimum of a problem, from near it and from elsewhere.
+
+    Returns
+    -------
+    taken : Correlated
+    other : Correlated or None
+        The weighted fit, where it was not taken and the readings do not speak against it.
+    """
+    coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
+    if not coloured or not all(_is_at_rest_too(least, key) is not False for key in coloured):
+        return least, None
+    here = _fitted(least, again)
+    shown = [_is_at_rest_too(here, key) for key in coloured]
+    if False in shown:
+        return least, None
+    there = least.problem.evaluate(here.solution.theta)
+    if all(shown) and there.cost <= _AS_GOOD**2 * least.solution.evaluation.cost:
+        return here, None
+    return least, here if _is_same_strip(least, there) else None
+
+
+def _fitted(least: Correlated, again: Again) -> Correlated:
+    """Noise and parameters by turns, until both stay."""
+    here, shapes = least, dict(least.shapes)
+    pieces = {key: piece for key, piece in least.pieces.items() if key in shapes}
+    for turn in range(_TURNS):
+        whitenings = {key: piece.whitening(shapes[key]) for key, piece in pieces.items()}
+        problem = CorrelatedProblem(here.problem.plain, whitenings)
+        solution = again(problem, replace(here.solution, evaluation=problem.whiten(here.plain)))[1]
+        moved = _length(solution.evaluation, solution.theta - here.solution.theta)
+        here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))
+        if (turn and moved < _STILL) or turn == _TURNS - 1:
+            break
+        shapes = refine_noise(System(problem.plain, here.plain, list(pieces.values())), shapes)
+        here = replace(here, shapes=shapes)
+    return here.at(settled(here.problem, here.solution))
+
+
+def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
+    """Whether least squares loses no more at the weighted estimate than the noise moves it."""
+    from scipy.special import chdtri
+
+    lost = there.cost - least.solution.evaluation.cost
+    times = least.inflation(there.residual - least.solution.evaluation.residual)
+    return lost <= float(chdtri(len(there.rows) - 1, _REJECT)) * times
+
+
+def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
+    """Whether noise that is found under voltage is no larger than the rows at 0 V show; None where these are few.
+
+    Held against each other are the mean squares of changes over one row, and over parts of the rows at 0 V.
+    """
+    count = _rows_at_rest(under, key)
+    if count < _FEWEST:
+        return None
+    values = under.left(key)[under.pieces[key].inside][:count]
+    lags = [1, *(count // part for part in _LAGS)]
+    seen = np.array([np.mean((values[lag:] - values[:-lag]) ** 2) for lag in lags])
+    return bool((structure(under.shapes[key], lags) <= _TIMES * seen).all())
+
+
+def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | None:
+    """Root mean square of what a fit leaves of an output at 0 V and under voltage [SI], where that is no noise.
+
+    None where the noise under voltage is as it is at 0 V, or few rows are there. A converter hides up to its step.
+    """
+    if _is_at_rest_too(under, key) is not False:
+        return None
+    count = _rows_at_rest(under, key)
+    values = under.problem.noise[key] * under.left(key)[under.pieces[key].inside]
+    step = quantum_of(np.diff(under.problem.record_at(key[0]).readings[key[1]].measured))
+    at_rest = max(float(np.std(values[:count])), step / math.sqrt(12.0))
+    return at_rest, float(np.sqrt(np.mean(values[count:] ** 2)))
+
+
+def _rows_at_rest(under: Correlated, key: Key) -> int:
+    record = under.problem.record_at(key[0])
+    rows = np.flatnonzero(record.readings[key[1]].used)[under.pieces[key].inside]
+    return int(np.searchsorted(rows, record.resting))
+
+
+def _length(here: Evaluation, step: FloatArray) -> float:
+    """Of a step, in standard errors."""
+    return float(np.linalg.norm(here.triangle[:, :-1] @ step))

@@ -1,0 +1,142 @@
+"""Rows whitened by the noise that was found, so that their squares are minus twice the log likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.columns import constants, whitened
+from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.statespace.terms import StateSpace, Terms, state_space
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """What makes the rows of one output of one run independent, with variance 1.
+
+    Parameters
+    ----------
+    terms : Terms
+    space : StateSpace
+    scale : float
+        Of the noise, in units of the rows.
+    steps : int array, shape (n_measured,)
+        Steps of time between readings that are measured.
+    inside : bool array, shape (n_rows,)
+        Rows that are measured; the others are bounds, whose noise counts by itself.
+    basis : float array, shape (n_measured, n_constants)
+        Orthonormal: the whitened offset and trend.
+    back : float array, shape (n_constants, n_constants)
+        From the basis to offset and trend.
+    """
+
+    terms: Terms
+    space: StateSpace
+    scale: float
+    steps: npt.NDArray[np.int64]
+    inside: npt.NDArray[np.bool_]
+    basis: FloatArray
+    back: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        terms: Terms,
+        entries: FloatArray,
+        scale: float,
+        time: FloatArray,
+        steps: npt.NDArray[np.int64],
+        inside: npt.NDArray[np.bool_],
+    ) -> Whitening:
+        """Made ready from a shape of the noise; ``time`` and ``steps`` of the measured readings."""
+        space = state_space(terms, entries)
+        held = constants(time)[:, [column for column, has in enumerate((terms.offset, terms.trend)) if has]]
+        basis, triangle = np.linalg.qr(whitened(space, held, steps)[0] / scale)
+        return cls(terms, space, scale, steps, inside, basis, np.asarray(np.linalg.inv(triangle)))
+
+    def apply(self, rows: FloatArray) -> FloatArray:
+        """Rows of an evaluation whitened, offset and trend projected out; shape (n, n_rows) stays.
+
+        With offset and trend projected out the squares of a residual are least for the best of both.
+        """
+        measured = self._white(rows)
+        measured -= self.basis @ (self.basis.T @ measured)
+        found = rows.copy()
+        found[:, self.inside] = measured.T
+        return found
+
+    def constants(self, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Offset and trend of a residual and their covariance, in units of the rows; time as in ``constants``."""
+        answer = self.back @ (self.basis.T @ self._white(residual[None])[:, 0])
+        return answer, self.back @ self.back.T
+
+    def _white(self, rows: FloatArray) -> FloatArray:
+        return whitened(self.space, rows[:, self.inside].T, self.steps)[0] / self.scale
+
+
+class CorrelatedProblem(Problem):
+    """The same problem with correlated noise.
+
+    Parameters
+    ----------
+    plain : Problem
+    whitenings : mapping of (place, output) to Whitening
+        In units of the problem's ``noise``; an output without one has white noise.
+    """
+
+    def __init__(self, plain: Problem, whitenings: Mapping[tuple[int, str], Whitening]) -> None:
+        super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
+        self._plain = plain
+        self.whitenings = dict(whitenings)
+
+    @property
+    def plain(self) -> Problem:
+        """The problem that is not whitened."""
+        return self._plain
+
+    def on(self, plain: Problem) -> Problem:
+        """Another problem, of some of the same readings, whitened alike."""
+        return CorrelatedProblem(plain, {key: one for key, one in self.whitenings.items() if key in plain.pieces})
+
+    def with_noise(self, noise: Noise) -> Problem:
+        """The problem with other weights, and white."""
+        return self.plain.with_noise(noise)
+
+    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
+        """The problem with fewer unknowns under the same noise, and other values of what is no longer free."""
+        return self.on(self.plain.without(columns, values))
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Whitened residuals and Jacobian."""
+        return self.whiten(super().evaluate(theta))
+
+    def whiten(self, here: Evaluation) -> Evaluation:
+        """An evaluation of the plain problem, whitened."""
+        rows = here.rows.copy()
+        for key in self.whitenings:
+            rows[:, self.pieces[key]] = self.whitened(key, rows[:, self.pieces[key]])
+        return Evaluation(rows, here.beforehand)
+
+    def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:
+        """Rows of one output of one run, whitened where its noise is not white."""
+        whitening = self.whitenings.get(key)
+        return rows if whitening is None else whitening.apply(rows)
+
+    def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Whitened derivatives of the residuals with respect to fixed parameters [per SI unit]."""
+        found = super().fixed_jacobian(theta, names)
+        for key, whitening in self.whitenings.items():
+            found[self.pieces[key]] = whitening.apply(found[self.pieces[key]].T).T
+        return found
+
+
+def measured_rows(record: PreparedRun, output: str) -> npt.NDArray[np.bool_]:
+    """Which rows of a piece are measured, not bounds."""
+    reading = record.readings[output]
+    return np.asarray(reading.exact[reading.used])

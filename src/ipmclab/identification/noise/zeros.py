@@ -1,0 +1,243 @@
+"""The zero and the drift of a sensor beside the parameters: what a fit may add to the readings of an output of a run.
+
+A reading is model + N c + noise, where the columns of N are 1 and time, and c is the zero and the slope of the sensor.
+For given parameters the best c is linear in the residual, so it is projected out. Rows at 0 V, before the strip is
+driven, show the sensor alone: their slope, with its standard error, is known beforehand. With P the precision of what
+is known, minus twice the log density of the best c is r' T^2 r with T^2 = I - N (N'N + P)^-1 N'.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.columns import constants, steps_between
+from ipmclab.identification.noise.long_run import long_run
+from ipmclab.identification.noise.shape import Shape, spread_by, structure
+from ipmclab.identification.noise.whitening import measured_rows
+from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.quality.noise import quantum_of
+from ipmclab.statespace.terms import Terms
+
+FloatArray = npt.NDArray[np.float64]
+Key = tuple[int, str]
+
+LARGEST_ZERO: Final = 0.01
+"""Of the largest current: a larger zero is seen by who looks at the readings."""
+
+_FEWEST: Final = 20
+"""Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Zero:
+    """What the sensor of one output of one run may add to its readings.
+
+    Parameters
+    ----------
+    terms : Terms
+        Whether there is a zero, and a slope.
+    columns : float array, shape (n_measured, n_constants)
+        What each adds to the readings.
+    inside : bool array, shape (n_rows,)
+        Rows that are measured; the others are bounds.
+    middle, half : float [s]
+        Where the middle of the readings lies, and half their length: the unit of the slope's column.
+    slope, error : float [SI/s]
+        The slope that the rows at 0 V have, and its standard error; infinite where nothing is known.
+    most : float [SI]
+        Standard deviation of the zero, where something is known of it beforehand; else infinite.
+    """
+
+    terms: Terms
+    columns: FloatArray
+    inside: npt.NDArray[np.bool_]
+    middle: float
+    half: float
+    slope: float = 0.0
+    error: float = math.inf
+    most: float = math.inf
+
+    @classmethod
+    def of(cls, record: PreparedRun, output: str, terms: Terms, noise: Shape, unit: float) -> Zero:
+        """The constants that a noise calls for, which is in so many SI units."""
+        inside = measured_rows(record, output)
+        time = record.run.time[record.readings[output].exact]
+        held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
+        middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * float(time[-1] - time[0])
+        slope, error = slope_at_rest(record, output, noise, unit) if terms.trend else (0.0, math.inf)
+        most = math.inf
+        if output == "current" and record.zero_is_unseen:
+            # A zero that no row at 0 V shows looks like the dc path, and a drift like a slow branch.
+            most = LARGEST_ZERO * float(np.abs(record.readings[output].measured).max())
+            error = min(error, most / half)
+        return cls(terms, constants(time)[:, held], inside, middle, half, slope, error, most)
+
+    def projection(self, sigma: float) -> Projection:
+        """In units of the noise of the rows."""
+        known = [(0.0, self.most)] if self.terms.offset else []
+        known += [(self.slope * self.half, self.error * self.half)] if self.terms.trend else []
+        precision = np.array([(sigma / error) ** 2 for _, error in known])
+        centre = np.array([middle / sigma for middle, _ in known])
+        return Projection.of(self.columns, precision, centre)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """The best zero and slope taken out of rows.
+
+    Parameters
+    ----------
+    basis : float array, shape (n_measured, n_constants)
+        Orthonormal.
+    kept : float array, shape (n_constants,)
+        The part of each that stays in the rows: none of what nothing is known of.
+    answer : float array, shape (n_constants, n_measured)
+        From a residual to the best constants about their centre.
+    centre : float array, shape (n_constants,)
+    expected : float array, shape (n_measured,)
+        What the centre adds to the readings.
+    unsure : float array, shape (n_measured, n_constants)
+        What the readings move for one standard error of what is known of each; 0 where nothing is.
+    """
+
+    basis: FloatArray
+    kept: FloatArray
+    answer: FloatArray
+    centre: FloatArray
+    expected: FloatArray
+    unsure: FloatArray
+
+    @classmethod
+    def of(cls, columns: FloatArray, precision: FloatArray, centre: FloatArray) -> Projection:
+        inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
+        orthonormal, triangle = np.linalg.qr(columns)
+        share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
+        known = np.where(precision > 0.0, 1.0 / np.sqrt(np.where(precision > 0.0, precision, 1.0)), 0.0)
+        return cls(
+            orthonormal @ turn,
+            np.sqrt(np.clip(1.0 - share, 0.0, 1.0)),
+            inner @ columns.T,
+            centre,
+            columns @ centre,
+            columns * known,
+        )
+
+    def apply(self, rows: FloatArray) -> FloatArray:
+        """T times the columns of ``rows``, shape (n_measured, n)."""
+        return np.asarray(rows - (self.basis * (1.0 - self.kept)) @ (self.basis.T @ rows))
+
+
+class DriftingProblem(Problem):
+    """The same problem with zeros and slopes of sensors beside it.
+
+    Parameters
+    ----------
+    plain : Problem
+    zeros : mapping of (place, output) to Zero
+    """
+
+    def __init__(self, plain: Problem, zeros: Mapping[Key, Zero]) -> None:
+        super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
+        self._plain = plain
+        self.zeros = dict(zeros)
+        self.projections = {key: zero.projection(self.noise[key]) for key, zero in self.zeros.items()}
+
+    @property
+    def plain(self) -> Problem:
+        """The problem without zeros and slopes."""
+        return self._plain
+
+    def on(self, plain: Problem) -> Problem:
+        """Another problem, of some of the same readings, beside the same zeros and slopes."""
+        return DriftingProblem(plain, {key: zero for key, zero in self.zeros.items() if key in plain.pieces})
+
+    def with_noise(self, noise: Noise) -> Problem:
+        """The same problem with other weights."""
+        return self.on(self.plain.with_noise(noise))
+
+    def weighed(self, theta: FloatArray, here: Evaluation, noise: Noise) -> Evaluation:  # noqa: ARG002  # the protocol's signature
+        """An evaluation as it is under other weights: what is known of a slope weighs anew too."""
+        return self.with_noise(noise).evaluate(theta)
+
+    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
+        """The problem with fewer unknowns, and other values of what is no longer free."""
+        return self.on(self.plain.without(columns, values))
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian, the best zeros and slopes taken out."""
+        return self.beside_zeros(super().evaluate(theta))
+
+    def beside_zeros(self, here: Evaluation) -> Evaluation:
+        """An evaluation of the plain problem, the best zeros and slopes taken out."""
+        rows = here.rows.copy()
+        for key, piece in self.pieces.items():
+            if key in self.zeros:
+                inside = self.zeros[key].inside
+                # The residual is model less reading: what the sensor is expected to add is not the model's.
+                own = rows[:, piece][:, inside]
+                own[-1] += self.projections[key].expected
+                rows[:, np.arange(piece.start, piece.stop)[inside]] = self.projections[key].apply(own.T).T
+        return Evaluation(rows, here.beforehand)
+
+    def whitened(self, key: Key, rows: FloatArray) -> FloatArray:
+        """Rows of one output of one run, zero and slope taken out."""
+        if key not in self.zeros:
+            return rows
+        found = rows.copy()
+        inside = self.zeros[key].inside
+        found[:, inside] = self.projections[key].apply(found[:, inside].T).T
+        return found
+
+    def constants(self, key: Key, plain: FloatArray) -> FloatArray:
+        """The best zero at the middle of the readings, and slope over half of them, for a residual in its own units."""
+        zero, projection = self.zeros[key], self.projections[key]
+        away = -(plain[zero.inside] + projection.expected)
+        return np.asarray(projection.centre + projection.answer @ away)
+
+    def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
+        found = super().fixed_jacobian(theta, names)
+        for key in self.zeros:
+            piece = self.pieces[key]
+            found[piece] = self.whitened(key, found[piece].T).T
+        return found
+
+
+def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> tuple[float, float]:
+    """Slope of the readings at 0 V before the strip is driven, and its standard error [SI/s].
+
+    The error is that of least squares under autocorrelated noise (Newey and West 1987), or under the noise that the
+    whole run has where that is more, but no more of it than the rows at 0 V show; a converter whose step is
+    larger than the noise hides a slope of one step over the rows. A strip that was not at rest moves too: then the
+    slope is no larger than what is seen there. Nothing is known, and the error infinite, where there are few such rows.
+    """
+    reading = record.readings[output]
+    rows = np.flatnonzero(reading.exact[: record.resting])
+    if len(rows) < _FEWEST:
+        return 0.0, math.inf
+    time, values = record.run.time[rows], reading.values[rows]
+    columns = constants(time)
+    half = 0.5 * float(time[-1] - time[0])
+    inner = np.linalg.inv(columns.T @ columns)
+    answer = inner @ (columns.T @ values)
+    middle = long_run(columns, values - columns @ answer)
+    own = float((inner @ middle @ inner)[1, 1])
+    if noise.terms.order or noise.terms.walk:
+        period = 1.0 / record.run.rate if record.run.is_uniform else float(np.median(np.diff(record.run.time)))
+        whole = unit**2 * float(spread_by(columns @ inner, steps_between(time, period), noise)[1, 1])
+        lag = max(len(rows) // 4, 1)
+        seen = float(np.mean((values[lag:] - values[:-lag]) ** 2)) / (unit**2 * float(structure(noise, [lag])[0]))
+        own = max(own, whole * min(seen, 1.0))
+    step = quantum_of(np.diff(reading.measured))
+    variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
+    if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
+        return 0.0, math.inf
+    slope = float(answer[1]) / half
+    return (0.0, math.hypot(slope, math.sqrt(variance))) if record.start == "free" else (slope, math.sqrt(variance))

@@ -1,0 +1,147 @@
+"""The circuit as poles and residues, and back: what a current can tell about its elements.
+
+Seen from its terminals, a series resistance before a leak and RC branches in parallel is
+Y(s) = D + sum_j r_j/(s - lambda_j): with two branches five numbers, whatever the six elements are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.kernels import admittance_slopes
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Elements:
+    """The lumped elements of a circuit.
+
+    Parameters
+    ----------
+    series : float [ohm]
+        Both electrodes, the contact and a shunt, in series.
+    leak : float [ohm]
+        R_dc.
+    resistances : float array, shape (n_branch,) [ohm]
+    capacitances : float array, shape (n_branch,) [F]
+    """
+
+    series: float
+    leak: float
+    resistances: FloatArray
+    capacitances: FloatArray
+
+    def is_physical(self) -> bool:
+        """Whether every element is finite and above zero (the series resistance may be zero)."""
+        values = np.array([self.leak, *self.resistances, *self.capacitances])
+        return bool(self.series >= 0 and ((values > 0) & (values < np.inf)).all())
+
+
+@dataclass(frozen=True)
+class Admittance:
+    """Y(s) = direct + sum_j residues_j/(s - poles_j).
+
+    Parameters
+    ----------
+    direct : float [S]
+    residues : float array, shape (n_branch,) [S/s]
+    poles : float array, shape (n_branch,) [1/s]
+    """
+
+    direct: float
+    residues: FloatArray
+    poles: FloatArray
+
+
+def _modes(elements: Elements) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Poles, eigenvectors and inlets of the symmetric form, in which w_i = sqrt(C_i) v_i are the states.
+
+    They are those of its inverse, diag(R C) + s/(1 + s/R_dc) sqrt(C) sqrt(C)', whose eigenvalues are the time
+    constants: nothing cancels in that sum, and its rounding falls on the fastest mode, not on the slow ones that a
+    record shows. By the interlacing theorem each time constant lies between two neighbouring R C, so that no pole can
+    come out with the wrong sign.
+    """
+    resistance, capacitance = elements.resistances, elements.capacitances
+    own, root = resistance * capacitance, np.sqrt(capacitance)
+    shared = elements.series / (1.0 + elements.series / elements.leak)
+    system = (shared * root)[:, None] * root
+    system.flat[:: len(own) + 1] += own
+    times, vectors = np.linalg.eigh(system)
+    least = np.sort(own)
+    times = np.clip(times, least, np.append(least[1:], least[-1] + shared * capacitance.sum()))
+    return -1.0 / times, vectors, root @ vectors / (times * (1.0 + elements.series / elements.leak))
+
+
+def capacitor_voltages(elements: Elements, amplitudes: FloatArray) -> FloatArray:
+    """Voltages of the capacitors [V] that add to the current one decay of each mode with this amplitude [A]."""
+    _, vectors, seen = _modes(elements)
+    voltages: FloatArray = vectors @ (-amplitudes / seen) / np.sqrt(elements.capacitances)
+    return voltages
+
+
+def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
+    """Poles and residues of a circuit (Friend, eqs 4.1 to 4.6), and their derivatives.
+
+    With w_i = sqrt(C_i) v_i as states the system matrix is symmetric, so that the poles are real.
+
+    Returns
+    -------
+    admittance : Admittance
+        Poles fastest first.
+    derivatives : float array, shape (1 + 2 n_branch, 2 + 2 n_branch)
+        Of direct, residues and poles (rows) with respect to the series resistance [1/ohm] and to
+        the logarithms of leak, resistances and capacitances (columns).
+    """
+    poles, vectors, seen = _modes(elements)
+    residues = np.empty(len(poles))
+    derivatives = np.empty((1 + 2 * len(poles), 2 + 2 * len(poles)))
+    direct = admittance_slopes(
+        elements.series,
+        elements.leak,
+        elements.resistances,
+        elements.capacitances,
+        poles,
+        vectors,
+        seen,
+        residues,
+        derivatives,
+    )
+    return Admittance(direct, residues, poles), derivatives
+
+
+def elements(series: float, seen: Admittance) -> Elements:
+    """The elements that show an admittance behind a given series resistance.
+
+    Behind the series resistance lies G = Y/(1 - series Y), whose partial fractions are the leak
+    and the branches (Foster's second form). Noise can make the answer unphysical: look at
+    ``Elements.is_physical``. Branches come fastest first.
+
+    Parameters
+    ----------
+    series : float [ohm]
+    seen : Admittance
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        remaining = 1.0 - series * seen.direct
+        system = np.diag(seen.poles) + (seen.residues * (series / remaining))[:, None]
+        if not np.isfinite(system).all():
+            nothing = np.full(len(seen.poles), np.nan)
+            return Elements(series, np.nan, nothing, nothing)
+        rates = np.linalg.eigvals(system)
+        if np.iscomplexobj(rates) and (rates.imag != 0).any():
+            nothing = np.full(len(seen.poles), np.nan)
+            return Elements(series, np.nan, nothing, nothing)
+        rates = np.sort(rates.real)
+        if series > 0:
+            inverse = rates[:, None] - seen.poles
+            residues = 1.0 / (series * series * np.sum(seen.residues / (inverse * inverse), axis=1))
+        else:
+            residues = seen.residues[np.argsort(seen.poles)]
+        resistances = rates / residues
+        capacitances = -1.0 / (rates * resistances)
+        leak = 1.0 / (seen.direct / remaining - np.sum(1.0 / resistances))
+    return Elements(series, float(leak), resistances, capacitances)

@@ -1,0 +1,221 @@
+"""Which parameters a fit may move: groups, dotted names, and the ones that each run has for itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.model.declared import in_group
+from ipmclab.model.kinds import groups, kinds, stage_groups
+
+OBSERVATION_OUTPUTS: Final = ("current", "displacement", "force")
+OBSERVATION_NAMES: Final = tuple(
+    f"observation.{what}.{output}" for what in ("offset", "drift") for output in OBSERVATION_OUTPUTS
+)
+"""What a run's observation can have freed by name; its delay and its start are decided from the data."""
+
+_PLACE = re.compile(r"\[\d+\]$")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter beforehand.
+
+    Parameters
+    ----------
+    value : float [SI]
+    uncertainty : float [SI]
+        Standard uncertainty, without that of what it follows.
+    follows : mapping of name to float
+        By how much the value moves with other free parameters of which something is known beforehand, one SI unit of
+        theirs at a time: a width that stands in two measured numbers is one width.
+    merely_uncertain : bool
+        Free only so that its uncertainty counts: where the readings are asked alone, it is held.
+    """
+
+    value: float
+    uncertainty: float
+    follows: Mapping[str, float] = field(default_factory=dict)
+    merely_uncertain: bool = False
+
+
+@dataclass(frozen=True)
+class FreeParameters:
+    """The parameters that a fit may move, in the order of the actuator's file.
+
+    Parameters
+    ----------
+    shared : tuple of str
+        One value for all runs.
+    per_run : tuple of str
+        One value for each run, without the place.
+    per_mounting : tuple of str
+        One value for each mounting, without its name.
+    observation : tuple of str
+        Offsets and drifts of the readings, one for each run.
+    priors : mapping of name to Prior
+    together : mapping of name to mapping of name to float [SI]
+        Covariance of the priors of shared parameters that an earlier fit found together.
+    """
+
+    shared: tuple[str, ...]
+    per_run: tuple[str, ...] = ()
+    per_mounting: tuple[str, ...] = ()
+    observation: tuple[str, ...] = ()
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    together: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def actuator(self) -> tuple[str, ...]:
+        """Every free parameter of the actuator, shared or not."""
+        return (*self.shared, *self.per_run, *self.per_mounting)
+
+    @property
+    def without_priors(self) -> FreeParameters:
+        """What is free where the readings are asked alone."""
+        held = {name for name, prior in self.priors.items() if prior.merely_uncertain}
+        return replace(self, shared=tuple(name for name in self.shared if name not in held), priors={}, together={})
+
+
+def parse_free(
+    known: Iterable[str],
+    free: str | Iterable[str],
+    per_run: str | Iterable[str] = (),
+    per_mounting: str | Iterable[str] = (),
+) -> FreeParameters:
+    """Read the names of free parameters.
+
+    Parameters
+    ----------
+    known : iterable of str
+        The actuator's parameters.
+    free : str or iterable of str
+        Groups (``electrical``, ``coupling``, and of stages that the actuator has ``leak``, ``relaxation``,
+        ``viscoelastic``, ``clamp``), dotted names, or comma lists of them.
+    per_run : str or iterable of str
+        The same, for parameters of which each run has its own. Naming one here frees it.
+    per_mounting : str or iterable of str
+        The same, for parameters of which each mounting has its own.
+
+    Returns
+    -------
+    free : FreeParameters
+
+    Raises
+    ------
+    InputError
+        An unknown name (with the nearest right one), a group of a stage that the actuator lacks, nothing free, a
+        per-run name with a place, a name that is both per run and per mounting.
+
+    Examples
+    --------
+    >>> known = ["circuit.contact_resistance", "circuit.dc_resistivity", "coupling.gain"]
+    >>> parse_free(known, "electrical", per_run="circuit.contact_resistance").per_run
+    ('circuit.contact_resistance',)
+    """
+    names = list(known)
+    shared = names_of(names, free, "free")
+    own = names_of(names, per_run, "per_run")
+    of_mountings = names_of(names, per_mounting, "per_mounting")
+    for name in sorted(of_mountings & (own | set(OBSERVATION_NAMES))):
+        raise InputError(
+            f"{name!r} belongs to each run already",
+            code="per-run-and-mounting",
+            where="per_mounting",
+            repair="name it in one of per_run and per_mounting; what a sensor adds belongs to each run",
+        )
+    if not shared and not own and not of_mountings:
+        raise InputError(
+            "nothing is free",
+            code="nothing-free",
+            where="free",
+            repair="give 'electrical', 'coupling' or dotted names such as 'circuit.sheet_resistance'",
+        )
+    return FreeParameters(
+        shared=tuple(n for n in names if n in shared and n not in own | of_mountings),
+        per_run=tuple(n for n in names if n in own),
+        per_mounting=tuple(n for n in names if n in of_mountings),
+        observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
+    )
+
+
+def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> set[str]:
+    """The dotted names that groups, names and comma lists of them stand for; ``where`` is what messages name."""
+    names = list(known)
+    texts = [given] if isinstance(given, str) else list(given)
+    found: set[str] = set()
+    for text in texts:
+        if not isinstance(text, str):
+            raise InputError(
+                f"{text!r} is not a name",
+                code="bad-name",
+                where=where,
+                repair="give names as text, such as 'electrical'",
+            )
+        for word in text.split(","):
+            name = word.strip()
+            if not name:
+                continue
+            group = _group(name, names)
+            if group is not None and not group and name in stage_groups():
+                raise InputError(
+                    f"this actuator has no {name}",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=f"add the stage to its name, such as friend-2+{_example_of(name)}",
+                )
+            if group is not None:
+                found.update(group)
+            elif name in names or name in OBSERVATION_NAMES:
+                found.add(name)
+            elif _of_sensors(name):
+                of_these = [known for known in OBSERVATION_NAMES if f".{_of_sensors(name)}." in known]
+                raise InputError(
+                    f"{name!r} does not say of which sensor",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=f"give {', '.join(map(repr, of_these[:-1]))} or {of_these[-1]!r}",
+                )
+            elif name.startswith("observation.") and name not in OBSERVATION_NAMES:
+                raise InputError(
+                    f"{name!r} cannot be freed by name",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=suggest(name, OBSERVATION_NAMES)
+                    + "; the delay of a run with unknown hold and the state at its start are found without being named",
+                )
+            elif _PLACE.search(name) and _PLACE.sub("", name) in names:
+                raise InputError(
+                    f"{name!r} names one run",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=f"give {_PLACE.sub('', name)!r} as per_run: each run then has its own",
+                )
+            else:
+                raise InputError(
+                    f"no parameter or group is called {name!r}",
+                    code="unknown-parameter",
+                    where=where,
+                    repair=suggest(name, [*(each for each in groups() if _group(each, names)), *names]),
+                )
+    return found
+
+
+def _group(name: str, names: Sequence[str]) -> list[str] | None:
+    """The parameters of a group; None where it is none."""
+    return in_group(name, names) if name in groups() else None
+
+
+def _example_of(group: str) -> str:
+    """A stage that adds a group to an actuator."""
+    stages = [kind for kind in kinds() if kind.group == group]
+    return next((kind.name for kind in stages if kind.example), stages[0].name)
+
+
+def _of_sensors(name: str) -> str:
+    """Which of offset and drift is meant by a name that leaves out the sensor; empty for other names."""
+    what = name.removeprefix("observation.").removesuffix("s")
+    return what if what in ("offset", "drift") else ""

@@ -1,0 +1,112 @@
+"""The free run of an actuator over a record, and the two things that are read off the record first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import IpmclabError
+from ipmclab.identification.problem.record import LONGEST_DELAY, PreparedRun, model_hold, rest_rows
+from ipmclab.model import Actuator
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.stages.circuit import CONTACT
+
+FloatArray = npt.NDArray[np.float64]
+
+_FEWEST_AT_REST: Final = 5
+_SURELY: Final = 3.0  # standard errors of a mean reading
+
+
+def predict(
+    model: Actuator,
+    record: PreparedRun,
+    outputs: Sequence[str],
+    delay: float,
+    initial_state: Mapping[str, float] | None = None,
+) -> FloatArray:
+    """The outputs from rest, shape (n_outputs, n_time), with nothing of the response shown to the model.
+
+    A run of the fit starts from the state that was found there.
+    """
+    run = record.run
+    values = simulate_outputs(
+        model,
+        run.time,
+        run.voltage,
+        model_hold(record),
+        outputs=outputs,
+        initial_state=initial_state or None,
+        delay=delay,
+    )
+    if not np.all(np.isfinite(values)):
+        output, row = (int(index[0]) for index in np.nonzero(~np.isfinite(values)))
+        raise IpmclabError(
+            f"the predicted {outputs[output]} of {model.name} is not finite from sample {row} on",
+            code="not-finite",
+            where=record.label,
+            repair="see that the actuator's parameters are those of a real strip",
+        )
+    return values
+
+
+def seen_from_sensor(actuator: Actuator, series_resistance: float) -> Actuator:
+    """The actuator with the shunt in series, where the voltage was sensed upstream of it."""
+    if series_resistance == 0.0:
+        return actuator
+    return actuator.replace(**{CONTACT: actuator[CONTACT] + series_resistance})
+
+
+def sensor_zero(record: PreparedRun, output: str) -> float:
+    """What a sensor reads of a strip at rest: the mean reading before the voltage first moves.
+
+    0 where that mean is within the noise, or where fewer than five readings show it: taking
+    off a mean of noise would only add its error to every reading.
+    """
+    # Channels of a foreign record may lead its voltage by a few rows.
+    rows = rest_rows(record.run) - (LONGEST_DELAY if record.delay_is_free else 0)
+    if rows < _FEWEST_AT_REST or rows >= len(record.run) - 1:
+        return 0.0
+    reading = record.readings[output]
+    before = reading.values[:rows][reading.exact[:rows]]
+    if len(before) < _FEWEST_AT_REST:
+        return 0.0
+    mean, error = float(before.mean()), float(before.std(ddof=1)) / np.sqrt(len(before))
+    return mean if abs(mean) > _SURELY * error else 0.0
+
+
+def edge_delay(
+    model: Actuator, record: PreparedRun, measured: Mapping[str, FloatArray], fitted: Mapping[str, Any]
+) -> float | None:
+    """By how much the edges of a foreign record lie after its rows; None where it shows no edge to tell by.
+
+    A run of the fit is read as the fit read it. Elsewhere it is the delay within a few rows whose
+    predicted shape is nearest to the readings: each output may be scaled, so that a model of the
+    wrong size does not buy a smaller error with a wrong delay.
+    """
+    from scipy.optimize import minimize_scalar
+
+    if "delay" in fitted:
+        return float(fitted["delay"])
+    rows = {name: reading.exact for name, reading in record.readings.items()}
+    outputs = [name for name, used in rows.items() if used.any() and np.any(measured[name][used])]
+    if not record.shows_edges or not outputs:
+        return None
+    period = 1.0 / record.run.rate
+
+    def unlike(delay: float) -> float:
+        """Sum over the outputs of the part of the readings that no multiple of the prediction explains."""
+        left = 0.0
+        for name, predicted in zip(outputs, predict(model, record, outputs, delay), strict=True):
+            seen, told = measured[name][rows[name]], predicted[rows[name]]
+            left += 1.0 - float(told @ seen) ** 2 / float((told @ told) * (seen @ seen) or 1.0)
+        return left
+
+    grid = period * np.arange(-LONGEST_DELAY, LONGEST_DELAY + 0.01, 0.25)
+    costs = [unlike(delay) for delay in grid]
+    best = int(np.argmin(costs))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(unlike, bounds=(low, high), method="bounded")
+    return float(found.x if found.fun < costs[best] else grid[best])

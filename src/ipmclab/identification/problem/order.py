@@ -1,0 +1,50 @@
+"""The order of what a strip has several of: branches and modes come back fastest first."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from ipmclab.model.kinds import kinds
+
+
+class Order:
+    """Where each branch and mode stands once they are sorted.
+
+    Parameters
+    ----------
+    values : mapping of name to float [SI]
+        Every parameter of the actuator, as the fit found them.
+
+    Examples
+    --------
+    >>> slow_first = {"relaxation.force.0.time_constant": 9.0, "relaxation.force.1.time_constant": 2.0}
+    >>> Order(slow_first)("relaxation.force.0.ratio")
+    'relaxation.force.1.ratio'
+    """
+
+    def __init__(self, values: Mapping[str, float]) -> None:
+        speeds = {kind.prefix.removesuffix("."): kind.speed for kind in kinds() if kind.speed is not None}
+        self._numbered = re.compile(rf"\b({'|'.join(map(re.escape, speeds))})\.(\d+)\.")
+        found: dict[str, set[int]] = {}
+        for name in values:
+            match = self._numbered.match(name)
+            if match:
+                found.setdefault(match[1], set()).add(int(match[2]))
+        self._places: dict[tuple[str, int], int] = {}
+        for kind, numbers in found.items():
+            speed = {number: speeds[kind](values, f"{kind}.{number}") for number in sorted(numbers)}
+            for new, old in enumerate(sorted(speed, key=speed.__getitem__)):
+                self._places[kind, old] = new
+
+    def __eq__(self, other: object) -> bool:
+        """Whether everything stands in the same order."""
+        return isinstance(other, Order) and self._places == other._places
+
+    def __hash__(self) -> int:
+        """Of the places."""
+        return hash(tuple(self._places.items()))
+
+    def __call__(self, text: str) -> str:
+        """A name, or every name in a sentence, as it is called after sorting."""
+        return self._numbered.sub(lambda match: f"{match[1]}.{self._places[match[1], int(match[2])]}.", text)

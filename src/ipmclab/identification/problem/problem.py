@@ -1,0 +1,358 @@
+"""The least-squares problem of a fit: weighted residuals of every reading, with an exact Jacobian."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
+from ipmclab.identification.problem.response import Responder, Response
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.progress import tick
+
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Noise = Mapping[tuple[int, str], float]
+
+_RECTANGLE: Final = 3.0**0.5  # half width of a rectangular distribution, in its standard deviations
+_WELL_APART: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
+
+ROUNDING: Final = 1e-10
+"""Part of the largest reading below which noise is not believed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Weighted residuals (model minus reading, over noise) and their derivatives at one vector.
+
+    Parameters
+    ----------
+    rows : float array, shape (n_unknown + 1, n_residual)
+        The derivative with respect to each unknown, and last the residual.
+    beforehand : int
+        How many of the residuals, the last ones, are of what was known beforehand.
+    """
+
+    rows: FloatArray
+    beforehand: int = 0
+
+    @property
+    def residual(self) -> FloatArray:
+        """Weighted residuals, shape (n_residual,)."""
+        return np.asarray(self.rows[-1])
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """Their derivatives, shape (n_residual, n_unknown)."""
+        return self.rows[:-1].T
+
+    @cached_property
+    def cost(self) -> float:
+        """Weighted sum of squares."""
+        return float(self.residual @ self.residual)
+
+    @cached_property
+    def triangle(self) -> FloatArray:
+        """R of the QR decomposition of the Jacobian with the residual as its last column.
+
+        It holds all that a step, a rank or a covariance needs. Where the columns are well apart the Cholesky
+        factor of their products is the same in a tenth of the time.
+        """
+        products = np.empty((len(self.rows), len(self.rows)))
+        products[:-1] = self.rows[:-1] @ self.rows.T
+        products[-1, :-1] = products[:-1, -1]
+        products[-1, -1] = self.cost
+        size = np.sqrt(np.maximum(products.diagonal(), 1e-300))
+        try:
+            factor = np.linalg.cholesky(products / (size[:, None] * size))
+        except np.linalg.LinAlgError:
+            factor = np.zeros_like(products)
+        if factor.diagonal().min() > _WELL_APART:
+            return np.asarray(factor.T * size)
+        return np.asarray(np.linalg.qr(self.rows.T, mode="r"))
+
+    @cached_property
+    def spectrum(self) -> tuple[FloatArray, FloatArray]:
+        """Singular values of the Jacobian, largest first, and the directions that they belong to, one a row."""
+        columns = len(self.rows) - 1
+        _, singular, directions = np.linalg.svd(self.triangle[:columns, :columns])
+        return singular, directions
+
+    @cached_property
+    def scaled_spectrum(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The same with columns of length 1; then the residual, turned as they are, and the lengths of the columns."""
+        columns = len(self.rows) - 1
+        triangle, right = self.triangle[:columns, :columns], self.triangle[:columns, columns]
+        size = np.sqrt((triangle * triangle).sum(axis=0))
+        size[size == 0] = 1.0
+        left, singular, directions = np.linalg.svd(triangle / size)
+        return singular, directions, left.T @ right, size
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Which entries of the vector one run has, and what they are.
+
+    Parameters
+    ----------
+    names : list of str
+        Actuator parameters that are free in this run.
+    columns : list of (int, Unknown)
+        Their entries, in the same order.
+    starts : list of int
+        Entries of its start.
+    delays : list of (int, Unknown)
+        The entry of its delay, where that is free.
+    sensors : mapping of output to list of (int, float or float array)
+        Entries of the zero and the slope of a sensor, and what they add to its readings for each unit.
+    """
+
+    names: list[str]
+    columns: list[tuple[int, Unknown]]
+    starts: list[int]
+    delays: list[tuple[int, Unknown]]
+    sensors: Mapping[str, list[tuple[int, FloatArray | float]]]
+
+    @classmethod
+    def of(cls, record: PreparedRun, unknowns: Sequence[Unknown], base: Mapping[str, float]) -> _Place:
+        own = [(column, u) for column, u in enumerate(unknowns) if u.belongs_to(record.place)]
+        columns = [(column, unknown) for column, unknown in own if unknown.base in base]
+        sensors: dict[str, list[tuple[int, FloatArray | float]]] = {output: [] for output in record.readings}
+        for column, unknown in own:
+            if unknown.base.startswith(("observation.offset.", "observation.drift.")):
+                what, output = unknown.base.split(".")[1:]
+                since = record.run.time - record.run.time[0] if what == "drift" else 1.0
+                sensors[output].append((column, since * unknown.scale))
+        return cls(
+            names=[unknown.base for _, unknown in columns],
+            columns=columns,
+            starts=[column for column, unknown in own if unknown.nuisance],
+            delays=[(column, unknown) for column, unknown in own if unknown.base == "observation.delay"],
+            sensors=sensors,
+        )
+
+
+class Problem:
+    """Residuals of all used readings of all runs.
+
+    Parameters
+    ----------
+    values : mapping of name to float [SI]
+        Every actuator parameter, free or not; the values of free ones are not used.
+    records : sequence of PreparedRun
+    unknowns : sequence of Unknown
+    responder : Responder
+    noise : mapping of (place, output) to float [SI]
+    """
+
+    def __init__(
+        self,
+        values: Mapping[str, float],
+        records: Sequence[PreparedRun],
+        unknowns: Sequence[Unknown],
+        responder: Responder,
+        noise: Noise,
+    ) -> None:
+        self.base = dict(values)
+        self.records = tuple(records)
+        self.unknowns = tuple(unknowns)
+        self.responder = responder
+        self.noise = dict(noise)
+        priors = [(place, *unknown.prior) for place, unknown in enumerate(self.unknowns) if unknown.prior is not None]
+        self._prior_places = np.array([place for place, _, _ in priors], dtype=np.intp)
+        self._prior_centres = np.array([centre for _, centre, _ in priors])
+        self._prior_is_range = np.array([self.unknowns[place].beforehand is None for place, _, _ in priors], dtype=bool)
+        self._prior_jacobian = np.zeros((len(priors), len(self.unknowns)))
+        places = {unknown.base: place for place, unknown in enumerate(self.unknowns)}
+        for row, (place, _, deviation) in enumerate(priors):
+            self._prior_jacobian[row, place] = 1.0 / deviation
+            for other, (slope, _) in self.unknowns[place].follows.items():
+                if other in places:  # else it is held
+                    self._prior_jacobian[row, places[other]] = -slope / deviation
+        limits = np.array([unknown.limits for unknown in self.unknowns]).reshape(-1, 2)
+        self.lower, self.upper = limits[:, 0], limits[:, 1]
+
+    def with_noise(self, noise: Noise) -> Problem:
+        """The same problem with other weights."""
+        other = copy.copy(self)
+        other.noise = dict(noise)  # nothing else depends on it
+        return other
+
+    @property
+    def plain(self) -> Problem:
+        """The problem as its readings are, nothing projected out of them and nothing whitened."""
+        return self
+
+    def on(self, plain: Problem) -> Problem:
+        """Another problem, of some of the same readings, with what this one does to its rows."""
+        return plain
+
+    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
+        """The problem with fewer unknowns, and other values of what is no longer free."""
+        kept = [unknown for column, unknown in enumerate(self.unknowns) if column not in set(columns)]
+        return Problem({**self.base, **values}, self.records, kept, self.responder, self.noise)
+
+    def weighed(self, theta: FloatArray, here: Evaluation, noise: Noise) -> Evaluation:  # noqa: ARG002  # what projects rows needs the point
+        """An evaluation of this problem as it is under other weights."""
+        rows = here.rows.copy()
+        for key, piece in self.pieces.items():
+            rows[:, piece] *= self.noise[key] / noise[key]
+        return Evaluation(rows, here.beforehand)
+
+    @cached_property
+    def floors(self) -> dict[tuple[int, str], float]:
+        """Noise below which readings cannot be told from the rounding of the model [SI]."""
+        return {
+            (record.place, output): max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), LEAST_NOISE)
+            for record in self.records
+            for output, reading in record.readings.items()
+        }
+
+    @cached_property
+    def pieces(self) -> dict[tuple[int, str], slice]:
+        """Where the readings of each run and output stand in the residual vector."""
+        found: dict[tuple[int, str], slice] = {}
+        begin = 0
+        for record in self.records:
+            for output, reading in record.readings.items():
+                end = begin + int(np.count_nonzero(reading.used))
+                found[record.place, output] = slice(begin, end)
+                begin = end
+        return found
+
+    @cached_property
+    def _places(self) -> dict[int, _Place]:
+        return {record.place: _Place.of(record, self.unknowns, self.base) for record in self.records}
+
+    def record_at(self, place: int) -> PreparedRun:
+        """The run of a place."""
+        return next(record for record in self.records if record.place == place)
+
+    def whitened(self, key: tuple[int, str], rows: FloatArray) -> FloatArray:  # noqa: ARG002 - white noise is left alone
+        """Rows of one output of one run, shape (n, n_readings), as the noise of this problem weighs them."""
+        return rows
+
+    def values(self, theta: FloatArray, place: int) -> dict[str, float]:
+        """The actuator's parameters as one run has them."""
+        found = dict(self.base)
+        for column, unknown in self._places[place].columns:
+            found[unknown.base] = unknown.value(float(theta[column]))
+        return found
+
+    def delay(self, theta: FloatArray, record: PreparedRun) -> float:
+        """By how much the edges of a run lie after its rows [s]: found here, or by an earlier fit."""
+        if not record.delay_is_free:
+            return record.known_delay or 0.0
+        return sum(unknown.value(float(theta[column])) for column, unknown in self._places[record.place].delays)
+
+    def start(self, theta: FloatArray, place: int) -> FloatArray:
+        """Starting amplitudes of one run; empty for rest."""
+        return theta[self._places[place].starts]
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
+        tick()
+        readings = max((piece.stop for piece in self.pieces.values()), default=0)
+        rows = np.empty((len(theta) + 1, readings + len(self._prior_places)))
+        # A search may try values at which the model overflows: it steps back from what is not finite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for record in self.records:
+                self._fill(rows, record, theta)
+        rows[:-1, readings:] = self._prior_jacobian.T
+        rows[-1, readings:] = self._from_beforehand(theta)
+        return Evaluation(rows, len(self._prior_places))
+
+    def residuals(self, theta: FloatArray) -> dict[tuple[int, str], FloatArray]:
+        """Weighted residuals of the readings of each run and output, without derivatives, not whitened."""
+        tick()
+        found = {}
+        with np.errstate(over="ignore", invalid="ignore"):
+            for record in self.records:
+                response = self._response(record, self.values(theta, record.place), theta, ())
+                for row, (output, reading) in enumerate(record.readings.items()):
+                    away = self._away(record, output, theta, response.values[row]) / self.noise[record.place, output]
+                    if reading.has_bounds:
+                        away[away * reading.side > 0] = 0.0
+                    found[record.place, output] = away[reading.used]
+        return found
+
+    def spared(self, theta: FloatArray) -> float:
+        """The part of the cost with which delays are drawn to the middle of where their rows confine them.
+
+        There every delay is as likely as another (a rectangular distribution of the same deviation), so within it
+        that part is no evidence.
+        """
+        away = np.abs(self._from_beforehand(theta)[self._prior_is_range])
+        beyond = np.maximum(away - _RECTANGLE, 0.0)
+        return float(away @ away - beyond @ beyond)
+
+    def from_priors(self, theta: FloatArray) -> FloatArray:
+        """How far each unknown is from what was known beforehand, in its standard deviations; without ranges."""
+        return np.asarray(self._from_beforehand(theta)[~self._prior_is_range])
+
+    def _from_beforehand(self, theta: FloatArray) -> FloatArray:
+        away = np.zeros(len(theta))
+        away[self._prior_places] = theta[self._prior_places] - self._prior_centres
+        return np.asarray(self._prior_jacobian @ away)
+
+    def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
+        parts = []
+        for record in self.records:
+            response = self._response(record, self.values(theta, record.place), theta, names)
+            for row, (output, reading) in enumerate(record.readings.items()):
+                columns = response.parameters[row] / self.noise[record.place, output]
+                if reading.has_bounds:
+                    columns[self._quiet(record, output, theta, response.values[row])] = 0.0
+                parts.append(columns if reading.complete else columns[reading.used])
+        return np.concatenate([*parts, np.zeros((len(self._prior_places), len(names)))])
+
+    def _response(
+        self, record: PreparedRun, values: Mapping[str, float], theta: FloatArray, names: Sequence[str]
+    ) -> Response:
+        start = self.start(theta, record.place)
+        return self.responder.respond(record, values, names, self.delay(theta, record), start)
+
+    def _away(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
+        """Model minus reading, the sensor's own part included [SI]."""
+        away = values - record.readings[output].values
+        for column, added in self._places[record.place].sensors[output]:
+            away += theta[column] * added
+        return away
+
+    def _quiet(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> Mask:
+        """Readings at their range that say nothing here.
+
+        Such a reading is a bound: it counts only while the model is on the wrong side.
+        """
+        return np.asarray(self._away(record, output, theta, values) * record.readings[output].side > 0)
+
+    def _fill(self, rows: FloatArray, record: PreparedRun, theta: FloatArray) -> None:
+        """Write the weighted residuals of one run, and their derivatives, into the rows of an evaluation."""
+        own, values = self._places[record.place], self.values(theta, record.place)
+        response = self._response(record, values, theta, own.names)
+        chains = np.zeros((len(theta), len(own.names)))
+        for number, (column, unknown) in enumerate(own.columns):
+            chains[column, number] = unknown.chain(values[unknown.base])
+        for row, (output, reading) in enumerate(record.readings.items()):
+            sigma = self.noise[record.place, output]
+            place = rows[:, self.pieces[record.place, output]]
+            found = place if reading.complete else np.empty((len(rows), len(reading.values)))
+            np.matmul(chains / sigma, response.parameters[row].T, out=found[:-1])
+            if own.starts:
+                found[own.starts] = response.states[row].T / sigma
+            for column, unknown in own.delays:
+                found[column] = response.delay[row] * (unknown.scale / sigma)
+            for column, added in own.sensors[output]:
+                found[column] = added / sigma
+            found[-1] = self._away(record, output, theta, response.values[row]) / sigma
+            if reading.has_bounds:
+                found[:, self._quiet(record, output, theta, response.values[row])] = 0.0
+            if not reading.complete:
+                place[:] = found[:, reading.used]

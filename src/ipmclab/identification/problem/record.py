@@ -1,0 +1,379 @@
+"""How one run reads an actuator: hold, delay, start, noise, and which readings count.
+
+What stands here belongs to one run, never to the sample.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.observation import Start
+from ipmclab.identification.problem.drive import Drive
+from ipmclab.model.numerics.timeline import timeline
+from ipmclab.model.simulate import series_shunt
+from ipmclab.quality import censored, usable
+from ipmclab.quality.noise import noise_of_readings
+from ipmclab.quality.record import Channel
+from ipmclab.run import Finding, Hold, Run
+
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+READ_OUTPUTS: Final = ("current", "displacement", "force")
+"""Channels that are data. The node voltage of a simulated run is not: no bench measures it."""
+
+LONGEST_DELAY: Final = 3
+"""Rows by which the edges of a foreign record are searched to lie early or late."""
+
+_BEFORE_STEP: Final = {"offset-before-step": "offset", "drift-before-step": "drift"}
+"""Findings of a record that call for an unknown of its observation."""
+
+_EDGE: Final = 0.05  # of the largest voltage
+
+
+_SHOWS_ZERO: Final = 20
+"""Rows at 0 V before the first step from which the check of a record tells whether the current reads zero there."""
+
+_SCATTERING: Final = 8  # readings, from which their scatter from one to the next says how noisy they are
+
+ASSUMED_REST: Final = "rest, which the readings do not contradict"
+
+LEAST_NOISE: Final = 1e-30
+"""Of a channel that reads zero throughout [SI]: readings are weighed by its inverse, whose square must be a number."""
+
+
+class EdgeDelay(NamedTuple):
+    """By how much the edges lie after the rows of the voltage channel, and the standard deviation of that [s]."""
+
+    value: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One output of one run.
+
+    Parameters
+    ----------
+    values : float array, shape (n_time,)
+        Zero where nothing is used.
+    used : bool array, shape (n_time,)
+        Equalities and bounds alike.
+    side : int array, shape (n_time,)
+        +1 where the true value is at least the reading, -1 where it is at most, 0 where it is measured.
+    noise : float
+        A first estimate from differences of neighbours.
+    """
+
+    values: FloatArray
+    used: Mask
+    side: npt.NDArray[np.int8]
+    noise: float
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether every reading is used."""
+        return bool(self.used.all())
+
+    @cached_property
+    def has_bounds(self) -> bool:
+        """Whether some reading is only a bound."""
+        return bool(self.side.any())
+
+    @cached_property
+    def exact(self) -> Mask:
+        """Readings that are measured, not bounds."""
+        return np.asarray(self.used & (self.side == 0)) if self.has_bounds else self.used
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """The values of the readings that are measured."""
+        return self.values[self.exact]
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRun:
+    """A run made ready for the fit."""
+
+    run: Run
+    place: int
+    label: str
+    readings: Mapping[str, Reading]
+    start: Start
+    series_resistance: float
+    unsettled: frozenset[tuple[str, str]] = frozenset()
+    """What the sensors may add, such as ("offset", "force"): asked of the readings."""
+    shown: frozenset[tuple[str, str]] = frozenset()
+    """What of that the rows at 0 V show, by themselves: no fit has to ask again."""
+    known_delay: float | None = None
+    """What an earlier fit of this run found [s], where the circuit that goes with it stays fixed."""
+    known_offset: Mapping[str, float] = field(default_factory=dict)
+    known_drift: Mapping[str, float] = field(default_factory=dict)
+    """What an earlier fit found for the sensors that are not read here."""
+
+    @property
+    def period(self) -> float:
+        """The largest step between rows [s]."""
+        return float(np.max(np.diff(self.run.time)))
+
+    @cached_property
+    def shows_edges(self) -> bool:
+        """Whether the voltage moves between the first row and the last: a slow sine has its small edges too."""
+        voltage = self.run.voltage
+        return bool(np.ptp(voltage) > _EDGE * np.max(np.abs(voltage)))
+
+    @property
+    def at_its_rows(self) -> EdgeDelay:
+        """Edges at the rows, give or take half a row (a rectangular distribution)."""
+        return EdgeDelay(0.0, self.period / math.sqrt(12.0))
+
+    @cached_property
+    def resting(self) -> int:
+        """Rows at 0 V before the voltage first moves."""
+        return rest_rows(self.run)
+
+    @property
+    def zero_is_unseen(self) -> bool:
+        """Whether no row at 0 V shows the zero of the current: the record begins with the voltage on."""
+        shown = np.count_nonzero(self.readings["current"].exact[: self.resting]) if "current" in self.readings else 0
+        return bool(shown < _SHOWS_ZERO)
+
+    @property
+    def zero_is_open(self) -> bool:
+        """Whether the current was taken to read zero at 0 V, and nothing has shown it."""
+        return (
+            "current" in self.readings
+            and self.run.metadata.origin != "simulated"
+            and self.zero_is_unseen
+            and ("offset", "current") not in self.unsettled
+        )
+
+    @property
+    def delay_is_free(self) -> bool:
+        """Whether the edges have to be located."""
+        return self.run.hold == "unknown" and self.known_delay is None
+
+
+def prepare(
+    run: Run,
+    place: int,
+    outputs: Sequence[str],
+    findings: Sequence[Finding],
+    channels: Mapping[str, Channel] | None = None,
+) -> PreparedRun:
+    """Take from a run what a fit needs: usable readings, their noise, and how it starts.
+
+    ``channels`` are the run's as the check saw them, with what it computed of them.
+    """
+    label, start = label_of(run, place), _start(run)
+    shunt = series_shunt(run, where=label)
+    masks, bounds = usable(run, findings), censored(run, findings)
+    readings: dict[str, Reading] = {}
+    for output in outputs:
+        values = getattr(run, output)
+        if values is None:
+            continue
+        side = bounds[output]
+        used = masks[output] | (side != 0)
+        exact = used & (side == 0)
+        checked = (channels or {}).get(output)
+        # Where the check saw the same readings, it has told their noise.
+        known = checked.noise if checked is not None and checked.missing is None and exact.all() else None
+        readings[output] = Reading(np.where(used, values, 0.0), used, side, _noise(values[exact], known))
+    unsettled = {("offset", output) for output in readings if output != "current"}
+    if run.metadata.origin == "simulated":
+        unsettled = set()
+    shown = {
+        (_BEFORE_STEP[finding.code], str(finding.channel))
+        for finding in findings
+        if finding.code in _BEFORE_STEP and finding.channel in readings
+    }
+    return PreparedRun(
+        _with_effective_voltage(run, findings),
+        place,
+        label,
+        readings,
+        start,
+        shunt,
+        frozenset(unsettled | shown),
+        frozenset(shown),
+    )
+
+
+def noise_only(findings: Sequence[Finding]) -> frozenset[str]:
+    """Channels in which nothing but noise was measured: no model is to be judged or fitted by them."""
+    return frozenset(str(finding.channel) for finding in findings if finding.code == "noise-only")
+
+
+def _with_effective_voltage(run: Run, findings: Sequence[Finding]) -> Run:
+    """The run with the voltage that reached the strip: none while it had no contact."""
+    stretches = [pair for finding in findings if finding.code == "contact-missing" for pair in finding.samples]
+    if not stretches:
+        return run
+    voltage = run.voltage.copy()
+    for first, stop in stretches:
+        voltage[first:stop] = 0.0
+    return replace(run, voltage=voltage)
+
+
+def label_of(run: Run, place: int) -> str:
+    """A short name of a run for messages and tables."""
+    return run.metadata.source_file or run.metadata.signal or f"run {place}"
+
+
+def disambiguated(records: Sequence[PreparedRun]) -> list[PreparedRun]:
+    """Records whose labels are equal get their mounting into them."""
+    labels = [record.label for record in records]
+    return [
+        replace(record, label=f"{label} ({mounting})")
+        if labels.count(label) > 1 and (mounting := record.run.metadata.mounting_id)
+        else record
+        for label, record in zip(labels, records, strict=True)
+    ]
+
+
+def _noise(values: FloatArray, known: float | None = None) -> float:
+    """How much neighbouring readings scatter; never nothing, for it is what a fit divides by."""
+    if not len(values):
+        return LEAST_NOISE
+    if len(values) < _SCATTERING:
+        known = float(np.std(values))
+    noise = noise_of_readings(values) if known is None else known
+    return max(noise, 1e-9 * float(np.abs(values).max()), LEAST_NOISE)
+
+
+def rest_rows(run: Run) -> int:
+    """How many rows come before the voltage first moves away from 0, or 0 when it is on from the first.
+
+    Examples
+    --------
+    >>> rest_rows(Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[0.0, 0.001, 1.0]))
+    2
+    """
+    moved = np.flatnonzero(np.abs(run.voltage) > 0.02 * np.max(np.abs(run.voltage), initial=0.0))
+    return int(moved[0]) if len(moved) else len(run)
+
+
+def _start(run: Run) -> Start:
+    stated = run.metadata.starts_from_rest
+    if stated is not None:
+        return "stated rest" if stated else "free"
+    # Up to a few rows before the edge may belong to it already: a channel can lead another.
+    quiet = rest_rows(run) - LONGEST_DELAY
+    if quiet < LONGEST_DELAY or run.current is None:
+        return ASSUMED_REST
+    current = run.current[np.isfinite(run.current)]
+    before = run.current[:quiet][np.isfinite(run.current[:quiet])]
+    if len(before) == 0:
+        return ASSUMED_REST
+    allowed = 0.01 * float(np.max(np.abs(current))) + 4.0 * _noise(current) / np.sqrt(len(before))
+    return "shown rest" if abs(float(np.mean(before))) <= allowed else ASSUMED_REST
+
+
+def drive(record: PreparedRun, delay: float = 0.0) -> Drive:
+    """The input of the circuit between rows, for a hold or a delay [s] of the edges."""
+    run = record.run
+    voltage = run.voltage
+    if run.is_uniform and delay == 0.0 and run.hold != "unknown":
+        step, kind = np.array([1.0 / run.rate]), np.zeros(len(voltage) - 1, dtype=np.int64)
+        if run.hold == "zero":
+            return Drive(step, kind, voltage[:-1], voltage[:-1], voltage)
+        if run.hold == "first":
+            return Drive(step, kind, voltage[:-1], voltage[1:], voltage)
+    if run.is_uniform and run.hold == "unknown":
+        return _shifted(voltage, 1.0 / run.rate, delay, from_rest=record.start != "free")
+    line = timeline(run.time, voltage, model_hold(record), delay=delay, from_rest=record.start != "free")
+    return Drive(
+        line.durations, line.interval, line.start, line.end, line.reading, np.flatnonzero(line.row >= 0).astype(np.intp)
+    )
+
+
+def _shifted(voltage: FloatArray, step: float, delay: float, *, from_rest: bool) -> Drive:
+    """The same as the model's time line gives for a delay at regular rows, in a hundredth of its time."""
+    rows = delay / step
+    whole = math.floor(rows + 1e-9)
+    part = rows - whole
+    # The input begins with the first edge where that comes before the record; a given state begins at row 0.
+    first = min(whole, 0) if from_rest else 0
+    row = np.arange(first, len(voltage))
+    levels = np.concatenate([[0.0 if from_rest else voltage[0]], voltage])
+    before, after = (levels[np.clip(row - whole + k, 0, len(voltage))] for k in (0, 1))
+    if part < 1e-9:
+        kind = np.zeros(len(row) - 1, dtype=np.int64)
+        return Drive(
+            np.array([step]), kind, after[:-1], after[:-1], after[-len(voltage) :], row[-len(voltage) :] - first
+        )
+    level = np.column_stack([before[:-1], after[:-1]]).ravel()
+    kind = np.tile(np.array([0, 1]), len(row) - 1)
+    durations = np.array([part * step, (1.0 - part) * step])
+    return Drive(durations, kind, level, level, before[-len(voltage) :], 2 * (row[-len(voltage) :] - first))
+
+
+def model_hold(record: PreparedRun) -> Hold:
+    """The hold on which a delay is counted: a foreign record's edges are sought around its rows."""
+    return "zero" if record.run.hold == "unknown" else record.run.hold
+
+
+def mountings_of(records: Sequence[PreparedRun]) -> dict[str, tuple[int, ...]]:
+    """The places of the runs of each mounting, those that do not say of which they are left out."""
+    found: dict[str, list[int]] = {}
+    for record in records:
+        if record.run.metadata.mounting_id:
+            found.setdefault(record.run.metadata.mounting_id, []).append(record.place)
+    return {mounting: tuple(places) for mounting, places in found.items()}
+
+
+def ending_of(mounting: str) -> str:
+    """How the names of the parameters end that a mounting has for itself."""
+    return f"[mounting {mounting}]"
+
+
+def own_endings(place: int, mounting: str) -> tuple[str, ...]:
+    """How the names of parameters end that belong to a run, or to its mounting, and not to all runs of a fit."""
+    return (f"[{place}]", ending_of(mounting)) if mounting else (f"[{place}]",)
+
+
+def own_values(values: Mapping[str, float], endings: Sequence[str]) -> dict[str, float]:
+    """The parameters of the actuator that belong to one run, without their endings."""
+    return {
+        name.removesuffix(ending): value
+        for name, value in values.items()
+        for ending in endings
+        if name.endswith(ending) and not name.startswith("observation.")
+    }
+
+
+def fitted_runs(table: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]:
+    """What a fit table says of each run of its fit, by content hash, with the run's own ``parameters``."""
+    found: dict[str, Mapping[str, Any]] = {}
+    # The table may have been written by hand.
+    for place, entry in enumerate((table or {}).get("runs", ())):
+        if not isinstance(entry, Mapping) or "content_sha256" not in entry:
+            continue
+        values = {str(one["name"]): float(one["value"]) for one in (table or {}).get("parameters", ())}
+        own = own_values(values, own_endings(place, str(entry.get("mounting", ""))))
+        found[str(entry["content_sha256"])] = {**entry, "parameters": own}
+    return found
+
+
+def zeros_of_fit(entry: Mapping[str, Any]) -> dict[str, float]:
+    """The sensors' zeros of a run as its fit took them: 0 for an output that the fit read without one."""
+    return {**dict.fromkeys(entry.get("noise", {}), 0.0), **entry.get("offset", {})}
+
+
+def as_read_before(record: PreparedRun, entry: Mapping[str, Any], *, circuit_is_free: bool) -> PreparedRun:
+    """A run of an earlier fit, read as that fit read it.
+
+    Its delay belongs to the circuit that was found with it, so a fit that frees the circuit looks for it anew.
+    """
+    others = {name: zero for name, zero in zeros_of_fit(entry).items() if name not in record.readings}
+    drifts = {name: slope for name, slope in entry.get("drift", {}).items() if name not in record.readings}
+    delay = None if circuit_is_free or record.run.hold != "unknown" else entry.get("delay")
+    return replace(record, known_delay=delay, known_offset=others, known_drift=drifts)

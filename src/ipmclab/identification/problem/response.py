@@ -1,0 +1,256 @@
+"""What an actuator answers to a run, with exact derivatives: the circuit alone, or the whole actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.admittance import Admittance, Elements, admittance, capacitor_voltages
+from ipmclab.identification.problem.drive import Drive, responses
+from ipmclab.identification.problem.record import PreparedRun, drive, model_hold
+from ipmclab.model import Actuator
+from ipmclab.model.sensitivity import Kept, sensitivities
+from ipmclab.model.stages.circuit import CONTACT, Circuit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """One run's outputs and their derivatives, in SI units.
+
+    Parameters
+    ----------
+    values : float array, shape (n_output, n_time)
+    parameters : float array, shape (n_output, n_time, n_name)
+    states : float array, shape (n_output, n_time, n_amplitude)
+        For the starting amplitudes of this responder.
+    delay : float array, shape (n_output, n_time)
+        For the delay of the run's edges, where that is free.
+    """
+
+    values: FloatArray
+    parameters: FloatArray
+    states: FloatArray
+    delay: FloatArray
+
+
+class Responder(Protocol):
+    """Computes a run's outputs and their derivatives."""
+
+    def amplitudes(self, record: PreparedRun) -> int:
+        """How many starting amplitudes a run with a free start has."""
+
+    def start_columns(self, record: PreparedRun, values: Mapping[str, float], delay: float) -> FloatArray:
+        """How the outputs of a run at rest would change with its start, shape (n_output, n_time, n_column)."""
+
+    def initial_state(self, record: PreparedRun, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:
+        """The states of the actuator that starting amplitudes stand for [SI]."""
+
+    def respond(
+        self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
+    ) -> Response:
+        """The outputs of one run, in the order of its readings."""
+
+
+def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> Elements:
+    """The elements of a circuit in numbers, with a further series resistance."""
+    parts = Circuit(branches).elements(values)
+    return Elements(
+        parts.series.real + series,
+        parts.dc.real,
+        np.array([resistance.real for resistance in parts.branch_resistances]),
+        np.array([capacitance.real for capacitance in parts.branch_capacitances]),
+    )
+
+
+def lumped_derivatives(branches: int, values: Mapping[str, float], names: Sequence[str]) -> FloatArray:
+    """Derivatives of (series, log R_dc, log R_i, log C_i) with respect to parameters, by complex step.
+
+    Shape (2 + 2 n_branch, n_name).
+    """
+    if not names:
+        return np.zeros((2 + 2 * branches, 0))
+    steps = np.array([1e-30 * max(abs(values[name]), 1e-12) for name in names])
+    # All steps at once: each parameter is an array that has moved in its own column only.
+    moved: dict[str, Any] = dict(values)
+    for column, name in enumerate(names):
+        moved[name] = np.full(len(names), complex(values[name]))
+        moved[name][column] += 1j * steps[column]
+    parts = Circuit(branches).elements(moved)
+    elements = np.empty((2 + 2 * branches, len(names)), dtype=np.complex128)
+    for row, element in enumerate([parts.series, parts.dc, *parts.branch_resistances, *parts.branch_capacitances]):
+        elements[row] = element
+    columns: FloatArray = elements.imag / steps
+    columns[1:] /= elements.real[1:]
+    return columns
+
+
+class CircuitResponder:
+    """Current alone, from poles and residues. A start that is not rest is an amplitude of each mode [A]."""
+
+    def __init__(self, branches: int) -> None:
+        self._branches = branches
+        # The latest answers are kept: runs share their circuit, and a point is often asked again for other names.
+        self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
+        self._chains: dict[object, FloatArray] = {}
+        self._moved: dict[int, tuple[object, tuple[Drive, FloatArray, FloatArray]]] = {}
+
+    def _circuit(
+        self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str]
+    ) -> tuple[Admittance, FloatArray]:
+        """Poles and residues, and the derivatives of (direct, residues, poles) with respect to the parameters."""
+        point = tuple(values.values())
+        behind, asked = (record.series_resistance, point), (tuple(names), point)
+        if len(self._seen) + len(self._chains) > 16:
+            self._seen.clear()
+            self._chains.clear()
+        if behind not in self._seen:
+            self._seen[behind] = admittance(lumped(self._branches, values, record.series_resistance))
+        if asked not in self._chains:
+            self._chains[asked] = lumped_derivatives(self._branches, values, names)
+        seen, derivatives = self._seen[behind]
+        return seen, derivatives @ self._chains[asked]
+
+    def _responses(self, record: PreparedRun, poles: FloatArray, delay: float) -> tuple[Drive, FloatArray, FloatArray]:
+        key = (poles.tobytes(), delay, record.start)
+        kept = self._moved.get(record.place)
+        if kept is None or kept[0] != key:
+            given = drive(record, delay)
+            kept = key, (given, *responses(given, poles))
+            self._moved[record.place] = kept
+        return kept[1]
+
+    def amplitudes(self, record: PreparedRun) -> int:  # noqa: ARG002  # the protocol's signature
+        """One for each pole."""
+        return self._branches
+
+    def start_columns(self, record: PreparedRun, values: Mapping[str, float], delay: float) -> FloatArray:  # noqa: ARG002
+        """The decay of each mode."""
+        poles = admittance(lumped(self._branches, values, record.series_resistance))[0].poles
+        return np.exp(np.outer(record.run.time - record.run.time[0], poles))[None]
+
+    def initial_state(self, record: PreparedRun, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:
+        """Capacitor voltages [V]."""
+        voltages = capacitor_voltages(lumped(self._branches, values, record.series_resistance), start)
+        return dict(zip(Circuit(self._branches).state_names, map(float, voltages), strict=True))
+
+    def respond(
+        self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
+    ) -> Response:
+        """Current and its derivatives."""
+        seen, derivatives = self._circuit(record, values, names)
+        given, state, slope = self._responses(record, seen.poles, delay)
+        current = seen.direct * given.present + seen.residues @ state
+        by_pole = seen.residues[:, None] * slope
+        by_delay = np.zeros_like(current)
+        if record.delay_is_free:
+            # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
+            by_delay -= seen.residues @ (seen.poles[:, None] * state + given.present)
+        decay = np.zeros((self._branches, 0))
+        if record.start == "free":
+            free = start if len(start) else np.zeros(self._branches)
+            since = record.run.time - record.run.time[0]
+            decay = np.exp(np.outer(seen.poles, since))
+            current += free @ decay
+            by_pole += free[:, None] * since * decay
+            if record.delay_is_free:
+                by_delay += record.run.voltage[0] * (seen.residues @ decay)
+        by_coefficient = np.concatenate([given.present[None, :], state, by_pole])
+        # A row for each name, in which the least squares runs fastest.
+        by_name = derivatives.T @ by_coefficient
+        return Response(current[None], by_name.T[None], decay.T[None], by_delay[None])
+
+
+class ActuatorResponder:
+    """Any outputs, through the assembled actuator. A start that is not rest is a set of states."""
+
+    def __init__(self, actuator: Actuator) -> None:
+        self._actuator = actuator
+        self._bases: dict[int, FloatArray] = {}
+        self._latest: tuple[object, Actuator] | None = None
+        self._kept: Kept | None = None
+
+    def amplitudes(self, record: PreparedRun) -> int:
+        """As many as the readings of this run can tell apart."""
+        return int(self.basis(record).shape[1])
+
+    def basis(self, record: PreparedRun) -> FloatArray:
+        """Directions of the starting state that the readings can see, shape (n_states, n_amplitude)."""
+        return self._bases[record.place]
+
+    def prepare(self, record: PreparedRun, values: Mapping[str, float]) -> None:
+        """Choose the basis of a run with a free start, for parameters near the final ones."""
+        rest = np.zeros(len(self._actuator.state_names))
+        states = self._sensitivities(record, values, (), 0.0, rest, asked=("states",)).states
+        weighted = np.concatenate(
+            [
+                states[row][reading.exact] / max(reading.noise, 1e-300)
+                for row, reading in enumerate(record.readings.values())
+            ]
+        )
+        _, singular, directions = np.linalg.svd(weighted, full_matrices=False)
+        seen = singular > 1e-6 * singular[0]
+        self._bases[record.place] = directions[seen].T / singular[seen] * np.sqrt(len(weighted))
+
+    def start_columns(self, record: PreparedRun, values: Mapping[str, float], delay: float) -> FloatArray:
+        """The response to each state."""
+        rest = np.zeros(len(self._actuator.state_names))
+        return self._sensitivities(record, values, (), delay, rest, asked=("states",)).states
+
+    def initial_state(self, record: PreparedRun, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:  # noqa: ARG002
+        """The states that the readings can see; the others as small as they can be."""
+        state = self._bases[record.place] @ start
+        return dict(zip(self._actuator.state_names, map(float, state), strict=True))
+
+    def respond(
+        self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
+    ) -> Response:
+        """Outputs and their derivatives."""
+        basis = self._bases.get(record.place)
+        state = None if basis is None else basis @ start if len(start) else np.zeros(len(basis))
+        asked = [*(["states"] if basis is not None else []), *(["delay"] if record.delay_is_free else [])]
+        found = self._sensitivities(record, values, names, delay, state, asked=asked)
+        states = found.states @ basis if basis is not None else found.states[:, :, :0]
+        return Response(found.values, found.parameters, states, found.delay)
+
+    def _sensitivities(
+        self,
+        record: PreparedRun,
+        values: Mapping[str, float],
+        names: Sequence[str],
+        delay: float,
+        state: FloatArray | None,
+        *,
+        asked: Collection[str],
+    ) -> Response:
+
+        if self._kept is None:
+            self._kept = Kept()
+        found = sensitivities(
+            self._at(values, record.series_resistance),
+            tuple(names),
+            record.run.time,
+            record.run.voltage,
+            model_hold(record),
+            outputs=tuple(record.readings),
+            initial_state=state,
+            delay=delay,
+            asked=asked,
+            kept=self._kept,
+        )
+        return Response(found.values, found.parameters, found.states, found.delay)
+
+    def _at(self, values: Mapping[str, float], series_resistance: float) -> Actuator:
+        """The actuator with some parameters; the latest is kept, which runs share."""
+        key = tuple(values.values()), series_resistance
+        if self._latest is None or self._latest[0] != key:
+            changes = {name: value for name, value in values.items() if value != self._actuator[name]}
+            if series_resistance:
+                changes[CONTACT] = values[CONTACT] + series_resistance
+            self._latest = key, self._actuator.replace(**changes)
+        return self._latest[1]

@@ -1,0 +1,259 @@
+"""The unknowns of a fit as one vector: shared, per run, and what only an observation needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.free import FreeParameters, Prior
+from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, ending_of, mountings_of
+from ipmclab.model.declared import declaration_of
+from ipmclab.model.parameters import Parameter
+from ipmclab.model.stages.coupling import ZERO
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One entry of the vector that a fit moves.
+
+    Parameters
+    ----------
+    name : str
+        With its place where it belongs to one run: ``circuit.contact_resistance[0]``.
+    base : str
+        Without it.
+    place : int or None
+        The run, or None when several share it.
+    places : tuple of int or None
+        The runs that share it; None for all.
+    log : bool
+        Whether the entry is the logarithm of the value; else the value over ``scale``.
+    scale : float [SI]
+        What counts as a change of order one of a linear unknown.
+    lower, upper : float [SI]
+    nuisance : bool
+        Needed for the fit, but not asked for: starting states.
+    prior : pair of float, optional
+        Centre and standard deviation of what is known of the entry beforehand; of a delay, those of the range where it
+        lies, in which every value is as likely as another.
+    follows : mapping of name to pair of float
+        By how much that centre moves with the entry of another unknown, and the standard deviation of that one.
+    deviation : float, optional
+        Of what is known of the entry, with what it follows; counted from these where those are independent.
+    """
+
+    name: str
+    base: str
+    place: int | None
+    log: bool
+    scale: float
+    lower: float
+    upper: float
+    nuisance: bool = False
+    prior: tuple[float, float] | None = None
+    places: tuple[int, ...] | None = None
+    follows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    deviation: float | None = None
+
+    def belongs_to(self, place: int) -> bool:
+        """Whether it says something of a run."""
+        return place in self.places if self.places is not None else self.place in (None, place)
+
+    def entry(self, value: float) -> float:
+        """The entry of the vector for a value."""
+        return math.log(value) if self.log else value / self.scale
+
+    def value(self, entry: float) -> float:
+        """The value that an entry stands for, inside the bounds."""
+        value = math.exp(min(entry, 700.0)) if self.log else entry * self.scale
+        return min(max(value, self.lower), self.upper)
+
+    def chain(self, value: float) -> float:
+        """Derivative of the value with respect to its entry."""
+        return value if self.log else self.scale
+
+    def known(self, value: float, uncertainty: float) -> Unknown:
+        """The same with a prior: normal in the entry, and so log-normal in the value of a logarithm."""
+        return replace(self, prior=(self.entry(value), uncertainty / self.chain(value)))
+
+    @property
+    def beforehand(self) -> tuple[float, float] | None:
+        """Value and standard uncertainty that were known beforehand [SI]; None where that was nothing, or a range."""
+        if self.prior is None or self.base == "observation.delay":
+            return None
+        value = self.value(self.prior[0])
+        deviation = self.deviation
+        if deviation is None:
+            deviation = math.hypot(self.prior[1], *(slope * other for slope, other in self.follows.values()))
+        return value, deviation * self.chain(value)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Bounds of the entry."""
+        return self.entry(self.lower), self.entry(self.upper)
+
+
+_FAR: Final = 100.0  # Nyquist rates
+FARTHEST: Final = 6.0
+"""Standard uncertainties within which a number is sought that is free merely because it is uncertain."""
+
+_ALIKE: Final = 1e-9  # of a variance, that is left of it beside others: rounding of a covariance leaves no less
+
+
+def actuator_unknown(parameter: Parameter, place: int | None) -> Unknown:
+    """The unknown of one actuator parameter."""
+    name = parameter.name if place is None else f"{parameter.name}[{place}]"
+    declared = declaration_of(parameter.name)
+    least = None if declared is None else declared.least
+    log = parameter.transform == "log" or least is not None
+    scale = 1.0 if log or declared is None else declared.scale
+    lower = parameter.lower if least is None else max(parameter.lower, least)
+    return Unknown(name, parameter.name, place, log, scale, lower, parameter.upper)
+
+
+def with_known(unknowns: Sequence[Unknown], priors: Mapping[str, Prior]) -> list[Unknown]:
+    """The unknowns, with what is known of them beforehand."""
+    found = [u if u.base not in priors else u.known(priors[u.base].value, priors[u.base].uncertainty) for u in unknowns]
+    deviations = {u.base: (u.chain(priors[u.base].value), u.prior[1]) for u in found if u.prior is not None}
+    tied = [
+        replace(
+            u,
+            follows={
+                other: (slope * deviations[other][0] / deviations[u.base][0], deviations[other][1])
+                for other, slope in priors[u.base].follows.items()
+            },
+        )
+        if u.base in priors
+        else u
+        for u in found
+    ]
+    return [_within(u) if u.base in priors and priors[u.base].merely_uncertain else u for u in tied]
+
+
+def known_together(unknowns: Sequence[Unknown], covariance: Mapping[str, Mapping[str, float]]) -> list[Unknown]:
+    """Unknowns of which something is known beforehand, each following those before it with which it is wrong together.
+
+    Parameters
+    ----------
+    unknowns : sequence of Unknown
+        With a prior each, of its own standard deviation.
+    covariance : mapping of name to mapping of name to float [SI]
+        Of what is known, by ``base``.
+    """
+    names = [unknown.base for unknown in unknowns]
+    deviations = [unknown.prior[1] if unknown.prior is not None else math.inf for unknown in unknowns]
+    sizes = [math.sqrt(covariance[name][name]) for name in names]
+    together = np.array([[covariance[one][other] for other in names] for one in names]).reshape(len(names), len(names))
+    correlation = together / np.outer(sizes, sizes)
+    found: list[Unknown] = []
+    for place, unknown in enumerate(unknowns):
+        before = np.flatnonzero(correlation[place, :place])
+        if unknown.prior is None or not len(before):
+            found.append(unknown)
+            continue
+        aside = correlation[place, before]
+        weights = np.linalg.pinv(correlation[np.ix_(before, before)], rcond=_ALIKE, hermitian=True) @ aside
+        own = deviations[place] * math.sqrt(max(1.0 - float(weights @ aside), _ALIKE))
+        follows = {
+            names[other]: (float(weight) * deviations[place] / deviations[other], deviations[other])
+            for other, weight in zip(before, weights, strict=True)
+        }
+        centre = unknown.prior[0]
+        found.append(replace(unknown, prior=(centre, own), follows=follows, deviation=deviations[place]))
+    return found
+
+
+def _within(unknown: Unknown) -> Unknown:
+    """The unknown, not to be sought farther from what is known than any honest measurement lies."""
+    assert unknown.beforehand is not None
+    value, uncertainty = unknown.beforehand
+    reach = FARTHEST * uncertainty
+    return replace(unknown, lower=max(unknown.lower, value - reach), upper=min(unknown.upper, value + reach))
+
+
+def unknowns_of(
+    free: FreeParameters,
+    parameters: Mapping[str, Parameter],
+    records: Sequence[PreparedRun],
+    *,
+    states: Mapping[int, int] | None = None,
+    delays: Mapping[int, EdgeDelay] | None = None,
+) -> tuple[Unknown, ...]:
+    """Every unknown, in a fixed order.
+
+    Parameters
+    ----------
+    free : FreeParameters
+    parameters : mapping of name to Parameter
+    records : sequence of PreparedRun
+    states : mapping of place to int
+        Number of unknown starting amplitudes of the runs that do not start from rest.
+    delays : mapping of place to EdgeDelay
+        What is known beforehand of the edges of foreign records.
+    """
+    delays = delays or {record.place: record.at_its_rows for record in records if record.delay_is_free}
+    foreign = sum(record.delay_is_free for record in records)
+    found = [actuator_unknown(parameters[name], None) for name in free.shared]
+    rates = [record.run.rate for record in records if {"force", "displacement"} & set(record.readings)]
+    if rates:
+        # A zero far beyond the Nyquist rate cannot be seen: without a bound it runs away.
+        found = [replace(u, upper=min(u.upper, _FAR * math.pi * max(rates))) if u.base == ZERO else u for u in found]
+    for name in free.per_run:
+        found += [actuator_unknown(parameters[name], record.place) for record in records]
+    for name in free.per_mounting:
+        for mounting, places in mountings_of(records).items():
+            shared = actuator_unknown(parameters[name], None)
+            found.append(replace(shared, name=f"{name}{ending_of(mounting)}", places=places))
+    found = with_known(found, free.priors)
+    if free.together:
+        tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
+        found = [tied.get(u.name, u) for u in found]
+    for record in records:
+        if record.delay_is_free:
+            reach = LONGEST_DELAY * record.period
+            known = delays[record.place]
+            found.append(
+                Unknown(
+                    f"observation.delay[{record.place}]",
+                    "observation.delay",
+                    record.place,
+                    log=False,
+                    scale=record.period,
+                    lower=-reach,
+                    upper=reach,
+                    # Steps show how their edges lie to each other, and so the rows of all of them confine one
+                    # common shift: that their limits agree is no reason to believe in the middle between them.
+                    prior=(known.value / record.period, known.error * math.sqrt(foreign) / record.period),
+                )
+            )
+    for what in ("offset", "drift"):
+        for record in records:
+            duration = float(record.run.time[-1] - record.run.time[0])
+            for output, reading in record.readings.items():
+                base = f"observation.{what}.{output}"
+                if base not in free.observation and (what, output) not in record.unsettled:
+                    continue
+                scale = float(np.ptp(reading.values[reading.used])) or 1.0
+                found.append(
+                    Unknown(
+                        f"{base}[{record.place}]",
+                        base,
+                        record.place,
+                        log=False,
+                        scale=scale if what == "offset" else scale / duration,
+                        lower=-math.inf,
+                        upper=math.inf,
+                    )
+                )
+    for place, count in (states or {}).items():
+        for number in range(count):
+            base = f"observation.initial_state.{number}"
+            found.append(Unknown(f"{base}[{place}]", base, place, False, 1.0, -math.inf, math.inf, nuisance=True))
+    return tuple(found)

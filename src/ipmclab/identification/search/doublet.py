@@ -1,0 +1,115 @@
+"""A pole of the coupling beside its zero: a slow part of force or motion that need not be of the coupling at all.
+
+A zero that nearly cancels a pole leaves one pole for everything fast, and a slow part of a few percent. Noise looks
+like such a part somewhere, and so does a circuit that is held a percent or two off: the drop over the electrodes
+follows the current. A fit of the readings without it is then as good, though it lies higher than the chi-square of one
+parameter allows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.stated import stated_covariance
+from ipmclab.identification.search.solve import Solution, entry_errors
+from ipmclab.identification.search.valleys import SURE, SURELY_SOMEWHERE, Rival
+from ipmclab.model import Actuator
+
+FloatArray = npt.NDArray[np.float64]
+
+_BESIDE: Final = 0.1  # of a pole: a zero nearer than that leaves a slow part of less than a tenth of d(0)
+_HELD: Final = 0.02  # of what is held without a stated uncertainty: as well as four probes and a fit know it
+_CIRCUIT: Final = ("circuit.", "leak.")
+
+COUPLING: Final = ("coupling.gain", "coupling.zero", "coupling.p1", "coupling.p2")
+"""The parameters of d(s)."""
+
+
+def has_doublet(values: Mapping[str, float]) -> bool:
+    """Whether a real pole of d(s) = K_d (s + Z_d)/(s^2 + P_1d s + P_2d) lies beside its zero.
+
+    Parameters
+    ----------
+    values : mapping of name to float [SI]
+
+    Examples
+    --------
+    >>> from ipmclab.identification.search.doublet import has_doublet
+    >>> has_doublet({"coupling.zero": 0.1, "coupling.p1": 2.9, "coupling.p2": 0.28})
+    True
+    """
+    zero, p1, p2 = (values[f"coupling.{name}"] for name in ("zero", "p1", "p2"))
+    under = 0.25 * p1**2 - p2
+    if under < 0.0:
+        return False
+    fast = 0.5 * p1 + math.sqrt(under)
+    return any(abs(zero - pole) < _BESIDE * pole for pole in (fast, p2 / fast))
+
+
+def without_doublet(problem: Problem, solution: Solution, other: Solution, actuator: Actuator) -> Rival | None:
+    """Another minimum, where the readings tell the solution from it by a doublet alone that need not be there.
+
+    Both are compared with the circuit that is held moved as far as it may be off: by its stated uncertainty (together
+    what an earlier fit found together), else by 2 %, to first order.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+        The lowest minimum.
+    other : Solution
+    actuator : Actuator
+        With the uncertainties that are stated.
+    """
+    place = problem.records[0].place
+    if not has_doublet(problem.values(solution.theta, place)) or has_doublet(problem.values(other.theta, place)):
+        return None
+    free = {unknown.base for unknown in problem.unknowns}
+    known = actuator.parameter_values
+    held = {
+        name: value
+        for name, value in problem.base.items()
+        if name.startswith(_CIRCUIT) and name not in free and value and name in known
+    }
+    off = _may_be_off(actuator, held)
+    variance = solution.evaluation.cost / len(solution.evaluation.residual)
+    costs = [_loosened(problem, one, list(held), off, variance) for one in (solution, other)]
+    if costs[1] - costs[0] > SURELY_SOMEWHERE * variance:
+        return None
+    return Rival.of(problem, other.theta, entry_errors(other.evaluation) * math.sqrt(variance * SURE))
+
+
+def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:
+    """By how much each value that is held [SI] is off as each of as many independent causes is one deviation off."""
+    stated = actuator.standard_uncertainties
+    found = np.diag([stated.get(name) or _HELD * abs(value) for name, value in held.items()])
+    told = [number for number, name in enumerate(held) if stated.get(name)]
+    table = stated_covariance(actuator, [name for name in held if stated.get(name)])
+    together = np.array([list(row.values()) for row in table.values()]).reshape(len(told), len(told))
+    if np.count_nonzero(together - np.diag(together.diagonal())):
+        size = np.sqrt(together.diagonal())
+        spread, vectors = np.linalg.eigh(together / np.outer(size, size))
+        found[np.ix_(told, told)] = size[:, None] * vectors * np.sqrt(np.maximum(spread, 0.0))
+    return found
+
+
+def _loosened(problem: Problem, solution: Solution, held: Sequence[str], off: FloatArray, variance: float) -> float:
+    """The least cost with what is held free to move about its value, to first order."""
+    if not held:
+        return solution.evaluation.cost
+    moved = problem.fixed_jacobian(solution.theta, held) @ off
+    beside = solution.evaluation.jacobian
+    columns = np.hstack([beside, moved])
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    known = np.hstack([np.zeros((len(held), beside.shape[1])), math.sqrt(variance) * np.eye(len(held))]) / size
+    rows = np.vstack([columns / size, known])
+    residual = np.concatenate([solution.evaluation.residual, np.zeros(len(held))])
+    step = np.linalg.lstsq(rows, residual, rcond=1e-8)[0]
+    left = residual - rows @ step
+    return float(left @ left)

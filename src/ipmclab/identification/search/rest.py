@@ -1,0 +1,73 @@
+"""Whether a run began at rest, and whether a sensor's zero is at zero: asked of the readings themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import ASSUMED_REST
+from ipmclab.identification.search.solve import Solution
+
+FloatArray = npt.NDArray[np.float64]
+
+REJECT: Final = 1e-3
+"""An assumption is given up when the readings would be this rare under it."""
+
+_BLIND: Final = 1e-4  # part of a column that the free parameters do not imitate, below which it says nothing
+
+
+def not_at_rest(problem: Problem, solution: Solution) -> set[int]:
+    """Places of runs whose readings contradict the start from rest that was assumed (F test)."""
+    tested = [record for record in problem.records if record.start == ASSUMED_REST]
+    if not tested:
+        return set()
+    theta, residual = solution.theta, solution.evaluation.residual
+    basis = np.linalg.qr(solution.evaluation.jacobian)[0]
+    found: set[int] = set()
+    for record in tested:
+        by_state = problem.responder.start_columns(
+            record, problem.values(theta, record.place), problem.delay(theta, record)
+        )
+        columns = np.zeros((len(residual), by_state.shape[2]))
+        for row, (output, reading) in enumerate(record.readings.items()):
+            piece = problem.pieces[record.place, output]
+            columns[piece] = by_state[row][reading.used] / problem.noise[record.place, output]
+        if _explains(columns, basis, residual, len(theta)):
+            found.add(record.place)
+    return found
+
+
+def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unknowns: int) -> bool:
+    """Whether adding columns to a linearised fit, whose Jacobian has the orthonormal ``basis``, explains too much."""
+    from scipy.special import fdtrc
+
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, size > 0] / size[size > 0]
+    if not columns.shape[1]:
+        return False
+    vectors, singular, _ = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
+    vectors = vectors[:, singular > _BLIND]
+    added = vectors.shape[1]
+    freedom = len(residual) - unknowns - added
+    if not added or freedom < 1:
+        return False
+    explained = float(np.sum((vectors.T @ residual) ** 2))
+    remaining = max(float(residual @ residual) - explained, 1e-300)
+    return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
+
+
+def is_idle(solution: Solution, columns: Sequence[int]) -> bool:
+    """Whether some linear unknowns could as well be zero: what the fit would lose without them is within the noise."""
+    from scipy.special import chdtrc
+
+    chosen = np.array(columns)
+    jacobian = solution.evaluation.jacobian
+    others = np.delete(jacobian, chosen, axis=1)
+    basis = np.linalg.qr(others)[0]
+    share = jacobian[:, chosen] @ solution.theta[chosen]
+    lost = share - basis @ (basis.T @ share)
+    return bool(chdtrc(len(chosen), float(lost @ lost)) > REJECT)

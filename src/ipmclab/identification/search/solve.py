@@ -1,0 +1,287 @@
+"""Minimise a weighted least-squares problem inside its bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Evaluation, Problem
+
+FloatArray = npt.NDArray[np.float64]
+
+STRUCTURAL: Final = 1e-7
+"""A singular value below this part of the largest is a direction that no amount of such data determines."""
+
+_SHARP: Final = 1e5
+"""What is known that well is as good as exact: ``STRUCTURAL`` times as well is to within a factor of e^100."""
+
+NEGLIGIBLE: Final = 1e-6
+"""A decrease of the cost that moves no parameter by a thousandth of its standard error."""
+
+SETTLED: Final = 1e-9
+"""Of a standard error: a step shorter than that is none."""
+
+_FAR: Final = 1.0  # standard errors: from farther away a search has not ended
+_MOST_STEPS: Final = 12
+_NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
+_ASIDE: Final = 1e-6  # so far inside the bound it stays
+
+_REASONS: Final = {
+    0: "the limit of evaluations was reached before the cost stopped falling",
+    1: "the gradient vanished",
+    2: "the cost stopped falling",
+    3: "the parameters stopped moving",
+    4: "the cost and the parameters stopped moving",
+}
+
+
+class Solvable(Protocol):
+    """What can be minimised: weighted residuals inside bounds."""
+
+    lower: FloatArray
+    upper: FloatArray
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian."""
+
+
+class Pinned:
+    """A problem with one entry held."""
+
+    def __init__(self, problem: Solvable, place: int, entry: float) -> None:
+        self._problem, self._place, self._entry = problem, place, entry
+        self.lower, self.upper = np.delete(problem.lower, place), np.delete(problem.upper, place)
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian of the others."""
+        full = self._problem.evaluate(np.insert(theta, self._place, self._entry))
+        return Evaluation(np.delete(full.rows, self._place, axis=0), full.beforehand)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A minimum, or the best point where the search ended.
+
+    ``evaluations`` counts how often the model was run on all records.
+    """
+
+    theta: FloatArray
+    evaluation: Evaluation
+    converged: bool
+    message: str
+    evaluations: int
+
+
+def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None, *, steps: int = 12) -> Solution | None:
+    """Gauss-Newton steps from a point near the minimum; None where they leave the bounds or do not lower the cost.
+
+    Along directions of which the readings say nothing the step is zero.
+
+    Parameters
+    ----------
+    problem : Solvable
+    theta : float array, shape (n_unknown,)
+    here : Evaluation, optional
+        At ``theta``, where it is known already.
+    steps : int
+        Limit of evaluations.
+    """
+    if not _is_inside(problem, theta):
+        return None
+    spent = 0
+    if here is None:
+        here, spent = problem.evaluate(theta), 1
+    for _ in range(steps):
+        step, expected = _gauss_newton(here)
+        if expected <= max(NEGLIGIBLE, 1e-12 * here.cost):
+            return Solution(theta, here, True, _REASONS[1], spent)
+        trial = theta + step
+        if not _is_inside(problem, trial) or np.abs(step).max() > 3.0:
+            return None
+        there = problem.evaluate(trial)
+        spent += 1
+        if not there.cost < here.cost:
+            stopped = expected <= 1e-9 * here.cost
+            return Solution(theta, here, True, _REASONS[2], spent) if stopped else None
+        theta, here = trial, there
+    return None
+
+
+def settled(problem: Solvable, solution: Solution) -> Solution:
+    """The minimum itself, wherever near it a search has stopped.
+
+    A search ends where nothing is left to gain. How near that is to the minimum hangs on its path, and that on the
+    last bits of the processor's arithmetic. Gauss-Newton steps go on from there, each shorter than the one before,
+    until a step is below ``SETTLED`` standard errors. What presses on its bound stays there; along directions of which
+    the readings say nothing no step is made.
+    """
+    theta, here, spent = solution.theta, solution.evaluation, solution.evaluations
+    if not len(theta):
+        return solution
+    step, length = _step_beside_bounds(problem, theta, here)
+    if not length < _FAR:
+        return solution
+    for _ in range(_MOST_STEPS):
+        if length <= SETTLED:
+            break
+        there = problem.evaluate(theta + step)
+        spent += 1
+        following, left = _step_beside_bounds(problem, theta + step, there)
+        if not left < length:
+            break
+        theta, here, step, length = theta + step, there, following, left
+    return replace(solution, theta=theta, evaluation=here, evaluations=spent)
+
+
+def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:
+    """A Gauss-Newton step that leaves no bound, and its length in standard errors."""
+    step, _ = _gauss_newton(here)
+    trial = theta + step
+    low = (trial < problem.lower + _ASIDE) & (theta < problem.lower + _NEAR)
+    high = (trial > problem.upper - _ASIDE) & (theta > problem.upper - _NEAR)
+    held = low | high
+    if held.any():
+        aside = np.where(low, problem.lower + _ASIDE, np.where(high, problem.upper - _ASIDE, theta)) - theta
+        free = np.flatnonzero(~held)
+        rows = np.vstack([here.rows[free], here.rows[-1] + aside[held] @ here.rows[:-1][held]])
+        step = aside
+        step[free] = _gauss_newton(Evaluation(rows, here.beforehand))[0] if len(free) else 0.0
+        trial = theta + step
+    if ((trial < problem.lower) | (trial > problem.upper)).any():
+        return step, np.inf  # a bound lies between: the search has said what there is to say
+    scale = np.sqrt(max(here.cost / max(len(here.residual) - len(theta), 1), 1e-300))
+    return step, float(np.linalg.norm(here.triangle[:, :-1] @ step)) / scale
+
+
+def _is_inside(problem: Solvable, theta: FloatArray) -> bool:
+    return bool(((problem.lower < theta) & (theta < problem.upper)).all())
+
+
+def _gauss_newton(here: Evaluation) -> tuple[FloatArray, float]:
+    """The step, and the decrease of the cost that it promises."""
+    singular, directions, right, size = here.scaled_spectrum
+    kept = singular > STRUCTURAL * singular.max(initial=0.0)
+    turned = right[kept]
+    return -(directions[kept].T @ (turned / singular[kept])) / size, float(turned @ turned)
+
+
+def known_beforehand(here: Evaluation) -> float:
+    """How many of the unknowns were known beforehand rather than fed by readings: the leverage of those rows."""
+    if not here.beforehand:
+        return 0.0
+    singular, directions, _, size = here.scaled_spectrum
+    kept = singular > STRUCTURAL * singular.max(initial=0.0)
+    rows = here.jacobian[-here.beforehand :] / size
+    return float(np.sum((rows @ directions[kept].T / singular[kept]) ** 2))
+
+
+def entry_errors(here: Evaluation) -> FloatArray:
+    """Standard error of each entry, infinite where a direction of which the readings say nothing moves it."""
+    singular, directions, _, size = here.scaled_spectrum
+    kept = singular > STRUCTURAL * singular.max(initial=0.0)
+    errors = np.sqrt(((directions[kept] / singular[kept, None]) ** 2).sum(axis=0)) / size
+    moved = (np.abs(directions[~kept]) > 1e-3).any(axis=0)
+    return np.where(moved, np.inf, errors)
+
+
+def settle(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
+    """Along directions of which the readings say nothing, move to the point nearest to a reference.
+
+    Such directions bend: each short step along them is followed by steps back to the minimum.
+    """
+    reach = 0.5
+    spent = solution.evaluations
+    for _ in range(60):
+        null = null_directions(solution.evaluation)
+        move = null.T @ (null @ (reference - solution.theta))
+        length = float(np.linalg.norm(move))
+        if length < 1e-4 or reach < 1e-3:
+            break
+        trial = solution.theta + move * min(1.0, reach / length)
+        inside = np.clip(trial, problem.lower + 1e-6, problem.upper - 1e-6)
+        back = polish(problem, inside)
+        gained = (
+            back is not None
+            and back.evaluation.cost <= solution.evaluation.cost + 1e-3 + 1e-9 * solution.evaluation.cost
+        )
+        if back is not None and gained and _distance(back.theta, reference) < _distance(solution.theta, reference):
+            solution = back
+            spent += back.evaluations
+        else:
+            reach *= 0.5
+    return replace(solution, evaluations=spent)
+
+
+def _distance(theta: FloatArray, reference: FloatArray) -> float:
+    return float(np.linalg.norm(theta - reference))
+
+
+def null_directions(here: Evaluation) -> FloatArray:
+    """Unit vectors along which the readings say nothing, shape (n_null, n_unknown)."""
+    singular, directions = here.spectrum
+    found: FloatArray = directions[singular <= least_seen(here, singular[0])]
+    return found
+
+
+def least_seen(here: Evaluation, largest: float) -> float:
+    """The singular value up to which a direction is one of which the readings say nothing.
+
+    That is a part of the largest, unless that is of something that was known beforehand, far better than the readings
+    know anything: then they are held against what they themselves know best.
+    """
+    if largest <= _SHARP or not here.beforehand:
+        return STRUCTURAL * largest
+    known, read = here.rows[:-1, -here.beforehand :], here.rows[:-1, : -here.beforehand]
+    if np.abs(known).max(initial=0.0) <= 0.5 * largest:
+        return STRUCTURAL * largest
+    best = float(np.sqrt((read * read).sum(axis=1).max(initial=0.0)))
+    rounding = len(read) * float(np.finfo(np.float64).eps) * largest
+    return max(STRUCTURAL * max(best, _SHARP), rounding)
+
+
+def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, tolerance: float = 1e-10) -> Solution:
+    """Trust-region reflective least squares with the exact Jacobian (SciPy's TRF).
+
+    Parameters
+    ----------
+    problem : Solvable
+    theta : float array, shape (n_unknown,)
+        Where the search starts; it is moved inside the bounds.
+    evaluations : int
+        Limit of model evaluations.
+    tolerance : float
+        The search ends when a step lowers the cost by less than this part of it, or moves the entries by less than
+        this part of their length. At a minimum with large residuals steps shrink only by a constant factor, and the
+        entries then have about half as many digits as the tolerance.
+    """
+    from scipy.optimize import least_squares
+
+    kept: dict[bytes, Evaluation] = {}
+
+    def at(point: FloatArray) -> Evaluation:
+        key = point.tobytes()
+        if key not in kept:
+            kept.clear()
+            kept[key] = problem.evaluate(point)
+        return kept[key]
+
+    finite = np.isfinite(problem.upper - problem.lower)
+    # A wide range is no reason to start far from its end.
+    margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
+    inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
+    # Turned by the Q of its own point, residual and Jacobian are a few rows with the same cost and the same steps.
+    found = least_squares(
+        lambda point: at(point).triangle[:, -1],
+        inside,
+        jac=lambda point: at(point).triangle[:, :-1],
+        bounds=(problem.lower, problem.upper),
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
+        max_nfev=evaluations,
+    )
+    return Solution(found.x, at(found.x), found.status > 0, _REASONS[found.status], int(found.nfev))

@@ -1,0 +1,247 @@
+"""Where a fit starts: found from the data, never from the values of the free parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.record import EdgeDelay, PreparedRun
+from ipmclab.identification.problem.response import lumped
+from ipmclab.identification.search.starts.start_circuit import circuit_values, find_circuit
+from ipmclab.identification.search.starts.start_coupling import coupling_starts
+from ipmclab.identification.search.starts.start_further import further_starts, without_further
+from ipmclab.identification.search.starts.start_leak import leak_starts
+from ipmclab.identification.search.starts.start_relaxation import relaxation_start
+from ipmclab.identification.search.starts.start_viscoelastic import viscoelastic_starts
+from ipmclab.model import Actuator, geometry
+
+_SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
+"""Parts of the first resistance V/I(0+) that are tried as series resistance where it is free."""
+
+_SERIES: Final = frozenset({"circuit.sheet_resistance", "circuit.contact_resistance"})
+
+_DIRECT_SHARES: Final = (0.5, 0.95, 0.1)
+"""Shares of the clamped section that are tried as fed at once."""
+
+_LEAK_STARTS: Final = 2
+"""Leaks that are tried for each series resistance; one more where that is known."""
+
+_SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
+
+_ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)
+"""Zeros of the coupling that are tried, in Nyquist rates."""
+
+
+@dataclass(frozen=True)
+class StartingPoint:
+    """Values of the free actuator parameters and of the delays of foreign records.
+
+    ``exact`` when the point is already the least-squares solution of the circuit.
+    """
+
+    values: Mapping[str, float]
+    delays: Mapping[int, EdgeDelay]
+    exact: bool = False
+
+
+def starting_points(
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], circuit: StartingPoint | None = None
+) -> list[StartingPoint]:
+    """Starting points, the most likely first; around a circuit where that is found already."""
+    free = set(names.actuator)
+    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
+    usual = _usual(actuator, free)
+    bases = [usual]
+    exact = False
+    if circuit is not None:
+        bases = [{**usual, **circuit.values}]
+        delays.update(circuit.delays)
+    elif any(name.startswith("circuit.") for name in free):
+        with_current = [record for record in records if "current" in record.readings]
+        series_known = None
+        if not free & _SERIES:
+            series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
+        found = find_circuit(with_current, actuator.circuit.branches, series_known)
+        delays.update(found.delays)
+        seen = found.admittance
+        bases = []
+        for series_values in _series_values(actuator, free, usual, seen.direct):
+            values = {**actuator.parameter_values, **usual, **series_values}
+            if actuator.structure.leak:
+                bases += _with_leak(actuator, free, with_current, delays, {**usual, **series_values})
+                continue
+            series = lumped(actuator.circuit.branches, values, with_current[0].series_resistance).series
+            electric, exact = circuit_values(seen, values, series)
+            bases.append({**usual, **series_values, **electric})
+    elif any(name.startswith("leak.") for name in free):
+        with_current = [record for record in records if "current" in record.readings]
+        bases = _with_leak(actuator, free, with_current, delays, usual)
+    share = "clamp.direct_share"
+    if share in free and circuit is None:
+        bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
+    points = []
+    known = {record.place: record.known_delay for record in records if record.known_delay is not None}
+    shifts = {**known, **{place: delay.value for place, delay in delays.items()}}
+    only_electrical = exact and _only_electrical(actuator, free, records)
+    for base in bases:
+        strip = actuator.replace(**_allowed(actuator, {**base, **without_further(actuator, free)}))
+        for motion in _motion_starts(strip, free, records, shifts):
+            moving = strip.replace(**_allowed(strip, motion))
+            for further in further_starts(moving, free, records, shifts):
+                points.append(StartingPoint({**base, **motion, **further}, delays, only_electrical))
+    return points
+
+
+def known_first(
+    actuator: Actuator, names: FreeParameters, records: Sequence[PreparedRun], circuit: StartingPoint | None
+) -> list[StartingPoint]:
+    """Starting points; where something is known beforehand, first those that hold it while they look for the rest."""
+    points = starting_points(actuator, names, records, circuit)
+    if not names.priors:
+        return points
+    known = {name: prior.value for name, prior in names.priors.items()}
+    rest = replace(
+        names,
+        shared=tuple(name for name in names.shared if name not in known),
+        per_run=tuple(name for name in names.per_run if name not in known),
+        per_mounting=tuple(name for name in names.per_mounting if name not in known),
+    )
+    about = starting_points(actuator.replace(**_allowed(actuator, known)), rest, records, circuit)
+    return [*(replace(point, values={**point.values, **known}) for point in about), *points]
+
+
+def _with_leak(
+    actuator: Actuator,
+    free: set[str],
+    records: Sequence[PreparedRun],
+    delays: Mapping[int, EdgeDelay],
+    base: Mapping[str, float],
+) -> list[dict[str, float]]:
+    """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
+    strip = actuator.replace(**_allowed(actuator, base))
+    located = {place: delay.value for place, delay in delays.items()}
+    most = _LEAK_STARTS if free & _SERIES else _LEAK_STARTS + 1
+    starts = leak_starts(strip, free, records, located, most)
+    return [{**base, **_freed(start, free)} for start in starts]
+
+
+def _usual(actuator: Actuator, free: set[str]) -> dict[str, float]:
+    """A usual size of each free parameter that has one; what the readings tell of it comes over it."""
+    found = {}
+    for name in sorted(free):
+        usual = actuator.structure.declarations[name].usual
+        if usual is not None:
+            found[name] = usual
+    return found
+
+
+def _motion_starts(
+    strip: Actuator, free: set[str], records: Sequence[PreparedRun], shifts: Mapping[int, float]
+) -> list[dict[str, float]]:
+    """Values of what only displacement and force show, for a circuit that is known; one empty where nothing is free."""
+    starts: list[dict[str, float]] = [{}]
+    relaxing = {name.split(".")[1].removesuffix("_pair") for name in free if name.startswith("relaxation.")}
+    if any(name.startswith("coupling.") for name in free):
+        starts = coupling_starts(strip, records, shifts, stiffness_is_free="beam.modulus" in free)
+    elif relaxing:
+        starts = [relaxation_start(strip, records, shifts, sorted(relaxing))]
+    if any(name.startswith("viscoelastic.") for name in free):
+        moved = [record for record in records if {"displacement", "force"} & set(record.readings)]
+        starts = [
+            {**start, **visco}
+            for start in starts
+            for visco in viscoelastic_starts(strip.replace(**_allowed(strip, _freed(start, free))), moved, shifts)
+        ]
+    return [_freed(start, free) for start in starts]
+
+
+def _freed(values: Mapping[str, float], free: set[str]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if name in free}
+
+
+def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[PreparedRun]) -> bool:
+    """Whether the poles and residues of all currents together are the whole problem."""
+    electrical = {n for n in actuator.parameter_values if n.startswith("circuit.branches.")} | {
+        "circuit.dc_resistivity"
+    }
+    return free == electrical and len({record.series_resistance for record in records}) == 1
+
+
+def _allowed(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+    parameters = actuator.parameters()
+    return {
+        name: float(np.clip(value, parameters[name].lower, parameters[name].upper)) for name, value in values.items()
+    }
+
+
+def _series_values(
+    actuator: Actuator, free: set[str], base: Mapping[str, float], direct: float
+) -> list[dict[str, float]]:
+    """Values of the free ones of sheet and contact resistance; one empty mapping where both are fixed."""
+    sheet, contact = "circuit.sheet_resistance" in free, "circuit.contact_resistance" in free
+    if not sheet and not contact:
+        return [{}]
+    values = {**actuator.parameter_values, **base}
+    squares = 2.0 * float(np.real(geometry.squares(values)))
+    first = 1.0 / max(direct, 1e-12)
+    found = []
+    for part in _SERIES_PARTS:
+        series = part * first
+        if sheet and contact:
+            found.append(
+                {"circuit.sheet_resistance": 0.9 * series / squares, "circuit.contact_resistance": 0.1 * series}
+            )
+        elif sheet:
+            rest = max(series - values["circuit.contact_resistance"], 0.05 * series)
+            found.append({"circuit.sheet_resistance": rest / squares})
+        else:
+            rest = max(series - values["circuit.sheet_resistance"] * squares, 0.01 * series)
+            found.append({"circuit.contact_resistance": rest})
+    return found
+
+
+def leak_shares(actuator: Actuator, values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Circuits that differ in how the leak and the slowest branch share the current that remains.
+
+    Where a record is short for the slowest branch they all look alike.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    values : mapping of name to float [SI]
+        Every parameter, at a solution.
+    """
+    slow = max(
+        range(actuator.circuit.branches),
+        key=lambda i: values[f"circuit.branches.{i}.resistivity"] * values[f"circuit.branches.{i}.permittivity"],
+    )
+    resistivity, permittivity = (values[f"circuit.branches.{slow}.{what}"] for what in ("resistivity", "permittivity"))
+    conductivity = 1.0 / values["circuit.dc_resistivity"] + 1.0 / resistivity
+    found = []
+    for share in _SHARES:
+        changed = 1.0 / ((1.0 - share) * conductivity)
+        found.append(
+            {
+                "circuit.dc_resistivity": 1.0 / (share * conductivity),
+                f"circuit.branches.{slow}.resistivity": changed,
+                # The slope with which the current begins to fall stays as it is.
+                f"circuit.branches.{slow}.permittivity": permittivity * (resistivity / changed) ** 2,
+            }
+        )
+    return found
+
+
+def other_zeros(values: Mapping[str, float], records: Sequence[PreparedRun]) -> list[dict[str, float]]:
+    """Couplings with the zero elsewhere and the same K_d Z_d: where the zero is too fast to be seen they look alike."""
+    level = values["coupling.gain"] * values["coupling.zero"]
+    nyquist = fastest_rate(records)
+    return [{"coupling.zero": part * nyquist, "coupling.gain": level / (part * nyquist)} for part in _ZEROS]
+
+
+def fastest_rate(records: Sequence[PreparedRun]) -> float:
+    """The highest Nyquist rate [1/s] of the records that show motion."""
+    return float(np.pi * max(record.run.rate for record in records if {"force", "displacement"} & set(record.readings)))

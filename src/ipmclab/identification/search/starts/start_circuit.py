@@ -1,0 +1,183 @@
+"""A circuit found from currents alone: no starting values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.admittance import Admittance, Elements, elements
+from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, drive
+from ipmclab.identification.search.varpro import PoleFit, SearchedRun, search_poles
+from ipmclab.model import geometry
+from ipmclab.run import Run
+
+FloatArray = npt.NDArray[np.float64]
+
+_DELAY_PARTS: Final = 4  # trials within each row
+_LEAST_DIRECT: Final = 1e-12  # S, where the current reads zero throughout
+_NEARLY_ALL: Final = 0.97  # largest part of the first resistance that may lie in series with the branches
+_ROWS_AFTER_EDGE: Final = 2500
+_SAME_COST: Final = 4.0  # of chi-square: two standard deviations
+
+
+@dataclass(frozen=True, eq=False)
+class CircuitStart:
+    """What the currents show of the circuit, and where the edges of foreign records lie."""
+
+    found: PoleFit
+    delays: Mapping[int, EdgeDelay]
+
+    @property
+    def admittance(self) -> Admittance:
+        """Poles and residues."""
+        return _admittance(self.found)
+
+
+def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) -> list[SearchedRun]:
+    """The currents of these records, ready for the search of poles."""
+    found = []
+    for record in records:
+        reading = record.readings.get("current")
+        if reading is None:
+            continue
+        weight = np.where(reading.exact, 1.0 / max(reading.noise, 1e-300), 0.0)
+        found.append(
+            SearchedRun(
+                drive(record, delays.get(record.place, 0.0)),
+                record.run.time - record.run.time[0],
+                reading.values,
+                weight,
+                record.start == "free",
+            )
+        )
+    return found
+
+
+def find_circuit(records: Sequence[PreparedRun], branches: int, series: float | None) -> CircuitStart:
+    """Poles and residues of the current, with the edges of foreign records located on the way.
+
+    Parameters
+    ----------
+    records : sequence of PreparedRun
+        Those with a current.
+    branches : int
+    series : float [ohm] or None
+        Electrodes and contact, where they are known: they tell which delays belong to a circuit that can exist.
+    """
+    delays = {record.place: record.at_its_rows for record in records if record.delay_is_free}
+    timed = [record for record in records if not record.delay_is_free]
+    for record in records:
+        if record.place in delays and record.shows_edges:
+            # Each by itself: beside another whose edges are no better known it would only seem to be located.
+            delays[record.place] = _locate([*timed, record], record, branches, series)
+    return CircuitStart(_search(records, {place: delay.value for place, delay in delays.items()}, branches), delays)
+
+
+def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, series: float | None) -> EdgeDelay:
+    """The delays of one record that its readings allow, as a rectangular distribution.
+
+    Rows on both sides of a step confine its edge, but where it lies between them a step alone does not show: every
+    such delay has its circuit, and some of these circuits cannot exist.
+    """
+    records = [_beginning(one) for one in records]
+    steps = np.arange(-LONGEST_DELAY * _DELAY_PARTS, LONGEST_DELAY * _DELAY_PARTS + 1) / _DELAY_PARTS
+    tried = [_search(records, {record.place: float(step) * record.period}, branches, tries=1) for step in steps]
+    costs = np.array([found.cost for found in tried])
+    best = int(np.argmin(costs))
+    readings = sum(int(np.count_nonzero(r.readings["current"].exact)) for r in records)
+    allowed = costs <= costs[best] * (1.0 + _SAME_COST / readings)
+    first = last = best
+    while first > 0 and allowed[first - 1]:
+        first -= 1
+    while last < len(steps) - 1 and allowed[last + 1]:
+        last += 1
+    chosen = np.arange(first, last + 1)
+    if series is not None:
+        total = series + record.series_resistance
+        physical = [place for place in chosen if elements(total, _admittance(tried[place])).is_physical()]
+        chosen = np.array(physical or chosen)
+    # An edge on a row is seen by it: a range of delays is open at its lower end.
+    low, high = float(steps[chosen[0]]) - 1.0 / _DELAY_PARTS, float(steps[chosen[-1]])
+    period = record.period
+    return EdgeDelay(0.5 * (low + high) * period, max(high - low, 1.0) * period / np.sqrt(12.0))
+
+
+def _beginning(record: PreparedRun) -> PreparedRun:
+    """A record up to some rows after its first edge: all that is needed to locate it."""
+    voltage = record.run.voltage
+    edge = int(np.argmax(np.abs(np.diff(voltage)) > 0.2 * np.max(np.abs(voltage))))
+    stop = edge + _ROWS_AFTER_EDGE
+    if stop >= len(voltage):
+        return record
+    run = record.run
+    readings = {
+        name: replace(reading, values=reading.values[:stop], used=reading.used[:stop], side=reading.side[:stop])
+        for name, reading in record.readings.items()
+    }
+    short = Run(time=run.time[:stop], voltage=voltage[:stop], hold=run.hold, metadata=run.metadata)
+    return replace(record, run=short, readings=readings)
+
+
+def _admittance(found: PoleFit) -> Admittance:
+    return Admittance(float(found.common[0]), found.residues, found.poles)
+
+
+def _search(records: Sequence[PreparedRun], delays: Mapping[int, float], branches: int, *, tries: int = 3) -> PoleFit:
+    series = current_series(records, delays)
+    direct = np.concatenate([run.drive.present for run in series])[None, :]
+    return search_poles(series, branches, direct, tries=tries)
+
+
+def circuit_values(seen: Admittance, values: Mapping[str, float], series: float) -> tuple[dict[str, float], bool]:
+    """Parameters of the circuit that shows an admittance, and whether it is physical as it stands.
+
+    Parameters
+    ----------
+    seen : Admittance
+    values : mapping of name to float [SI]
+        Where the dimensions stand.
+    series : float [ohm]
+        Everything in series with the branches.
+    """
+    exact = elements(series, seen)
+    physical = exact.is_physical()
+    return named_values(exact if physical else _nearest(series, seen), values), physical
+
+
+def named_values(circuit: Elements, values: Mapping[str, float]) -> dict[str, float]:
+    """Resistivities and permittivities of lumped elements (Friend, eqs 4.2 to 4.6)."""
+    scale = float(np.real(geometry.area_per_thickness(values)))
+    found = {"circuit.dc_resistivity": circuit.leak * scale}
+    for number, (resistance, capacitance) in enumerate(zip(circuit.resistances, circuit.capacitances, strict=True)):
+        found[f"circuit.branches.{number}.resistivity"] = float(resistance) * scale
+        found[f"circuit.branches.{number}.permittivity"] = float(capacitance) / scale
+    return found
+
+
+def _nearest(series: float, seen: Admittance) -> Elements:
+    """A physical circuit near an admittance that noise, or a wrong series resistance, made unphysical."""
+    direct = seen.direct if seen.direct > 0 else float(np.sum(np.abs(seen.residues / seen.poles)))
+    direct = max(direct, _LEAST_DIRECT)
+    if series * direct > _NEARLY_ALL:
+        direct = _NEARLY_ALL / series
+    weights = np.maximum(-seen.residues / -seen.poles, 1e-3 * direct)
+    # The current that is left at the end, direct - sum(weights), must stay above zero.
+    weights *= min(1.0, 0.99 * direct / float(np.sum(weights)))
+    found = elements(series, Admittance(direct, weights * seen.poles, _apart(seen.poles)))
+    if found.is_physical():
+        return found
+    count = len(seen.poles)
+    resistance = max(1.0 / direct - series, 0.01 / direct) * count
+    return Elements(series, 10.0 * resistance, np.full(count, resistance), -1.0 / (seen.poles * resistance))
+
+
+def _apart(poles: FloatArray) -> FloatArray:
+    """The same poles, fastest first, no two nearer than 5 %."""
+    apart = np.sort(poles)
+    for place in range(1, len(apart)):
+        apart[place] = max(apart[place], apart[place - 1] / 1.05)
+    return apart

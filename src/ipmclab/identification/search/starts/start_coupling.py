@@ -1,0 +1,293 @@
+"""The coupling found from force or displacement and the node voltage of a known circuit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.drive import Drive, responses
+from ipmclab.identification.problem.free_run import seen_from_sensor
+from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
+from ipmclab.identification.search.starts.start_turning import TurningFit, search_turning
+from ipmclab.identification.search.varpro import PoleFit, SearchedRun, all_minima, search_poles
+from ipmclab.model import Actuator, simulate_outputs
+
+FloatArray = npt.NDArray[np.float64]
+
+_MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
+_MINIMA: Final = 2
+_HOPELESS: Final = 100.0  # times the least cost, where poles that stand apart have it: no start leads below those
+_AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex ones are tried: where poles meet
+
+
+def coupling_starts(
+    actuator: Actuator, records: Sequence[PreparedRun], delays: Mapping[int, float], *, stiffness_is_free: bool
+) -> list[dict[str, float]]:
+    """Starting points of d(s) = K_d (s + Z_d)/(s^2 + P_1d s + P_2d) and its slow modes, the most likely first.
+
+    Force and displacement are both d(s) V_appl times a number here, less their slow modes: the beam's own resonance
+    is left to the fit. The node voltage comes from the circuit, and the poles from variable projection.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With the circuit and the beam near their final values; its structure says how many slow modes there are.
+    records : sequence of PreparedRun
+    delays : mapping of place to float [s]
+    stiffness_is_free : bool
+        Whether Young's modulus is to be started too, where displacement tells d(s) without it.
+    """
+    seen = motion_series(actuator, records, delays)
+    slow = {output: len(slow_poles(actuator, output)) for output in ("displacement", "force")}
+    moving, pressing = seen.of("displacement"), seen.of("force")
+    separate = stiffness_is_free and bool(moving.series) and bool(pressing.series)
+    if slow["displacement"] == slow["force"] == 0:
+        every = moving if separate else seen
+        found = _from(every, _worth_it(all_minima(every.series, 2, sensors(every))))
+        stiffness = _stiffness(_best(moving), pressing.series) if separate else 1.0
+        return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
+    starts = []
+    for of, other in ((moving, pressing), (pressing, moving)):
+        if not of.series or (separate and of is pressing):
+            continue
+        for start, own in _with_slow_modes(actuator, of, slow[of.output]):
+            values = _named(start) | own
+            if other.series:
+                stiffness, of_other = _beside(start, other, slow[other.output], separate=separate)
+                values |= slow_values(actuator, other.output, of_other) | _modulus(actuator, stiffness, separate)
+            starts.append(values)
+    return starts
+
+
+def _worth_it(minima: Sequence[PoleFit]) -> list[PoleFit]:
+    """The minima of real poles that are tried: where the best ones meet, complex ones may lie beside any of them."""
+    best = minima[0]
+    if best.poles[0] / best.poles[1] < _MEETING:
+        return list(minima[:_MINIMA])
+    return [found for found in minima[:_MINIMA] if found.cost < _HOPELESS * best.cost]
+
+
+def _with_slow_modes(actuator: Actuator, of: MotionSeries, slow: int) -> Iterator[tuple[_Start, dict[str, float]]]:
+    """Starts of d(s) with the slow modes of one output, those with complex poles first where they explain as much."""
+    real = all_minima(of.series, 2 + slow, sensors(of))[:_MINIMA]
+    if slow == 2 and f"relaxation.{of.output}_pair.0.ratio" in actuator.parameter_values:
+        turning = search_turning(of.series, sensors(of))
+        # The cost of poles that have met is what rounding leaves of it.
+        apart = [found.cost for found in real if np.min(found.poles[:-1] / found.poles[1:]) > _MEETING]
+        if turning is not None and turning.cost < _AS_GOOD * min(apart, default=np.inf):
+            yield _turning(of, turning)
+    for start in _from(of, real):
+        yield start, slow_values(actuator, of.output, start.slow)
+
+
+def _turning(of: MotionSeries, found: TurningFit) -> tuple[_Start, dict[str, float]]:
+    p1, p2 = float(-np.sum(found.poles)), float(np.prod(found.poles))
+    level, gain = -float(found.residues @ found.poles[::-1]), float(np.sum(found.residues))
+    level = level if level > 0 else 1e-12
+    nyquist = float(np.pi * max(record.run.rate for record, _ in of.labels))
+    name, static = f"relaxation.{of.output}_pair.0", level / p2
+    values = {
+        f"{name}.ratio": -found.constant / static,
+        f"{name}.lead": -found.lead / static,
+        f"{name}.time_constant": found.time_constant,
+        f"{name}.damping_ratio": found.damping_ratio,
+    }
+    return _Start(level, min(level / gain, nyquist) if gain > 0 else nyquist, p1, p2), values
+
+
+def _modulus(actuator: Actuator, stiffness: float, separate: bool) -> dict[str, float]:
+    return {"beam.modulus": actuator["beam.modulus"] * stiffness} if separate else {}
+
+
+@dataclass(frozen=True)
+class _Start:
+    """K_d Z_d, Z_d, P_1d and P_2d, and the slow modes as (ratio, time constant [s])."""
+
+    level: float
+    zero: float
+    p1: float
+    p2: float
+    slow: tuple[tuple[float, float], ...] = ()
+
+
+def _named(start: _Start) -> dict[str, float]:
+    return {
+        "coupling.gain": start.level / start.zero,
+        "coupling.zero": start.zero,
+        "coupling.p1": start.p1,
+        "coupling.p2": start.p2,
+    }
+
+
+def _best(seen: MotionSeries) -> PoleFit:
+    return min(all_minima(seen.series, 2, sensors(seen)), key=lambda found: found.cost)
+
+
+def _from(seen: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:
+    nyquist = float(np.pi * max(record.run.rate for record, _ in seen.labels))
+    starts: list[_Start] = []
+    for found in minima:
+        fast, level, gain = _fast_pair(found)
+        p1, p2 = float(-np.sum(found.poles[fast])), float(np.prod(found.poles[fast]))
+        modes = slow_modes(np.delete(found.poles, fast), np.delete(found.residues, fast), level / p2)
+        seen_zero = level / gain if gain > 0 else np.inf
+        # A zero beyond the Nyquist rate hardly shows, and one far beyond it not at all: it is put nearer.
+        starts.append(_Start(level, min(seen_zero, nyquist), p1, p2, modes))
+        if found.poles[fast[0]] / found.poles[fast[1]] < _MEETING:
+            corner = float(np.sqrt(p2))
+            for ratio, damping in ((1.0, 0.5), (1.5, 0.2)):
+                turned = corner * ratio
+                starts.append(
+                    _Start(level * ratio**2, min(seen_zero, nyquist), 2.0 * damping * turned, turned**2, modes)
+                )
+    return starts
+
+
+def _fast_pair(found: PoleFit) -> tuple[list[int], float, float]:
+    """Which two poles are those of d(s), its K_d Z_d and its K_d.
+
+    Any two would do, for which is called slow is a name: the fastest two that a positive d(0) can have.
+    """
+    every = []
+    for pair in combinations(range(len(found.poles)), 2):
+        fast = list(pair)
+        level = -float(found.residues[fast] @ found.poles[fast[::-1]])
+        every.append((fast, level, float(np.sum(found.residues[fast]))))
+    for fast, level, gain in every:
+        if level > 0:
+            return fast, level, gain
+    fast, level, gain = every[0]
+    return fast, abs(level) or 1e-12, gain
+
+
+def _beside(
+    start: _Start, other: MotionSeries, slow: int, *, separate: bool
+) -> tuple[float, tuple[tuple[float, float], ...]]:
+    """Stiffness over the one assumed, and slow modes, of the other output for a d(s) that is known."""
+    root = np.sqrt(complex(start.p1**2 / 4.0 - start.p2))
+    # Poles that meet or are complex are put apart on the real axis: this is a start.
+    apart = max(float(root.real), 0.05 * start.p1)
+    poles = np.array([-start.p1 / 2.0 - apart, min(-start.p1 / 2.0 + apart, -1e-3 * start.p1)])
+    gain = start.level / start.zero
+    first = (start.level + gain * poles[0]) / (poles[0] - poles[1])
+    fast = PoleFit(poles, np.array([first, gain - first]), np.zeros(0), 0.0)
+    if not slow:
+        return _stiffness(fast, other.series) if separate else 1.0, ()
+    expected = [fast.residues @ responses(run.drive, poles)[0] for run in other.series]
+    common = sensors(other)
+    if separate:
+        common = np.vstack([common, np.concatenate(expected)])
+        found = search_poles(other.series, slow, common)
+        stiffness = max(float(found.common[-1]), 1e-3)
+    else:
+        left = [replace(run, readings=run.readings - part) for run, part in zip(other.series, expected, strict=True)]
+        found, stiffness = search_poles(left, slow, common), 1.0
+    return stiffness, slow_modes(found.poles, found.residues, stiffness * start.level / start.p2)
+
+
+def sensors(seen: MotionSeries) -> FloatArray:
+    """What sensors add: a constant for each series, for a zero is arbitrary, and a slope where the record shows one."""
+    series, labels = seen.series, seen.labels
+    total = sum(len(run.time) for run in series)
+    columns = []
+    begin = 0
+    for run, (record, output) in zip(series, labels, strict=True):
+        end = begin + len(run.time)
+        shapes = [np.ones(len(run.time))]
+        if ("drift", output) in record.unsettled:
+            shapes.append(run.time / run.time[-1])
+        for shape in shapes:
+            column = np.zeros(total)
+            column[begin:end] = shape
+            columns.append(column)
+        begin = end
+    return np.array(columns)
+
+
+def _stiffness(found: PoleFit, pressing: Sequence[SearchedRun]) -> float:
+    """Force over what d(s) from the displacement makes of it: the modulus over the one assumed."""
+    above = below = 0.0
+    for run in pressing:
+        expected = found.residues @ responses(run.drive, found.poles)[0]
+        weight = run.weight**2
+        mean = np.sum(weight * expected) / np.sum(weight)
+        above += float(np.sum(weight * (expected - mean) * run.readings))
+        below += float(np.sum(weight * (expected - mean) ** 2))
+    return max(above / below, 1e-3) if below > 0 else 1.0
+
+
+@dataclass(frozen=True)
+class MotionSeries:
+    """Displacement and force over their static factors, driven by the node voltage; which run and output each is."""
+
+    series: Sequence[SearchedRun]
+    labels: Sequence[tuple[PreparedRun, str]]
+
+    def of(self, output: str) -> MotionSeries:
+        """Those of one output."""
+        chosen = [place for place, (_, name) in enumerate(self.labels) if name == output]
+        return MotionSeries([self.series[k] for k in chosen], [self.labels[k] for k in chosen])
+
+    @property
+    def output(self) -> str:
+        """Of which output they are, where all are of one."""
+        return self.labels[0][1]
+
+
+def motion_series(
+    actuator: Actuator, records: Sequence[PreparedRun], delays: Mapping[int, float], *, beside: Actuator | None = None
+) -> MotionSeries:
+    """Displacement and force of all records as the searches for poles see them.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    records : sequence of PreparedRun
+    delays : mapping of place to float [s]
+    beside : Actuator, optional
+        What this one answers is taken off the readings.
+    """
+    height, width = actuator["geometry.thickness"], actuator["geometry.width"]
+    sensing = actuator["geometry.sensing_length"]
+    scales = {
+        "displacement": 3.0 * sensing**2 / height**2,
+        "force": 3.0 * height * width * actuator["beam.modulus"] / (4.0 * sensing),
+    }
+    found: list[SearchedRun] = []
+    labels: list[tuple[PreparedRun, str]] = []
+    for record in records:
+        wanted = [output for output in scales if output in record.readings]
+        if not wanted:
+            continue
+        strip = seen_from_sensor(actuator if beside is None else beside, record.series_resistance)
+        node, *known = simulate_outputs(
+            strip,
+            record.run.time,
+            record.run.voltage,
+            model_hold(record),
+            outputs=["applied_voltage", *wanted],
+            delay=delays.get(record.place, 0.0),
+        )
+        durations, kind = np.unique(np.diff(record.run.time), return_inverse=True)
+        given = Drive(durations, kind.astype(np.int64), node[:-1], node[1:], node)
+        for output, answer in zip(wanted, known, strict=True):
+            reading = record.readings[output]
+            scale = scales[output]
+            values = reading.values if beside is None else reading.values - answer
+            found.append(
+                SearchedRun(
+                    given,
+                    record.run.time - record.run.time[0],
+                    values / scale,
+                    np.where(reading.exact, scale / max(reading.noise, 1e-300), 0.0),
+                    record.start == "free",
+                )
+            )
+            labels.append((record, output))
+    return MotionSeries(found, labels)

@@ -1,0 +1,184 @@
+"""How sure a fit is: information, colour of the residuals, and what fixed values pass on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.growing import Growth, growth
+from ipmclab.identification.noise.long_run import long_run
+from ipmclab.identification.noise.spread import degrees_of_freedom, spread_of_weighted
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.solve import least_seen
+from ipmclab.identification.uncertainty.rounding import hidden_zeros
+
+FloatArray = npt.NDArray[np.float64]
+
+_COLOUR_LAGS: Final = 20
+_REJECT: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """The uncertainty of the unknowns that were asked for (states at the start are averaged out).
+
+    All in the entries of the vector: logarithms, or values over their scale.
+
+    Parameters
+    ----------
+    covariance : float array, shape (n, n)
+        Without the null directions, with colour and fixed values passed on.
+    plain : float array, shape (n, n)
+        As if the residuals were white and every fixed value exact.
+    null : float array, shape (n_null, n)
+        Unit vectors along which the readings say nothing at all.
+    singular_values : float array, shape (n,)
+        Of the weighted Jacobian, largest first.
+    leverage : mapping of name to float array, shape (n,)
+        Change of each entry for 1 % of a fixed parameter.
+    coloured : tuple of (place, output)
+        Residuals that the noise that was found does not make white.
+    freedom : float array, shape (n,)
+        Degrees of freedom with which each variance is known.
+    growing : mapping of (place, output) to Growth
+        Noise that is larger where the answer is, as the covariance allows for where the noise does not drift.
+    """
+
+    covariance: FloatArray
+    plain: FloatArray
+    null: FloatArray
+    singular_values: FloatArray
+    leverage: Mapping[str, FloatArray]
+    coloured: tuple[tuple[int, str], ...]
+    freedom: FloatArray
+    growing: Mapping[tuple[int, str], Growth] = field(default_factory=dict)
+
+    @property
+    def rank(self) -> int:
+        """Number of combinations that the readings determine at all."""
+        return len(self.singular_values) - len(self.null)
+
+
+def is_coloured(residual: FloatArray) -> bool:
+    """Ljung and Box's test at 0.1 %: whether neighbouring residuals belong together."""
+    from scipy.special import chdtrc
+
+    count = len(residual)
+    lags = min(_COLOUR_LAGS, count // 5)
+    if lags < 1:
+        return False
+    centred = residual - np.mean(residual)
+    power = float(centred @ centred)
+    if power == 0.0:
+        return False
+    found = np.correlate(centred, centred[: count - lags], "valid")[1:] / power
+    statistic = count * (count + 2.0) * float(np.sum(found**2 / (count - np.arange(1, lags + 1))))
+    return bool(chdtrc(lags, statistic) < _REJECT)
+
+
+def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]], exact: Sequence[str]) -> Uncertainty:
+    """Covariance, rank and leverage at a solution.
+
+    The solution is that of least squares, with the pseudo-inverse A of its Jacobian; the readings have noise of
+    covariance V, as it was found. The covariance is A V A', whatever V is (White 1980). Where residuals are
+    autocorrelated beyond V and do not drift, the sum of their own autocovariances takes its place if it is larger
+    (Newey and West 1987); where they are larger for a larger answer, each row has its own variance. What rounding hides
+    of a zero at rest is added.
+
+    Parameters
+    ----------
+    correlated : Correlated
+        The solution, and the noise found in its residuals.
+    fixed : mapping of name to mapping of name to float [SI]
+        Covariance of fixed parameters with a stated standard uncertainty.
+    exact : sequence of str
+        Fixed parameters without one, whose leverage is to be known.
+    """
+    problem, solution = correlated.problem, correlated.solution
+    theta, evaluation = solution.theta, solution.evaluation
+    readings = max(len(evaluation.residual) - len(theta), 1)
+    nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
+    if nuisance.all():
+        nothing = np.zeros((0, 0))
+        return Uncertainty(
+            nothing, nothing, nothing, np.zeros(0), dict.fromkeys((*fixed, *exact), np.zeros(0)), (), np.zeros(0)
+        )
+    singular, directions = _of_the_asked(evaluation, nuisance)
+    asked = len(directions)
+    seen = singular > least_seen(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
+    inverse = directions[seen].T / singular[seen]
+    plain = inverse @ inverse.T
+
+    own = evaluation.jacobian
+    if nuisance.any():
+        # With everything else projected out: J_a - J_n (J_n^+ J_a).
+        own, others = own[:, ~nuisance], own[:, nuisance]
+        own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
+    pieces = problem.pieces
+    # At the floor the residuals are rounding of the model itself, which is never white.
+    noisy = [key for key in pieces if problem.noise[key] > 1.01 * problem.floors[key]]
+    found = {key: growth(correlated, key) for key in noisy}
+    growing = {key: one for key, one in found.items() if one is not None}
+    white = correlated.whitened.residual
+    coloured = tuple(key for key in noisy if is_coloured(_even(white[pieces[key]], growing.get(key))))
+    freedom = np.full(asked, float(readings))
+    added = np.zeros_like(plain)
+    if correlated.is_weighted:
+        added, known = spread_of_weighted(correlated)
+        added, freedom = added[np.ix_(~nuisance, ~nuisance)], np.minimum(known[~nuisance], freedom)
+    elif correlated.shapes:
+        freedom = np.minimum(degrees_of_freedom(correlated, own, plain), freedom)
+    covariance = plain
+    if correlated.shapes or correlated.zeros or coloured or growing:
+        drifting = {key for key, noise in correlated.noise.items() if noise.terms.drifts}
+        beforehand = own[max(piece.stop for piece in pieces.values()) :]
+        middle = beforehand.T @ beforehand
+        for key, piece in pieces.items():
+            # What a walk adds is not of the row where it shows: no variance of a row stands for it.
+            uneven = growing[key].variance if key in growing and key not in drifting else None
+            of_noise = correlated.spread(own[piece], key, uneven)
+            if key in coloured and key not in drifting:
+                of_sums = long_run(own[piece], evaluation.residual[piece])
+                of_noise = max(of_noise, of_sums, key=lambda one: float(np.sum(plain * one)))
+            middle += of_noise
+        covariance = plain @ middle @ plain
+    covariance = covariance + added
+
+    moved = plain @ (own.T @ hidden_zeros(problem, len(own)))
+    covariance = covariance + moved @ moved.T
+    names = [*fixed, *exact]
+    leverage: dict[str, FloatArray] = {}
+    if names:
+        answer = -plain @ (own.T @ problem.fixed_jacobian(theta, names))
+        for column, name in enumerate(names):
+            leverage[name] = answer[:, column] * 0.01 * abs(problem.base[name])
+        together = np.array([[row[other] for other in fixed] for row in fixed.values()])
+        passed_on = answer[:, : len(fixed)]
+        covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
+    return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing)
+
+
+def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
+    """Residuals that are all as large: large ones that stand together are else taken for autocorrelated ones."""
+    return residual if growing is None else np.asarray(residual / np.sqrt(growing.variance))
+
+
+def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Singular values and directions of the Jacobian of the asked unknowns, the others averaged out."""
+    triangle = evaluation.triangle[:, :-1]
+    asked = int(np.count_nonzero(~nuisance))
+    if asked == len(nuisance) <= len(triangle):
+        return evaluation.spectrum
+    order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
+    first = len(order) - asked
+    # With the others in front, the lower right block is what is left of the asked ones.
+    block = np.asarray(np.linalg.qr(triangle[:, order], mode="r"))[first:, first:]
+    # With fewer readings than unknowns the block has too few rows: the rest are zero.
+    block = np.vstack([block, np.zeros((max(0, asked - len(block)), asked))])
+    _, singular, directions = np.linalg.svd(block)
+    return singular, directions

@@ -1,0 +1,236 @@
+"""The interval of a parameter: from the curvature where that describes the likelihood, else from its profile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.fit import DETERMINED
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.response import CircuitResponder
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.valleys import Rival
+from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.uncertainty.profile import Walk
+from ipmclab.model.declared import is_curved
+
+FloatArray = npt.NDArray[np.float64]
+
+_CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
+_BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value
+_HOPELESS: Final = 1.5  # and above which the interval is open without asking: for a circuit, whose profile is quick
+_COSTLY: Final = 0.7  # the same where each run of the model is costly
+_TWO_ERRORS: Final = 2.0 * DETERMINED  # how far apart minima lie that are still the same answer
+_SURE_AT_LIMITS: Final = 0.995
+_AT_LIMIT: Final = 1e-3  # of a logarithm: nearer to where the search ends it says no more than that
+_OPEN_EDGE: Final = 0.3  # part of what is known of an edge beforehand that the readings leave of it
+_LEFT_OUT: Final = 0.05  # of the probability, beyond both ends together
+_TAILS: Final = (0.025, 0.03, 0.035, 0.04)  # of it beyond the end that lies farther off
+_EVEN: Final = 1.1  # ratio of the two sides below which they count as equal
+
+
+@dataclass(frozen=True)
+class Interval:
+    """What is known of one unknown.
+
+    Parameters
+    ----------
+    low, high : float
+        Values [SI], or of its scale; infinite, or the end of what is possible, on an open side.
+    error : float
+        Standard error of the entry towards the side on which the likelihood falls faster: of its
+        logarithm. Infinite where a side is open, where the profile was not followed, and for what is no logarithm.
+    """
+
+    low: float
+    high: float
+    error: float = math.inf
+
+
+def interval_of(
+    problem: Problem,
+    solution: Solution,
+    unknown: Unknown,
+    place: int,
+    found: Uncertainty,
+    number: int,
+    error: float,
+    *,
+    open_edges: bool,
+    leaning: bool = False,
+) -> Interval:
+    """The 95 % interval of one unknown.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+    unknown : Unknown
+    place : int
+        Of its entry in the vector.
+    found : Uncertainty
+    number : int
+        Of it among those that were asked for.
+    error : float
+        Its relative standard error, infinite where an open direction moves it.
+    open_edges : bool
+        Whether an edge lies anywhere between its rows.
+    leaning : bool
+        Whether something else is open: the curvature takes it to stay where it is.
+    """
+    from scipy.special import stdtrit
+
+    entry = float(solution.theta[place])
+    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else _COSTLY
+    if any(other.beforehand is not None for other in problem.unknowns):
+        hopeless = math.inf  # what is known beforehand ends every profile
+    if math.isinf(error) or (unknown.log and found.plain[number, number] > hopeless**2):
+        return Interval(*open_ends(unknown))
+    variance, freedom = float(found.covariance[number, number]), float(found.freedom[number])
+    # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
+    level = _SURE_AT_LIMITS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
+    reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
+    curved = leaning or math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
+    if not curved or not (unknown.log or is_curved(unknown.base)):
+        return Interval(*beside_bounds(unknown, entry - reach, entry + reach))
+    if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
+        return Interval(*beside_bounds(unknown, -math.inf, math.inf))
+    plain = float(found.plain[number, number])
+    walks = tuple(Walk(problem, solution, place, side * math.sqrt(plain)) for side in (-1.0, 1.0))
+    wider = math.sqrt(max(variance / plain, 1.0))
+    tails = _TAILS if level < _SURE_AT_LIMITS else (1.0 - level,)
+    down, up = _shortest(walks, freedom, wider, tails)
+    low, high = beside_bounds(unknown, entry - down, entry + up)
+    if not unknown.log or math.isinf(down) or math.isinf(up):
+        return Interval(low, high)
+    return Interval(low, high, min(walk.crossed(wider) for walk in walks))
+
+
+def _shortest(walks: Sequence[Walk], freedom: float, wider: float, tails: Sequence[float]) -> tuple[float, float]:
+    """How far down and up an interval reaches that holds 95 %, the shortest of several that do.
+
+    The root of the excess is distributed as a standard normal (here as Student's t) whatever the parameter is called,
+    so any two of its quantiles that leave out 5 % together make an interval. Where the likelihood falls slowly to one
+    side, as that of a reciprocal does, equal tails would spend most of the length there; the shortest gives that side
+    less of the probability (the shortest interval of a pivot: Casella and Berger, Statistical Inference, 9.3.1).
+    """
+    from scipy.special import stdtrit
+
+    def end(walk: Walk, tail: float) -> float:
+        return walk.distance(-float(stdtrit(freedom, tail)) * wider)
+
+    even = end(walks[0], tails[0]), end(walks[1], tails[0])
+    if len(tails) == 1 or math.isinf(min(even)) or max(even) < _EVEN * min(even):
+        return even
+    turned = even[0] > even[1]
+    near, far = walks[::-1] if turned else walks
+    pairs = [(end(near, _LEFT_OUT - tail), end(far, tail)) for tail in reversed(tails)]
+    nearer, farther = min(pairs, key=sum)
+    if math.isinf(farther):
+        return even
+    return (farther, nearer) if turned else (nearer, farther)
+
+
+def open_ends(unknown: Unknown) -> tuple[float, float]:
+    """The interval of a parameter of which nothing is known; a share ends at one."""
+    return (
+        0.0 if unknown.log or unknown.lower == 0.0 else -math.inf,
+        unknown.upper if unknown.upper == 1.0 and not unknown.log else math.inf,
+    )
+
+
+def beside_bounds(unknown: Unknown, low: float, high: float) -> tuple[float, float]:
+    """The values of two entries, of which an infinite one leaves that side open, up to a bound that means something.
+
+    How far a fit looks for a parameter (1e9 ohm m) means nothing: an entry there is an open side too. What is known
+    beforehand, and the rows between which an edge lies, do mean something.
+    """
+    open_low, open_high = open_ends(unknown)
+    least, most = unknown.limits
+    if unknown.log:
+        least, most = least + _AT_LIMIT, most - _AT_LIMIT
+    if unknown.prior is not None or unknown.base.startswith("observation."):
+        least, most = -math.inf, math.inf
+    return (
+        open_low if low <= least else unknown.value(low),
+        open_high if high >= most else unknown.value(high),
+    )
+
+
+def edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
+    """Whether an edge lies anywhere between its rows for all that the readings show."""
+    return any(
+        unknown.base == "observation.delay"
+        and unknown.prior is not None
+        and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
+        for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
+    )
+
+
+def something_is_open(
+    problem: Problem, solution: Solution, asked: Sequence[Unknown], places: Sequence[int], found: Uncertainty
+) -> bool:
+    """Whether some unknown is at a bound, or is not known to a factor: where it is elsewhere, all others are too."""
+    if len(found.null):
+        return True
+    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else _COSTLY
+    return any(
+        unknown.log
+        and (found.plain[number, number] > hopeless**2 or is_at_bound(unknown, float(solution.theta[place])))
+        for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
+    )
+
+
+def is_at_bound(unknown: Unknown, entry: float) -> bool:
+    """Whether an entry is where the search ends."""
+    lower, upper = unknown.limits
+    return entry - lower < _AT_LIMIT or upper - entry < _AT_LIMIT
+
+
+def reaches_out(unknown: Unknown, interval: tuple[float, float], rival: Rival) -> bool:
+    """Whether another fit that is as good leaves an interval: one within it says nothing new."""
+    if unknown.name not in rival.entries:
+        return False
+    entry, reach = rival.entries[unknown.name], rival.reach[unknown.name]
+    low, high = beside_bounds(unknown, entry - reach, entry + reach)
+    return low < interval[0] or high > interval[1]
+
+
+def with_rivals(
+    unknown: Unknown, entry: float, interval: tuple[float, float], others: Sequence[tuple[float, float]]
+) -> tuple[tuple[float, float], bool]:
+    """The interval widened to other fits that are as good and as far as each reaches, and whether they agree."""
+    ends = [beside_bounds(unknown, other - reach, other + reach) for other, reach in others]
+    apart = [abs(other - entry) for other, _ in others if unknown.log]
+    low, high = min([interval[0], *(low for low, _ in ends)]), max([interval[1], *(high for _, high in ends)])
+    return (low, high), all(gap <= _TWO_ERRORS for gap in apart)
+
+
+def half_width(unknown: Unknown, interval: tuple[float, float]) -> float:
+    """Of an interval, in entries of a logarithm."""
+    low, high = interval
+    if not unknown.log:
+        return 0.0
+    return 0.5 * math.log(high / low) if low > 0.0 and math.isfinite(high) else math.inf
+
+
+def as_determined(found: Uncertainty, errors: FloatArray, nearer: FloatArray) -> Uncertainty:
+    """What is known, with the errors of what its nearer side alone calls determined as that side has them.
+
+    Parameters
+    ----------
+    found : Uncertainty
+    errors, nearer : float array, shape (n,)
+        Relative standard errors: from the curvature, and towards the side on which the likelihood falls faster.
+    """
+    changed = (nearer <= DETERMINED) & (errors > DETERMINED) & np.isfinite(errors)
+    if not changed.any():
+        return found
+    factor = np.where(changed, nearer / np.where(changed, errors, 1.0), 1.0)
+    return replace(found, covariance=found.covariance * np.outer(factor, factor))

@@ -1,0 +1,113 @@
+"""What a fit knows of an actuator's parameters, as one covariance: from it follow bands of what is predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.confidence import wider_for_few
+from ipmclab.identification.uncertainty.random_effect import FEWEST
+
+FloatArray = npt.NDArray[np.float64]
+
+Table = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class KnownCovariance:
+    """Parameters of an actuator that are not exact.
+
+    Parameters
+    ----------
+    names : tuple of str
+    covariance : float array, shape (n, n) [SI]
+        Without the directions of which nothing is known.
+    left_out : tuple of str
+        Parameters of which nothing is known for a run such as this one.
+    """
+
+    names: tuple[str, ...]
+    covariance: FloatArray
+    left_out: tuple[str, ...] = ()
+
+
+def covariance_table(
+    names: Sequence[str],
+    entries: FloatArray,
+    chains: Sequence[float],
+    slopes: Mapping[str, FloatArray],
+    stated: Table,
+) -> dict[str, dict[str, float]]:
+    """Covariance [SI] of what was fitted and of what was held at a stated uncertainty, which moves with it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        What was fitted.
+    entries : float array, shape (n, n)
+        Covariance of their entries in the vector of the fit.
+    chains : sequence of float
+        Derivative of each value by its entry.
+    slopes : mapping of name to float array, shape (n,)
+        Derivative of each entry by a held parameter [1/SI].
+    stated : mapping of name to mapping of name to float [SI]
+        Covariance of the held parameters.
+    """
+    every = [*names, *stated]
+    count = len(names)
+    scaled = np.zeros((len(every), len(every)))
+    scaled[:count, :count] = entries * np.outer(chains, chains)
+    if stated:
+        held = np.array([[row[other] for other in stated] for row in stated.values()])
+        moved = np.array([slopes[name] for name in stated]) * chains
+        scaled[count:, count:] = held
+        scaled[count:, :count] = held @ moved
+        scaled[:count, count:] = scaled[count:, :count].T
+    return {name: dict(zip(every, row, strict=True)) for name, row in zip(every, scaled.tolist(), strict=True)}
+
+
+def known_of(
+    table: Table, values: Mapping[str, float], parameters: Sequence[str], own: Sequence[str] = ()
+) -> KnownCovariance:
+    """What is known of an actuator's parameters in one run.
+
+    Of a parameter that each run of the fit has for itself, a new run has another: as far from the mean of three others
+    or more as they are from each other, with a variance whose normal interval of 95 % is Student's.
+
+    Parameters
+    ----------
+    table : mapping of name to mapping of name to float [SI]
+        Covariance of the fit.
+    values : mapping of name to float [SI]
+        What the fit found.
+    parameters : sequence of str
+        All parameters of the actuator.
+    own : sequence of str
+        For a run of the fit, the endings of what belongs to it, such as ``[0]``.
+    """
+    chosen: dict[str, str] = {}
+    others: dict[str, list[float]] = {}
+    for name in table:
+        base, bracket, rest = name.partition("[")
+        if base not in parameters:
+            continue
+        if not bracket or bracket + rest in own:
+            chosen[base] = name
+        elif name in values:
+            others.setdefault(base, []).append(values[name])
+    spread = {base: found for base, found in others.items() if base not in chosen}
+    told = {base: _of_another(found) for base, found in spread.items() if len(found) >= FEWEST}
+    names = (*chosen, *told)
+    covariance = np.zeros((len(names), len(names)))
+    full = np.array([[table[one][other] for other in chosen.values()] for one in chosen.values()])
+    covariance[: len(chosen), : len(chosen)] = full.reshape(len(chosen), len(chosen))
+    covariance[range(len(chosen), len(names)), range(len(chosen), len(names))] = list(told.values())
+    return KnownCovariance(names, covariance, tuple(base for base in spread if base not in told))
+
+
+def _of_another(found: Sequence[float]) -> float:
+    count = len(found)
+    return float(np.var(found, ddof=1)) * (1.0 + 1.0 / count) * wider_for_few(count - 1) ** 2

@@ -1,0 +1,163 @@
+"""What a fit says of the noise that it found."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ipmclab.identification.noise.blind import Blind
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.hum import Hum, hum_in
+from ipmclab.identification.noise.pieces import Key
+from ipmclab.identification.noise.weighting import at_rest_and_driven
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.run import Finding
+from ipmclab.units import CHANNELS
+
+_MUCH_MORE: Final = 2.0
+"""Times the noise at 0 V: a hundred rows tell it to a tenth, and to a third where neighbours are alike."""
+
+
+def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty) -> list[Finding]:
+    """A finding for each output whose residuals are not white, and one where no noise describes them.
+
+    Parameters
+    ----------
+    problem : Problem
+    correlated : Correlated
+    found : Uncertainty
+        With the outputs that are autocorrelated even under the noise.
+    """
+    labels = {record.place: record.label for record in problem.records}
+    wrong = {key: sizes for key in problem.pieces if (sizes := _model_error(correlated, key)) is not None}
+    findings = [_model_is_wrong(labels[place], output, *sizes) for (place, output), sizes in wrong.items()]
+    for (place, output), noise in correlated.noise.items():
+        if (place, output) in wrong:
+            continue  # what the model lacks is no noise: nothing more is said of it as one
+        only_allowed_for = (
+            output in correlated.blind and noise.terms.trend and not noise.terms.order and not noise.terms.walk
+        )
+        if noise.terms.is_white or only_allowed_for:
+            continue
+        drifts = ", so that it drifts" if noise.terms.drifts else ""
+        findings.append(
+            Finding(
+                "coloured-residuals",
+                "info",
+                f"{labels[place]}: the residuals of {output} are no white noise about zero; taken as {noise.terms}"
+                f"{drifts}: errors and intervals allow for it",
+                "look at the residuals in the report; if they follow the voltage, the model lacks something",
+                channel=output,
+            )
+        )
+    findings += [_drift_not_excluded(output, blind) for output, blind in correlated.blind.items()]
+    for place, output in dict.fromkeys((*correlated.noise, *found.coloured)):
+        if (place, output) in wrong:
+            continue
+        hum = hum_in(correlated, (place, output))
+        if hum is not None:
+            findings.append(_hum(labels[place], output, hum))
+    for (place, output), growth in found.growing.items():
+        if (place, output) in wrong:
+            continue
+        model = correlated.noise.get((place, output))
+        walks = model is not None and model.terms.drifts
+        grows = f"larger where the {output} is, up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
+        findings.append(
+            Finding(
+                "noise-not-described" if walks else "noise-grows",
+                "warning" if walks else "info",
+                f"{labels[place]}: {output} drifts, and its noise is {grows}: errors and intervals may be too small"
+                if walks
+                else f"{labels[place]}: the noise of {output} is {grows}: errors and intervals allow for it",
+                "look at the residuals in the report; a further branch or stage may help, or another range of the "
+                "converter",
+                channel=output,
+                values={"times": growth.times},
+            )
+        )
+    for place, output in found.coloured:
+        if (place, output) in wrong:
+            continue
+        model = correlated.noise.get((place, output))
+        if model is not None and model.terms.drifts:
+            findings.append(
+                Finding(
+                    "noise-not-described",
+                    "warning",
+                    f"{labels[place]}: {output} drifts, and what no model of its noise describes is autocorrelated too "
+                    "(Ljung-Box, p < 0.1 %): a sum of autocovariances does not hold under a drift, so errors and "
+                    "intervals may be too small",
+                    "look at the residuals in the report; a further branch or stage may help; leave out what drifts",
+                    channel=output,
+                )
+            )
+        else:
+            findings.append(
+                Finding(
+                    "coloured-residuals",
+                    "info",
+                    f"{labels[place]}: what no model of the noise of {output} describes is autocorrelated (Ljung-Box, "
+                    "p < 0.1 %); errors and intervals allow for it (Newey-West), but the model leaves something "
+                    "unexplained",
+                    "look at the residuals in the report; a further branch may help",
+                    channel=output,
+                )
+            )
+    return findings
+
+
+def _model_error(correlated: Correlated, key: Key) -> tuple[float, float] | None:
+    """What a fit leaves at 0 V and under voltage, where that is much more."""
+    if key not in correlated.shapes or correlated.is_weighted:
+        return None
+    sizes = at_rest_and_driven(correlated, key)
+    return sizes if sizes is not None and sizes[1] > _MUCH_MORE * sizes[0] else None
+
+
+def _model_is_wrong(label: str, output: str, at_rest: float, driven: float) -> Finding:
+    channel = CHANNELS[output]
+    left, noise = (f"{channel.to_display(size):.2g} {channel.display_unit}" for size in (driven, at_rest))
+    return Finding(
+        "model-error",
+        "warning",
+        f"{label}: the model leaves {left} (rms) of the {output} under voltage, and its noise at 0 V is {noise}. The "
+        "model lacks something; the intervals count what it leaves as noise",
+        "look at the residuals in the report; another branch or stage may help: ipmclab choose",
+        channel=output,
+        values={"driven": driven, "at_rest": at_rest},
+    )
+
+
+def _hum(label: str, output: str, hum: Hum) -> Finding:
+    channel = CHANNELS[output]
+    return Finding(
+        "noise-not-described",
+        "warning",
+        f"{label}: the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
+        f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}, which no noise here describes: errors and "
+        "intervals, of what an edge tells above all, may be too small",
+        "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
+        "average over a period of the mains",
+        channel=output,
+        values={"frequency": hum.frequency, "amplitude": hum.amplitude},
+    )
+
+
+def _drift_not_excluded(output: str, blind: Blind) -> Finding:
+    if blind.allowed:
+        what = (
+            "Values and intervals allow for an offset and a straight drift, which makes an interval up to "
+            f"{blind.wider:.2g} times as wide"
+        )
+    else:
+        what = "Values and intervals rest on there being none: beside a drift some of these parameters would be open"
+    return Finding(
+        "drift-not-excluded",
+        "info",
+        f"no run here would show a drift of the {output} by three times its noise: the slow answer of the strip looks "
+        f"the same. {what}",
+        "add a run that turns back, such as a sine or a step that ends at 0 V: it shows a drift apart from the strip",
+        channel=output,
+        values={"wider": blind.wider},
+    )

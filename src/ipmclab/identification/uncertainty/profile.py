@@ -1,0 +1,251 @@
+"""The profile of the likelihood: how much worse the readings are explained as one entry is held elsewhere."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.search.solve import STRUCTURAL, Pinned, Solution, minimise, polish
+
+FloatArray = npt.NDArray[np.float64]
+
+_FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
+_LONGEST_STEP: Final = 1.0
+_NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
+_BESIDE: Final = 0.05  # part of a height up to which a line continues a point
+_JOINED: Final = 0.4  # part of a height over which a cubic joins two points
+_POINTS: Final = 40
+_FLAT: Final = 0.3  # part of a height below which a point lies in a plain
+_WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
+_APART: Final = 1e-5  # of an entry, between which a derivative is taken
+_SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
+_TURNS: Final = 6
+_FARTHEST_STEP: Final = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The best fit with one entry held.
+
+    Parameters
+    ----------
+    entry : float
+        Of the parameter that is held.
+    height : float
+        Root of the excess cost.
+    theta : float array, shape (n_unknown,)
+        All entries.
+    evaluation : Evaluation
+    """
+
+    entry: float
+    height: float
+    theta: FloatArray
+    evaluation: Evaluation
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One side of a profile: where it crosses the threshold (infinite where it does not), and the points on the way."""
+
+    crossing: float
+    points: tuple[Point, ...]
+
+
+def one_side(problem: Problem, solution: Solution, place: int, error: float, threshold: float) -> Side:
+    """Walk from the minimum to where the profile crosses the threshold; a negative error walks downwards."""
+    walk = Walk(problem, solution, place, error)
+    away = walk.distance(math.sqrt(threshold))
+    side = math.copysign(1.0, error)
+    return Side(float(solution.theta[place]) + side * away, tuple(walk.points[1:]))
+
+
+class Walk:
+    """One side of a profile, walked as far as it is asked for.
+
+    At the best of all others the derivative of the cost by the entry that is held needs no further fit, so that two or
+    three points tell where the profile crosses a height.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+        Its minimum.
+    place : int
+        The entry.
+    error : float
+        Its standard error, where the first step leads; negative to walk downwards.
+    """
+
+    def __init__(self, problem: Problem, solution: Solution, place: int, error: float) -> None:
+        self._problem, self._solution, self._place = problem, solution, place
+        self._side, self._error = math.copysign(1.0, error), min(abs(error), _FARTHEST)
+        self._middle = float(solution.theta[place])
+        self._slopes = {self._middle: 1.0 / self._error}
+        self._ends_at = math.inf
+        self.points = [Point(self._middle, 0.0, solution.theta, solution.evaluation)]
+
+    def distance(self, height: float) -> float:
+        """How far the entry moves until the root of the excess is ``height``; infinite where it never is."""
+        for _ in range(_POINTS):
+            near, far = self._around(height)
+            if far is None and near.height >= self._ends_at:
+                return math.inf
+            found = self._told(near, far, height)
+            if found is not None:
+                return found
+            trial = self._next(near, far, height)
+            point = None
+            if trial is not None:
+                entry = self._middle + self._side * trial
+                point = held_at(self._problem, self._solution, self._place, entry, near, height * height)
+            if point is None:
+                self._ends_at = near.height  # nothing lies beyond: open above what was reached
+                return math.inf
+            self.points.append(point)
+            self.points.sort(key=self._away)
+        return math.inf
+
+    def crossed(self, height: float) -> float:
+        """The same from what was walked already, to a few hundredths; infinite where that ended below."""
+        near, far = self._around(height)
+        return math.inf if far is None else self._cubic(near, far, height)
+
+    def _away(self, point: Point) -> float:
+        return self._side * (point.entry - self._middle)
+
+    def _slope(self, point: Point) -> float:
+        """Of the height, by the distance."""
+        if point.entry not in self._slopes:
+            pull = _pull(self._problem, point, self._place) * self._side
+            self._slopes[point.entry] = 0.5 * pull / point.height if point.height > 0.0 else 0.0
+        return self._slopes[point.entry]
+
+    def _around(self, height: float) -> tuple[Point, Point | None]:
+        """The last point below a height, and the first above it."""
+        for before, after in itertools.pairwise(self.points):
+            if after.height >= height:
+                return before, after
+        return self.points[-1], None
+
+    def _told(self, near: Point, far: Point | None, height: float) -> float | None:
+        """The distance of a height beside points that are close enough to tell it."""
+        if far is None:
+            missing, away, slope = height - near.height, self._away(near), self._slope(near)
+            on = missing <= _BESIDE * min(height, slope * away)
+            return away + missing / slope if away > 0.0 and on else None
+        beyond, away, slope = far.height - height, self._away(far), self._slope(far)
+        if beyond <= _BESIDE * min(height, slope * away):
+            return max(away - beyond / slope, self._away(near)) if slope > 0.0 else away
+        between = away - self._away(near)
+        if (far.height - near.height < _JOINED * height and near.height > 0.0) or between < 1e-3 * away:
+            return self._cubic(near, far, height)
+        return None
+
+    def _next(self, near: Point, far: Point | None, height: float) -> float | None:
+        """How far to look next; None where everything allowed has been looked at."""
+        away, slope = self._away(near), self._slope(near)
+        if far is not None:
+            room = self._away(far) - away
+            onward = away + (height - near.height) / max(slope, 1e-300)
+            if near.height < _FLAT * height and far.height > _WALL * height:
+                guess = away + 0.5 * room
+            elif self._slope(far) > 0.0 or onward > away + room:
+                guess = self._cubic(near, far, height)
+            else:
+                guess = onward  # a line through both points would creep
+            return float(np.clip(guess, away + 0.1 * room, away + 0.9 * room))
+        bound = (self._problem.upper if self._side > 0 else self._problem.lower)[self._place]
+        last = min(self._side * (float(bound) - self._middle) * (1.0 - 1e-3), _FARTHEST)
+        onward = (height - near.height) / max(slope, 0.2 * height / max(away, self._error))
+        trial = away + min(max(onward, 0.1 * away), _LONGEST_STEP)
+        if trial < last:
+            return trial
+        return last if away < 0.99 * last else None
+
+    def _cubic(self, near: Point, far: Point, height: float) -> float:
+        """The distance at a height between two, by the cubic through both; a straight line where that turns."""
+        begin, run, room = self._away(near), self._away(far) - self._away(near), far.height - near.height
+        part = (height - near.height) / max(room, 1e-300)
+        slopes = np.array([self._slope(near), self._slope(far)]) * run / max(room, 1e-300)
+        if not (slopes > 1.0 / 3.0).all():
+            return begin + run * part
+        first, last = 1.0 / slopes
+        bent = (1.0 - part) ** 2 * part * first + part**2 * (3.0 - 2.0 * part) - part**2 * (1.0 - part) * last
+        return begin + run * float(np.clip(bent, 0.0, 1.0))
+
+
+def held_at(
+    problem: Problem, solution: Solution, place: int, entry: float, warm: Point, threshold: float
+) -> Point | None:
+    """The best fit with one entry held, from another point of the profile.
+
+    The others first move as the derivatives at the other point say, which is mostly all that they need.
+    """
+    here: Evaluation | None = None
+    # An edge that crosses a row makes a kink, over which no derivative leads.
+    if not any(unknown.base == "observation.delay" for unknown in problem.unknowns):
+        theta, cost, here = _followed(problem, place, entry, warm, _SETTLED * threshold)
+    if here is None:
+        pinned, others = Pinned(problem, place, entry), np.delete(warm.theta, place)
+        found = polish(pinned, others) or minimise(pinned, others, evaluations=60, tolerance=_NEAR)
+        theta = np.insert(found.theta, place, entry)
+        here, cost = problem.evaluate(theta), found.evaluation.cost
+    spared = problem.spared(theta) - problem.spared(solution.theta)
+    excess = cost - spared - solution.evaluation.cost
+    return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here) if np.isfinite(excess) else None
+
+
+def _followed(
+    problem: Problem, place: int, entry: float, warm: Point, settled: float
+) -> tuple[FloatArray, float, Evaluation | None]:
+    """The others by Gauss-Newton steps, and the least cost that the last of them promises; None where they fail."""
+    theta, here = warm.theta, warm.evaluation
+    before = np.inf
+    for _ in range(_TURNS):
+        step, _ = _others(here, place, entry - float(theta[place]))
+        theta = theta + step
+        theta[place] = entry
+        inside = (problem.lower < theta) & (theta < problem.upper)
+        inside[place] = True
+        if not inside.all() or np.abs(step).max(initial=0.0) > _FARTHEST_STEP:
+            break
+        here = problem.evaluate(theta)
+        if not here.cost < before:
+            break
+        _, promised = _others(here, place, 0.0)
+        if promised <= settled:
+            return theta, here.cost - promised, here
+        before = here.cost
+    return warm.theta, np.inf, None
+
+
+def _others(here: Evaluation, place: int, moved: float) -> tuple[FloatArray, float]:
+    """The step of all entries as one moves by so much, and by how much the others then lower the cost."""
+    triangle, right = here.triangle[:, :-1], here.triangle[:, -1]
+    count = triangle.shape[1]
+    kept = np.arange(count) != place
+    columns = triangle[:, kept]
+    size = np.sqrt((columns * columns).sum(axis=0))
+    size[size == 0.0] = 1.0
+    left, singular, directions = np.linalg.svd(columns / size, full_matrices=False)
+    seen = singular > STRUCTURAL * singular.max(initial=0.0)
+    turned = left.T[seen] @ (right + moved * triangle[:, place])
+    step = np.full(count, moved)
+    step[kept] = -(directions[seen].T @ (turned / singular[seen])) / size
+    return step, float(turned @ turned)
+
+
+def _pull(problem: Problem, point: Point, place: int) -> float:
+    """Derivative of the excess cost by one entry, all others following it at their best."""
+    triangle, right = point.evaluation.triangle[:, :-1], point.evaluation.triangle[:, -1]
+    step, _ = _others(point.evaluation, place, 0.0)
+    along = _others(point.evaluation, place, 1.0)[0] - step
+    ahead, behind = (problem.spared(point.theta + side * _APART * along) for side in (1.0, -1.0))
+    return 2.0 * float(triangle[:, place] @ (right + triangle @ step)) - (ahead - behind) / (2.0 * _APART)

@@ -1,0 +1,291 @@
+"""What the readings leave open, named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.fit import DETERMINED, Direction
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.valleys import Rival
+from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.undetermined.closed_form import others, sparse
+from ipmclab.identification.undetermined.cures import cures_of, measured, said_of
+from ipmclab.identification.undetermined.exchange import HARDLY, series_against_branches
+from ipmclab.model import Actuator
+from ipmclab.model.declared import is_of_circuit
+from ipmclab.model.kinds import kind_of
+from ipmclab.model.stages.circuit import SERIES
+from ipmclab.ties import largest_first, names_by_size, upright
+
+FloatArray = npt.NDArray[np.float64]
+
+
+_MOVED: Final = 1e-3
+_NAMED: Final = 0.1
+
+
+def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Uncertainty) -> FloatArray:
+    """Standard error of each asked unknown as a part of its value; infinite where a free direction moves it.
+
+    A linear unknown (a delay, an offset, a contact resistance) can be zero: its error counts against its
+    value or its scale, whichever is larger.
+    """
+    size = _sizes(unknowns, values)
+    errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
+    moved = np.any(np.abs(found.null / size) > _MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
+    return np.where(moved, np.inf, errors)
+
+
+def _sizes(unknowns: Sequence[Unknown], values: FloatArray) -> FloatArray:
+    return np.array([1.0 if u.log else max(abs(v) / u.scale, 1.0) for u, v in zip(unknowns, values, strict=True)])
+
+
+def directions(
+    unknowns: Sequence[Unknown],
+    values: FloatArray,
+    found: Uncertainty,
+    sharper: Uncertainty,
+    records: Sequence[PreparedRun],
+    actuator: Actuator,
+    rivals: Sequence[Rival] = (),
+    exact: Sequence[str] = (),
+) -> tuple[Direction, ...]:
+    """Combinations that the readings do not determine: first those about which they say nothing at all.
+
+    A combination is also named when its standard error makes one of its parameters undetermined. What would cure one
+    about which nothing is said is asked of the model, ``actuator``: which further output would show it. ``sharper`` is
+    what is found, with the errors of single parameters towards the side that determines them; it says which are open.
+    What several give together (d(0)) follows from ``found``: errors taken from one side do not cancel in it.
+    ``rivals`` are other fits as good, ``exact`` fixed parameters without a stated uncertainty.
+    """
+    names = [unknown.name for unknown in unknowns]
+    size = _sizes(unknowns, values)
+    known = dict(zip(names, values, strict=True))
+    named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
+    covariance = sharper.covariance / (size[:, None] * size)
+    errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    apart = _apart(unknowns, values, rivals) / size
+    nameless = np.any(np.abs(found.null / size) > _MOVED, axis=0)
+    exchanged = series_against_branches(
+        names, covariance, np.where(nameless, 0.0, apart), DETERMINED, _outputs(records)
+    )
+    if exchanged is not None:
+        # What else is open is told as if the series resistance were known.
+        named.append(exchanged[0])
+        covariance = exchanged[1]
+        errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    spread, vectors = np.linalg.eigh(covariance)
+    open_ones = errors > DETERMINED
+    chosen: set[int] = set()
+    for place in largest_first(spread):
+        error = float(np.sqrt(max(spread[place], 0.0)))
+        if error > DETERMINED and np.any(np.abs(vectors[:, place]) * error > DETERMINED):
+            chosen.add(place)
+    if open_ones.any() and not chosen:
+        chosen.add(int(np.argmax(spread)))
+    for place in (k for k in largest_first(spread) if k in chosen):
+        named.append(_direction(names, vectors[:, place], float(np.sqrt(spread[place])), records))
+    against = _gain_against_zero(names, known, found, errors, records, exact)
+    if against:
+        named = [direction for direction in named if not _is_gain_against_zero(direction)]
+    named += against
+    # What moves only a little along a direction that has a name may still move too much.
+    left = [k for k in np.flatnonzero(open_ones) if not any(names_it(direction, names[k]) for direction in named)]
+    while left:
+        spread, vectors = np.linalg.eigh(covariance[np.ix_(left, left)])
+        row = np.zeros(len(names))
+        row[left] = vectors[:, -1]
+        named.append(_direction(names, row, float(np.sqrt(spread[-1])), records))
+        left = [k for k in left if not names_it(named[-1], names[k])]
+    return tuple(named)
+
+
+def names_it(direction: Direction, name: str) -> bool:
+    """Whether a direction is why a parameter is not determined."""
+    part = abs(direction.coefficients.get(name, 0.0))
+    return part > _NAMED or (part > _MOVED and np.isinf(direction.error))
+
+
+def direction_of_one(names: Sequence[str], name: str, why: str) -> Direction:
+    """A parameter that is not determined for a reason of its own."""
+    way = measured(name)
+    sentence = f"{name} is not determined: {why}; {way or 'record longer, with other signals or less noise, or fix it'}"
+    cures = (f"measure {name.split('[')[0]}",) if way else ()
+    return Direction(dict.fromkeys(names, 0.0) | {name: 1.0}, sentence, np.inf, cures)
+
+
+def _is_gain_against_zero(direction: Direction) -> bool:
+    gain, zero = (direction.coefficients.get(f"coupling.{name}", 0.0) for name in ("gain", "zero"))
+    return gain * zero < 0 and gain * gain + zero * zero > 0.95
+
+
+def _direction(names: Sequence[str], row: FloatArray, error: float, records: Sequence[PreparedRun]) -> Direction:
+    row = upright(row / np.linalg.norm(row))
+    coefficients = {name: float(value) for name, value in zip(names, row, strict=True)}
+    return Direction(coefficients, _sentence(coefficients, error, records), error)
+
+
+def _null_direction(
+    unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[PreparedRun], actuator: Actuator
+) -> Direction:
+    names = [unknown.name for unknown in unknowns]
+    plain = _direction(names, row, np.inf, records)
+    moved = [name for name in names if abs(plain.coefficients[name]) > _MOVED]
+    if any(name.startswith("observation.") for name in moved) or _at_bounds(unknowns, moved, actuator):
+        return plain
+    cures = cures_of(names, row, _shown_by(unknowns, row, records, actuator))
+    if not cures:
+        return plain
+    what = plain.sentence.split("; ")[0]
+    return replace(plain, sentence=f"{what}; {said_of(cures, moved)}", cures=tuple(cure.name for cure in cures))
+
+
+def _at_bounds(unknowns: Sequence[Unknown], moved: Sequence[str], actuator: Actuator) -> bool:
+    """Whether one of these went to the end of its range, where other measurements say nothing of it either."""
+    return any(
+        min(entry - unknown.limits[0], unknown.limits[1] - entry) < _MOVED
+        for unknown in unknowns
+        if unknown.log and unknown.name in moved and unknown.base in actuator.parameter_values
+        for entry in [unknown.entry(actuator[unknown.base])]
+    )
+
+
+def _shown_by(
+    unknowns: Sequence[Unknown], row: FloatArray, records: Sequence[PreparedRun], actuator: Actuator
+) -> tuple[str, ...]:
+    """Outputs beside those that were read that would show a combination, in one run or another."""
+    largest = max(float(np.abs(record.run.voltage).max()) for record in records)
+    found: list[str] = []
+    for record in records:
+        own = [(u.base, part) for u, part in zip(unknowns, row, strict=True) if u.place in (None, record.place)]
+        own = [(base, part) for base, part in own if base in actuator.parameter_values]
+        bases, parts = [base for base, _ in own], np.array([part for _, part in own])
+        if not np.any(np.abs(parts) > _MOVED):
+            continue
+        found += [
+            name for name in others(actuator, bases, _outputs(records), parts, voltage=largest) if name not in found
+        ]
+        if not any(unknown.place is not None for unknown in unknowns):
+            break
+    return tuple(found)
+
+
+def _apart(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Rival]) -> FloatArray:
+    """Distance of each entry to the farthest other fit that is as good."""
+    own = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
+    there = [
+        [rival.entries.get(u.name, float(entry)) for u, entry in zip(unknowns, own, strict=True)] for rival in rivals
+    ]
+    return np.asarray(np.abs(np.array([own, *there]) - own).max(axis=0))
+
+
+def _outputs(records: Sequence[PreparedRun]) -> list[str]:
+    return list(dict.fromkeys(output for record in records for output in record.readings))
+
+
+def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence[PreparedRun]) -> str:
+    moved = names_by_size({n: c for n, c in coefficients.items() if abs(c) > _MOVED})
+    large = [name for name in moved if abs(coefficients[name]) > _NAMED] or moved[:1]
+    listed = ", ".join(large)
+    rest = [name for name in moved if name not in large]
+    also = f" (and, less, {', '.join(rest)})" if rest and np.isinf(error) else ""
+    if len(large) == 1 and not also:
+        what = f"{listed} is not determined"
+    else:
+        what = f"{listed}{also} can move together without changing what was read"
+    if error < HARDLY:
+        what += f": the combination is known to a factor of {np.exp(error):.3g} only"
+    elif np.isfinite(error):
+        what += ": the combination is hardly known at all"
+    own = {"" if (kind := kind_of(name)) is None else kind.to_determine for name in large}
+    if len(own) == 1 and (cure := own.pop()):
+        return f"{what}; {cure}"
+    return f"{what}; {_cure({name.split('[')[0] for name in moved if abs(coefficients[name]) > 0.01}, records)}"
+
+
+def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
+    outputs = {output for record in records for output in record.readings}
+    circuit = {name for name in moved if is_of_circuit(name)}
+    series = moved & set(SERIES)
+    if "observation.delay" in moved:
+        return "record the voltage with a known hold, or give runs that show the rows before and after each edge"
+    if len(series) == 2:
+        return "sheet and contact resistance lie in series: fix one of them at a measured value"
+    if series and circuit - series:
+        have = "current alone" if outputs == {"current"} else "these runs"
+        return (
+            f"{have} cannot tell the series resistance from the branches (two branches show five numbers, not six): "
+            f"fix {min(series)} at a measured value, or add runs with force or displacement if the coupling is known "
+            "from elsewhere"
+        )
+    if "beam.modulus" in moved and "coupling.gain" in moved:
+        missing = "displacement" if "displacement" not in outputs else "force"
+        return f"only the product of d and Young's modulus is seen: add runs with {missing}, or fix beam.modulus"
+    if moved & {"beam.density", "beam.modulus", "beam.damping_ratio"}:
+        return "record displacement fast enough to see the beam ring, or fix the beam at measured values"
+    if moved & {"coupling.gain", "coupling.zero"} == {"coupling.gain", "coupling.zero"}:
+        return "record faster, so that the zero shows, or fix coupling.zero"
+    if {name.split(".")[0] for name in moved} == {"geometry"}:
+        return "fix the dimensions at measured values"
+    return "record longer, with steps and slow and fast signals, or with less noise"
+
+
+def _gain_against_zero(
+    names: Sequence[str],
+    values: Mapping[str, float],
+    found: Uncertainty,
+    errors: FloatArray,
+    records: Sequence[PreparedRun],
+    exact: Sequence[str],
+) -> tuple[Direction, ...]:
+    """Gain against zero, where only their product is seen.
+
+    That is so when the zero of d(s) lies beyond the Nyquist rate of every record that could show it: there a zero at Z
+    acts as an edge that comes 1/Z earlier, less than a third of a sample. No record is timed that well, so a small
+    formal error of Z would be false.
+    """
+    if "coupling.zero" not in names or "coupling.gain" not in names:
+        return ()
+    nyquist = float(np.pi * max(r.run.rate for r in records if {"force", "displacement"} & set(r.readings)))
+    zero = values["coupling.zero"]
+    if zero > nyquist:
+        why = f"the zero at {zero:.4g} 1/s lies beyond the Nyquist rate of these runs, {nyquist:.4g} 1/s"
+        rate = 3.0 * min(zero, 10.0 * nyquist) / np.pi
+    elif errors[names.index("coupling.zero")] > DETERMINED:
+        why = f"the zero does not show in these runs, whose Nyquist rate is {nyquist:.4g} 1/s"
+        rate = 3.0 * nyquist / np.pi
+    else:
+        return ()
+    half = float(np.sqrt(0.5))
+    sentence = (
+        f"coupling.gain and coupling.zero can move against each other: {why}, so only d(0) = K_d Z_d/P_2d"
+        f"{_static(names, values, found, exact)} is known; record at {_round_up(rate):g} S/s or more"
+    )
+    coefficients = dict.fromkeys(names, 0.0) | {"coupling.gain": half, "coupling.zero": -half}
+    return (Direction(coefficients, sentence, np.inf),)
+
+
+def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertainty, exact: Sequence[str]) -> str:
+    """d(0) in numbers, where all of it is free and nothing else can move it, and on what that error leans."""
+    signs = {"coupling.gain": 1.0, "coupling.zero": 1.0, "coupling.p2": -1.0}
+    if not set(signs) <= set(names):
+        return ""
+    weights = np.array([signs.get(name, 0.0) for name in names])
+    if np.any(np.abs(found.null @ weights) > _MOVED):
+        return ""
+    error = float(np.sqrt(max(weights @ found.covariance @ weights, 0.0)))
+    level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
+    leans = [name for name in exact if abs(float(weights @ found.leverage[name])) > error]
+    beside = f", with {' and '.join(leans)} taken as exact" if leans else ""
+    return f" = {level:.4g} m/V (standard error {100.0 * error:.2g} %{beside})"
+
+
+def _round_up(rate: float) -> float:
+    power = 10.0 ** np.floor(np.log10(rate))
+    return float(np.ceil(rate / power) * power)

@@ -1,0 +1,89 @@
+"""On which fixed values a fit leans, and how hard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from ipmclab.fit.fit import FittedParameter
+from ipmclab.identification.problem.order import Order
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.uncertainty.interval import half_width
+from ipmclab.model.declared import MOTION, in_group
+from ipmclab.run import Finding
+from ipmclab.ties import largest_first
+
+_FELT: Final = 1e-3  # of a parameter, for 1 % of a fixed value: what is less is not told
+_AMPLIFIED: Final = 0.05  # likewise: a warning whatever the fixed value is
+_NAMED: Final = 3  # parameters that a sentence names
+
+
+def leaning_findings(
+    found: Uncertainty,
+    fitted: Mapping[str, FittedParameter],
+    stated: Collection[str],
+    exact: Sequence[str],
+    asked: Sequence[Unknown],
+    order: Order,
+) -> list[Finding]:
+    """``fixed-uncertainty`` and ``exact-fixed-value``: what 1 % of each fixed value does to the parameters.
+
+    The second is a warning where 1 % moves a parameter beyond its interval, and either the value is one of the
+    coupling, which no handbook gives and which differs from strip to strip by far more, or it moves it five times as
+    far. The hardest stand first.
+
+    Parameters
+    ----------
+    found : Uncertainty
+    fitted : mapping of name to FittedParameter
+    stated : collection of str
+        Fixed values with an uncertainty.
+    exact : sequence of str
+        Fixed values without one.
+    asked : sequence of Unknown
+        In the order of ``found``.
+    order : Order
+    """
+    own = [fitted[order(unknown.name)] for unknown in asked]
+    finite = np.array([math.isfinite(one.standard_error) for one in own], dtype=bool)
+    half = np.array([_half(unknown, one.interval) for unknown, one in zip(asked, own, strict=True)])
+    told: list[tuple[float, Finding]] = []
+    for name in (*stated, *exact):
+        moved = np.where(finite, np.abs(found.leverage[name]), 0.0)
+        largest = float(moved.max(initial=0.0))
+        if largest < (1e-9 if name in stated else _FELT):
+            continue
+        most = [k for k in largest_first(moved)[:_NAMED] if moved[k] >= min(_FELT, largest)]
+        leans = f"1 % of {name} moves " + ", ".join(f"{order(asked[k].name)} by {100.0 * moved[k]:.2g} %" for k in most)
+        if name in stated:
+            message = f"the stated uncertainty of {name} is passed on to the errors: {leans}"
+            told.append((largest, Finding("fixed-uncertainty", "info", message, "", values={"leverage": largest})))
+            continue
+        beyond = finite & (moved > half) & (moved >= _FELT)
+        if not in_group(MOTION, [name]):
+            beyond &= moved > _AMPLIFIED
+        message = f"{name} is taken as exact, because no uncertainty is stated for it: {leans}"
+        if beyond.any():
+            message += ", farther than the 95 % interval reaches"
+        told.append(
+            (
+                largest,
+                Finding(
+                    "exact-fixed-value",
+                    "warning" if beyond.any() else "info",
+                    message,
+                    'write it as { value = "...", standard_uncertainty = "..." } in the actuator\'s file',
+                    values={"leverage": largest},
+                ),
+            )
+        )
+    return [told[k][1] for k in largest_first([size for size, _ in told])]
+
+
+def _half(unknown: Unknown, interval: tuple[float, float]) -> float:
+    """Half the width of an interval, in the entry that a leverage moves."""
+    return half_width(unknown, interval) if unknown.log else 0.5 * (interval[1] - interval[0]) / unknown.scale

@@ -1,0 +1,77 @@
+"""What a fit left open that a predicted displacement or force rests on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from ipmclab.confidence import NORMAL_95
+from ipmclab.fit.fit import DETERMINED
+from ipmclab.model import Actuator
+from ipmclab.model.declared import MOTION, in_group
+from ipmclab.model.stages.coupling import STATIC
+from ipmclab.run import Finding
+
+_LARGE: Final = 0.01  # part of a direction of unit length
+
+
+def open_coupling(actuator: Actuator) -> list[Finding]:
+    """Whether the fit that an actuator carries never asked for the coupling, or left its size open."""
+    if actuator.fit_table is None:
+        return []
+    names = [str(one.get("name", "")) for one in _entries(actuator, "parameters")]
+    if not in_group(MOTION, names):
+        return [
+            Finding(
+                "coupling-not-identified",
+                "info",
+                f"the fit in {actuator.name} did not identify the coupling: displacement and force are predicted with "
+                "the values that it was given",
+                repair="identify it too, from runs with displacement or force",
+            )
+        ]
+    for one in _entries(actuator, "undetermined"):
+        coefficients = one.get("coefficients")
+        # A fit knows d(0) beside a direction of which it knows something: its covariance tells how well.
+        if isinstance(coefficients, Mapping) and float(one.get("error", math.inf)) == math.inf:
+            along = sum(sign * float(coefficients.get(name, 0.0)) for name, sign in STATIC.items())
+            # Gain against zero with d(0) = K_d Z_d/P_2d standing still does not show below the Nyquist rate.
+            if abs(along) > _LARGE:
+                return [_open(actuator, str(one.get("sentence", "")))]
+    error = _error(actuator)
+    if error > DETERMINED:
+        return [_open(actuator, f"it is known to a factor of {math.exp(min(NORMAL_95 * error, 50.0)):.2g} only")]
+    return []
+
+
+def _open(actuator: Actuator, why: str) -> Finding:
+    return Finding(
+        "coupling-undetermined",
+        "warning",
+        f"the fit in {actuator.name} leaves d(0), the size of displacement and force, open: {why}",
+        repair="take these scores as those of one of many models that fit alike",
+    )
+
+
+def _error(actuator: Actuator) -> float:
+    """Standard error of log d(0) by the covariance of the fit; 0 where the table does not say."""
+    table = (actuator.fit_table or {}).get("covariance", {})
+    try:
+        names = [str(name) for name in table["names"]]
+        rows = [[float(value) for value in row] for row in table["rows"]]
+        known = {name: names.index(name) for name in STATIC if name in names}
+        variance = sum(
+            STATIC[one] * STATIC[other] * rows[known[one]][known[other]] / (actuator[one] * actuator[other])
+            for one in known
+            for other in known
+        )
+    except (KeyError, TypeError, ValueError, IndexError, ZeroDivisionError):
+        return 0.0  # written by hand
+    return math.sqrt(max(variance, 0.0))
+
+
+def _entries(actuator: Actuator, key: str) -> list[Mapping[str, Any]]:
+    """The tables of an array in the fit table, which may have been written by hand."""
+    found = (actuator.fit_table or {}).get(key, ())
+    return [one if isinstance(one, Mapping) else {} for one in found] if isinstance(found, Sequence) else []

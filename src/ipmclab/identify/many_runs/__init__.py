@@ -1,1 +1,0 @@
-"""Several runs and several mountings: what the next one would give, which run disagrees, bands of predictions."""

@@ -1,1 +1,0 @@
-"""Strips from printed numbers, and printed numbers that no strip can give."""

@@ -1,0 +1,164 @@
+"""What the outputs of an actuator read at the rows of a record, by the fastest way that its structure allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.model.actuator import Actuator
+from ipmclab.model.assemble import System
+from ipmclab.model.numerics.dense import Dense, parts
+from ipmclab.model.numerics.law_modal import Loop, law_loop
+from ipmclab.model.numerics.modal import coefficients, modes
+from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.numerics.regular import Regular
+from ipmclab.model.numerics.timeline import Timeline, divided, side_by_side, timeline
+from ipmclab.model.ports import INPUTS, OUTPUT_PORTS, OUTPUTS, choose_outputs, left_at_rest
+from ipmclab.model.request import check_hold, checked_force, checked_record, state_vector
+from ipmclab.model.stages.laser import read_far
+from ipmclab.run import Hold
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def simulate_outputs(
+    actuator: Actuator,
+    time: npt.ArrayLike,
+    voltage: npt.ArrayLike,
+    hold: Hold,
+    *,
+    outputs: Sequence[str] | None = None,
+    initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
+    delay: float = 0.0,
+    external_force: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """What the outputs read at the rows of a record.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    time : float array, shape (n_time,) [s]
+        Increasing; need not be regular.
+    voltage : float array, shape (n_time,) [V]
+    hold : "zero", "zero-before" or "first"
+    outputs : sequence of str, optional
+        Some of ``OUTPUTS``, in the wanted order; all where it is left out.
+    initial_state : mapping of state name to float, or float array of shape (n_states,), optional
+        The state at row 0. None: at rest and at 0 V until the first edge.
+    delay : float [s]
+        By how much the voltage reaches the strip later than its rows say; negative for earlier.
+        With a given state, the voltage before the first edge is the first voltage.
+    external_force : float array, shape (n_time,) [N], optional
+        On the strip at its sensing point, positive as the displacement; between rows it does as the voltage does.
+
+    Returns
+    -------
+    values : float array, shape (n_outputs, n_time) [SI]
+
+    Raises
+    ------
+    InputError
+        An unknown output or state, a hold that says nothing, time that does not increase, unequal
+        lengths, a voltage that is not finite.
+
+    Where a laser has lost the strip, its reading goes on in a straight line here, for a search to follow;
+    ``simulate`` gives none (NaN).
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> current = simulate_outputs(load_actuator("friend-2"), [0, 0.02], [1, 1], "zero", outputs=["current"])
+    >>> round(float(current[0, 0]), 6)
+    0.060348
+    """
+    from ipmclab.model.numerics import kernels
+
+    check_hold(hold)
+    times, volts = checked_record(time, voltage)
+    chosen = choose_outputs(outputs)
+    names = [OUTPUTS[place] for place in chosen]
+    if external_force is None and initial_state is None and delay == 0.0 and _is_regular(times):
+        period = (times[-1] - times[0]) / (len(times) - 1)
+        coefficients, with_law = modal_coefficients(actuator, period, hold), leaking_loop(actuator, period, hold)
+        if coefficients is not None or with_law is not None:
+            every = np.empty((len(OUTPUTS), len(times)))
+            if coefficients is not None:
+                kernels.modal(volts, coefficients, every)
+            elif with_law is not None:
+                with_law(volts, every)
+            values = every[chosen]
+            read_far(values, names, actuator.parameter_values)
+            return values
+        dense = _regular(actuator, period, chosen)
+        if dense is not None:
+            values = np.empty((len(chosen), len(times)))
+            dense.write(volts, hold, values)
+            read_far(values, names, actuator.parameter_values)
+            return values
+    from_rest = initial_state is None
+    lines = [timeline(times, volts, hold, delay=delay, from_rest=from_rest)]
+    if external_force is not None:
+        if actuator.structure.laser:
+            raise InputError(
+                "a laser's reading is that of a strip that bends as an arc: a force at one point bends it otherwise",
+                code="force-and-laser",
+                where="external_force",
+                repair="leave the force out, or take an actuator without laser",
+            )
+        force = checked_force(external_force, len(times))
+        lines.append(timeline(times, force, hold, delay=delay, from_rest=from_rest))
+    system = actuator.driven_by(INPUTS[: len(lines)])
+    state = state_vector(actuator.state_names, initial_state)
+    seen = seen_states([system], chosen)
+    values = np.empty((len(chosen), len(times)))
+    run_dense(reduced(system, chosen, seen), lines, state[seen], values)
+    read_far(values, names, actuator.parameter_values)
+    return values
+
+
+def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatArray | None:
+    """The numbers of the modal recursion, kept with the actuator; None where another way must answer."""
+
+    def made() -> FloatArray | None:
+        found = modes(actuator.blocks(), external="voltage", outputs=OUTPUT_PORTS, at_rest=left_at_rest(["voltage"]))
+        return None if found is None else coefficients(found, period, hold)
+
+    return actuator.keep(("modal", period, hold), made)
+
+
+def leaking_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:
+    """The loop of a strip with one leak at its node, kept with the actuator; None where another way must answer."""
+    if not actuator.structure.leak:
+        return None
+    values = actuator.parameter_values
+    return actuator.keep(("leaking", period, hold), lambda: law_loop(actuator.structure, values, period, hold))
+
+
+def _regular(actuator: Actuator, period: float, chosen: Sequence[int]) -> Regular | None:
+    """The path without poles over rows of one period, kept with the actuator; None where a period must be divided."""
+    system = actuator.system
+    if parts(system, np.array([period]))[0] > 1:
+        return None
+
+    def made() -> Regular:
+        seen = seen_states([system], chosen)
+        return Regular(Dense.of(reduced(system, chosen, seen), [period]), len(seen))
+
+    return actuator.keep(("regular", period, *chosen), made)
+
+
+def run_dense(system: System, lines: Sequence[Timeline], state: FloatArray, values: FloatArray) -> None:
+    """Write the outputs over the time lines of all inputs into ``values``, by the path that does not need poles.
+
+    The state is overwritten: on return it is that at the end.
+    """
+    lines = [divided(line, parts(system, line.durations)) for line in lines]
+    Dense.of(system, lines[0].durations).run(side_by_side(lines), state, values)
+
+
+def _is_regular(times: FloatArray) -> bool:
+    steps = np.diff(times)
+    return bool(steps.max() - steps.min() <= 1e-6 * steps.mean())

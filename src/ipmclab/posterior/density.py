@@ -1,0 +1,188 @@
+"""How likely parameters are, given the readings of a fit and what was known beforehand."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.columns import constants, steps_between, whitened
+from ipmclab.identification.noise.pieces import Key
+from ipmclab.identification.noise.whitening import CorrelatedProblem, measured_rows
+from ipmclab.identification.problem.order import Order
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown, known_together
+from ipmclab.identification.solved import Estimate
+from ipmclab.model.parameters import Parameter
+from ipmclab.posterior.coordinates import WIDEST, Straight, coordinates
+from ipmclab.statespace.terms import Terms, state_space
+
+FloatArray = npt.NDArray[np.float64]
+
+AT_FLOOR: Final = 1.01
+"""Times the rounding of the model: noise that small is none."""
+
+_MATTERS: Final = 0.1  # of what noise moves all readings together: a fixed value that moves them less is taken as exact
+_NOISE_WIDTH: Final = 0.2  # the same of the numbers that shape the noise
+_SECOND: Final = re.compile(r"\.1\.")
+_RECTANGLE: Final = 3.0**0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """The noise of one output of one run: its scale, offset and trend integrated over, its shape in the vector.
+
+    Parameters
+    ----------
+    terms : Terms
+    place : slice
+        Of its shape in the vector.
+    held : float array, shape (n_measured, n_constants)
+    steps : int array, shape (n_measured,)
+    inside : bool array, shape (n_rows,)
+        Rows that are measured; the others are bounds.
+    known : bool
+        Whether its scale is that of the rows: readings that are as exact as the model itself.
+    """
+
+    terms: Terms
+    place: slice
+    held: FloatArray
+    steps: npt.NDArray[np.int64]
+    inside: npt.NDArray[np.bool_]
+    known: bool
+
+    def log_density(self, residual: FloatArray, entries: FloatArray) -> float:
+        measured = residual[self.inside]
+        beyond = residual[~self.inside]
+        found: float = -0.5 * float(beyond @ beyond)
+        if self.known:
+            return found - 0.5 * float(measured @ measured)
+        logarithm: float = 0.0
+        constants_ = self.held.shape[1]
+        if self.terms.shapes or constants_:
+            columns = np.column_stack([self.held, measured])
+            white, logarithm = whitened(state_space(self.terms, entries), columns, self.steps)
+            measured = white[:, -1]
+            if constants_:
+                basis, triangle = np.linalg.qr(white[:, :-1])
+                measured = measured - basis @ (basis.T @ measured)
+                logarithm += 2.0 * float(np.log(np.abs(triangle.diagonal())).sum())
+        power = float(measured @ measured)
+        if not (math.isfinite(power) and power > 0.0 and math.isfinite(logarithm)):
+            return -math.inf
+        # Every logarithm of the scale, every offset and every trend is as likely as another beforehand.
+        found -= 0.5 * (logarithm + (len(measured) - constants_) * math.log(power))
+        # Every partial autocorrelation in (-1, 1) is, and every size of a walk or of white noise.
+        order = self.terms.order
+        of_shape = entries[order:].sum() - 2.0 * np.log(np.cosh(entries[:order])).sum()
+        return float(found + of_shape)
+
+
+class Density:
+    """The logarithm of the posterior density, up to a constant, over one vector.
+
+    The vector holds the unknowns of the fit, then fixed parameters with a stated uncertainty that matters, then
+    what shapes the noise of each output. An entry without a prior is as likely anywhere between its bounds: a
+    logarithm uniformly in the logarithm.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    stated : mapping of name to Parameter
+        Fixed parameters whose uncertainty is stated.
+    together : mapping of name to mapping of name to float [SI]
+        Their covariance: an earlier fit found some of them together.
+    """
+
+    def __init__(
+        self, estimate: Estimate, stated: Mapping[str, Parameter], together: Mapping[str, Mapping[str, float]]
+    ) -> None:
+        correlated = estimate.correlated
+        solved, theta = correlated.problem, correlated.solution.theta
+        moved = known_together(_that_matter(solved, theta, stated), together)
+        self.unknowns: tuple[Unknown, ...] = (*solved.unknowns, *moved)
+        self.problem = Problem(solved.base, solved.records, self.unknowns, solved.responder, solved.noise)
+        whole = CorrelatedProblem(self.problem, correlated.whitenings)
+        here = np.append(theta, [unknown.prior[0] for unknown in moved if unknown.prior is not None])
+        self._noise: dict[Key, _Noise] = {}
+        shapes: list[FloatArray] = []
+        limits = list(zip(self.problem.lower, self.problem.upper, strict=True))
+        for record in solved.records:
+            for output in record.readings:
+                key = record.place, output
+                shape = correlated.shapes.get(key)
+                terms = Terms() if shape is None else shape.terms
+                time = record.run.time[record.readings[output].exact]
+                held = constants(time)[:, [n for n, has in enumerate((terms.offset, terms.trend)) if has]]
+                step = 1.0 / record.run.rate if record.run.is_uniform else float(np.median(np.diff(record.run.time)))
+                self._noise[key] = _Noise(
+                    terms,
+                    slice(len(limits), len(limits) + terms.shapes),
+                    held,
+                    steps_between(time, step),
+                    measured_rows(record, output),
+                    solved.noise[key] <= AT_FLOOR * solved.floors[key],
+                )
+                limits += terms.bounds
+                shapes.append(np.zeros(0) if shape is None else shape.entries)
+        self.lower, self.upper = np.array(limits).T
+        middle = np.concatenate([here, *shapes])
+        straight = Straight(middle, _root(whole.evaluate(here).triangle[:, :-1], len(middle)))
+        self.coordinates = coordinates(whole, here, straight, width=_NOISE_WIDTH)
+        self._range_middles, self._range_widths = _ranges(self.unknowns)
+        self._order = Order(self._values(here))
+        self._may_swap = any(_SECOND.search(name) for name in self._values(here))
+
+    def __call__(self, vector: FloatArray) -> float:
+        """The logarithm of the density; minus infinity outside the bounds."""
+        if not ((vector > self.lower) & (vector < self.upper)).all():
+            return -math.inf
+        theta = vector[: len(self.unknowns)]
+        if (np.abs(theta - self._range_middles) > _RECTANGLE * self._range_widths).any():
+            return -math.inf
+        # Branches and modes keep their names: the fastest is the fastest in every sample.
+        if self._may_swap and Order(self._values(theta)) != self._order:
+            return -math.inf
+        away = self.problem.from_priors(theta)
+        found: float = -0.5 * float(away @ away)
+        for key, residual in self.problem.residuals(theta).items():
+            noise = self._noise[key]
+            found += noise.log_density(residual, vector[noise.place])
+        return found if math.isfinite(found) else -math.inf
+
+    def _values(self, theta: FloatArray) -> dict[str, float]:
+        return self.problem.values(theta, self.problem.records[0].place)
+
+
+def _that_matter(problem: Problem, theta: FloatArray, stated: Mapping[str, Parameter]) -> list[Unknown]:
+    """Fixed parameters whose uncertainty moves the readings, as unknowns with a prior."""
+    if not stated:
+        return []
+    moves = np.linalg.norm(problem.fixed_jacobian(theta, list(stated)), axis=0)
+    return [
+        actuator_unknown(parameter, None).known(parameter.value, parameter.standard_uncertainty)
+        for parameter, size in zip(stated.values(), moves, strict=True)
+        if size * parameter.standard_uncertainty > _MATTERS
+    ]
+
+
+def _root(triangle: FloatArray, size: int) -> FloatArray:
+    """A matrix whose product with normal numbers scatters as the curvature at the fit says, shape (size, size)."""
+    _, singular, directions = np.linalg.svd(triangle)
+    count = triangle.shape[1]
+    singular = np.concatenate([singular, np.zeros(count - len(singular))])
+    found = _NOISE_WIDTH * np.eye(size)
+    found[:count, :count] = directions.T / np.maximum(singular, 1.0 / WIDEST)
+    return found
+
+
+def _ranges(unknowns: Sequence[Unknown]) -> tuple[FloatArray, FloatArray]:
+    """Centres and widths of the priors that are ranges; a width without end for others."""
+    of = [u.prior if u.prior is not None and u.beforehand is None else (0.0, math.inf) for u in unknowns]
+    return np.array([centre for centre, _ in of]), np.array([width for _, width in of])

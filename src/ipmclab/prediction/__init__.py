@@ -1,0 +1,1 @@
+"""A fitted actuator held against runs, and how sure its answers are."""

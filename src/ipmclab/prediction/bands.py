@@ -1,0 +1,378 @@
+"""How far a simulated output may lie from the truth, and from what would be read: bands from a fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.confidence import NORMAL_95, wider_for_few
+from ipmclab.errors import InputError
+from ipmclab.fit.as_fitted import why_changed
+from ipmclab.fit.fit import Fit
+from ipmclab.fit.observation import Observation
+from ipmclab.identification.mountings.common_error import common_covariance
+from ipmclab.identification.mountings.own_of_mounting import own_of_mounting, strips_apart
+from ipmclab.identification.problem.record import ending_of, own_endings, own_values
+from ipmclab.identification.uncertainty.known_covariance import KnownCovariance, known_of
+from ipmclab.identification.uncertainty.random_effect import FEWEST
+from ipmclab.model import Actuator
+from ipmclab.model.given import need_run
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.sensitivity import sensitivities
+from ipmclab.model.simulate import with_shunt
+from ipmclab.run import Hold, Run
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """A simulated run with its uncertainty.
+
+    Parameters
+    ----------
+    time : float array, shape (n_time,) [s]
+    predicted : mapping of output to float array, shape (n_time,) [SI]
+    of_parameters : mapping of output to float array, shape (n_time,) [SI]
+        Standard deviation from the parameters: of the strip's answer itself.
+    of_noise : mapping of output to float array, shape (n_time,) [SI]
+        Standard deviation of the noise of a reading, as the runs of the fit had it: zero and drift of a new run are not
+        known beforehand, so those of the fit count as spread.
+    left_out : tuple of str
+        Free parameters of which nothing is known: the band does not contain what they may change.
+    mounting : str
+        Whether the band holds for the mountings of the fit (``"the fit's"``), for one that the fit never saw (``"the
+        next"``), or for one of the fit with what that has for itself (``"mounting strip-7-a"``).
+    away : mapping of output to float array, shape (n_time,) [SI]
+        How far the answer of the farthest mounting of the fit lies from what is predicted, where each has parameters of
+        its own and the band holds for all of them; else empty.
+    """
+
+    time: FloatArray
+    predicted: Mapping[str, FloatArray]
+    of_parameters: Mapping[str, FloatArray]
+    of_noise: Mapping[str, FloatArray]
+    left_out: tuple[str, ...]
+    mounting: str = "the fit's"
+    away: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def interval(self, output: str, level: float = 0.95, *, of_readings: bool = True) -> tuple[FloatArray, FloatArray]:
+        """Ends between which a reading lies (or the strip's answer itself) with a probability, shape (n_time,) each.
+
+        Raises
+        ------
+        InputError
+            A probability that is not between 0 and 1, an output that the fit has no noise of.
+        """
+        reach = self.reach(output, level, of_readings=of_readings)
+        return self.predicted[output] - reach, self.predicted[output] + reach
+
+    def reach(self, output: str, level: float = 0.95, *, of_readings: bool = True) -> FloatArray:
+        """Half the width of the interval [SI], shape (n_time,)."""
+        from scipy.special import ndtri
+
+        if not 0.0 < level < 1.0:
+            raise InputError(
+                f"a probability of {level:g} is none",
+                code="bad-level",
+                where="level",
+                repair="give one between 0 and 1, such as 0.95",
+            )
+        if output not in self.predicted:
+            raise InputError(
+                f"there is no band of {output!r}: the fit read {', '.join(self.predicted)} alone",
+                code="no-band",
+                where="output",
+                repair=f"ask for {' or '.join(map(repr, self.predicted))}, or fit runs that have it",
+            )
+        noise = self.of_noise[output] if of_readings else 0.0
+        spread = np.sqrt(self.of_parameters[output] ** 2 + np.square(noise))
+        reach = float(ndtri(0.5 + 0.5 * level)) * spread
+        return np.asarray(reach + self.away[output] if output in self.away else reach)
+
+
+def prediction_bands(fit: Fit, run: Run) -> Bands:
+    """Simulate a fitted actuator at the voltage of a run that starts at rest, with bands.
+
+    The parameters count to first order, with the errors and correlations of the fit; so do fixed parameters with a
+    stated uncertainty. Where each mounting of the fit has parameters of its own, a run that names one of them is
+    simulated with that mounting's, and of a run that names none the band holds what every mounting of the fit answers.
+    For a run of a mounting that the fit never saw, the band holds what three mountings or more of the fit, each by
+    itself, say of the next one; with fewer it is that of the fit's own mounting.
+
+    Parameters
+    ----------
+    fit : Fit
+        As ``identify`` returned it, or ``read_fit`` read it.
+    run : Run
+        Its time, voltage, hold and mounting are used, and a shunt that its voltage was sensed upstream of; what was
+        read is not.
+
+    Returns
+    -------
+    bands : Bands
+        Of the outputs that the fit read.
+
+    Raises
+    ------
+    InputError
+        No fit, no run, or a fit whose file was edited so that its actuator is another one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ipmclab import Run, identify, load_actuator, prediction_bands, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> clean = simulate(strip, "step 1 V", duration=40, rate=50)
+    >>> noise = 1e-4 * np.random.default_rng(20261121).standard_normal(2000)
+    >>> run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise)
+    >>> fit = identify(strip, [run], free="electrical")
+    >>> bands = prediction_bands(fit, simulate(strip, "sine 1 V 0.2 Hz", duration=10, rate=50))
+    >>> low, high = bands.interval("current")
+    >>> bool(1.9e-4 < np.median(high - bands.predicted["current"]) < 2.1e-4)
+    True
+    """
+    _need(fit, run)
+    outputs = noise_outputs(fit)
+    drive = Drive(run.time, run.voltage, "zero" if run.hold == "unknown" else run.hold)
+    mounting = run.metadata.mounting_id
+    own = own_of_mounting(fit, mounting)
+    since = run.time - run.time[0]
+    strip = with_shunt(fit.actuator.replace(**own) if own else fit.actuator, run)
+    predicted = dict(zip(outputs, drive.outputs(strip, outputs), strict=True))
+    others = [with_shunt(one, run) for one in next_mountings(fit, fit.actuator, mounting)]
+    away: dict[str, FloatArray] = {}
+    if others:
+        spread = spread_of_next(fit, others, strip, drive, predicted)
+    else:
+        spread, away = spread_here(fit, mounting, strip, drive, predicted, lambda one: with_shunt(one, run))
+    noise = {output: noise_of(fit.observations, output, since) for output in outputs}
+    if others:
+        noise = {output: noise_between(fit, output, noise[output]) for output in outputs}
+    held = "the next" if others else f"mounting {mounting}" if own else "the fit's"
+    return Bands(run.time, predicted, spread, noise, _left_out(fit, mounting), held, away)
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What a strip is driven with: the voltage over time, and how the run begins."""
+
+    time: FloatArray
+    voltage: FloatArray
+    hold: Hold
+    delay: float = 0.0
+    initial_state: Mapping[str, float] | None = None
+
+    def outputs(self, actuator: Actuator, outputs: Sequence[str]) -> FloatArray:
+        """What an actuator answers, shape (n_output, n_time)."""
+        return simulate_outputs(
+            actuator,
+            self.time,
+            self.voltage,
+            self.hold,
+            outputs=outputs,
+            initial_state=self.initial_state or None,
+            delay=self.delay,
+        )
+
+
+def noise_outputs(fit: Fit) -> list[str]:
+    """The outputs that a fit read, of whose noise it knows."""
+    return list(dict.fromkeys(name for observation in fit.observations for name in observation.noise))
+
+
+def values_of(fit: Fit) -> dict[str, float]:
+    """What a fit found, by name."""
+    return {name: one.value for name, one in fit.parameters.items()}
+
+
+def known_in(fit: Fit, place: int | None, mounting: str | None = None) -> KnownCovariance:
+    """What a fit knows of the parameters in one of its runs, or (None) in a new one, which may name its mounting."""
+    own: tuple[str, ...] = (ending_of(mounting),) if mounting else ()
+    if place is not None:
+        own = own_endings(place, fit.observations[place].mounting)
+    return known_of(fit.covariance, values_of(fit), list(fit.actuator.parameter_values), own)
+
+
+def spread_of(
+    known: KnownCovariance, actuator: Actuator, drive: Drive, outputs: Sequence[str]
+) -> dict[str, FloatArray]:
+    """Standard deviation of each output from what is not known of the parameters [SI]."""
+    found = sensitivities(
+        actuator,
+        known.names,
+        drive.time,
+        drive.voltage,
+        drive.hold,
+        outputs=outputs,
+        initial_state=drive.initial_state or None,
+        delay=drive.delay,
+        asked=(),
+    )
+    variances = np.einsum("kij,jl,kil->ki", found.parameters, known.covariance, found.parameters)
+    return dict(zip(outputs, np.sqrt(np.maximum(variances, 0.0)), strict=True))
+
+
+def spread_here(
+    fit: Fit,
+    mounting: str | None,
+    model: Actuator,
+    drive: Drive,
+    predicted: Mapping[str, FloatArray],
+    seen: Callable[[Actuator], Actuator],
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Standard deviation of a prediction of a new run, and how far mountings of the fit lie from it [SI].
+
+    Parameters
+    ----------
+    fit : Fit
+    mounting : str or None
+        As the run names it.
+    model : Actuator
+        As it was simulated.
+    drive : Drive
+    predicted : mapping of output to float array, shape (n_time,) [SI]
+    seen : function of Actuator to Actuator
+        A strip as the instruments of this run see it.
+
+    Returns
+    -------
+    spread : dict of output to float array, shape (n_time,) [SI]
+    away : dict of output to float array, shape (n_time,) [SI]
+        Empty where the run names its mounting, or the mountings share everything.
+    """
+    outputs = list(predicted)
+    strips = {} if mounting else strips_apart(fit)
+    if not strips:
+        return spread_of(known_in(fit, None, mounting), model, drive, outputs), {}
+    spread, away = ({output: np.zeros(len(drive.time)) for output in outputs} for _ in range(2))
+    for name, one in strips.items():
+        strip = seen(one)
+        each = spread_of(known_in(fit, None, name), strip, drive, outputs)
+        for output, answer in zip(outputs, drive.outputs(strip, outputs), strict=True):
+            spread[output] = np.maximum(spread[output], each[output])
+            away[output] = np.maximum(away[output], np.abs(answer - predicted[output]))
+    return spread, away
+
+
+def _left_out(fit: Fit, mounting: str | None) -> tuple[str, ...]:
+    """Of what nothing is known for a new run, which may name its mounting."""
+    strips = strips_apart(fit)
+    # What another mounting has for itself is nothing to a run that names its own.
+    beside = tuple(ending_of(name) for name in strips if mounting in strips and name != mounting)
+    unlimited = [
+        name
+        for name, one in fit.parameters.items()
+        if not math.isfinite(one.standard_error) and not name.endswith(beside)
+    ]
+    # The band of a run that names none holds every mounting: of each its own is known.
+    found = known_in(fit, None, mounting or next(iter(strips), None))
+    return tuple(dict.fromkeys((*unlimited, *found.left_out)))
+
+
+def next_mountings(fit: Fit, actuator: Actuator, mounting: str | None) -> list[Actuator]:
+    """The strip as each mounting of a fit found it, for a run of another mounting; else, or with too few, none."""
+    seen = {observation.mounting for observation in fit.observations}
+    if not mounting or mounting in seen or fit.mountings is None:
+        return []
+    known = values_of(fit)
+    found = [
+        actuator.replace(**_inside(actuator, one.values), **own_values(known, [ending_of(one.name)]))
+        for one in fit.mountings.each
+        if one.values
+    ]
+    return found if len(found) >= FEWEST else []
+
+
+def _inside(actuator: Actuator, values: Mapping[str, float]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if name in actuator.parameter_values}
+
+
+def spread_between(
+    strips: Sequence[Actuator], drive: Drive, predicted: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Standard deviation that stands for Student's interval of one more mounting about a prediction [SI].
+
+    What each mounting answers is simulated: strips that differ threefold are beyond first order.
+    """
+    outputs = list(predicted)
+    each = np.array([drive.outputs(strip, outputs) for strip in strips])
+    count = len(strips)
+    wider = wider_for_few(count - 1) * math.sqrt(1.0 + 1.0 / count)
+    deviation, middle = wider * each.std(axis=0, ddof=1), each.mean(axis=0)
+    return {
+        output: np.hypot(deviation[row], (middle[row] - predicted[output]) / NORMAL_95)
+        for row, output in enumerate(outputs)
+    }
+
+
+def spread_of_next(
+    fit: Fit, strips: Sequence[Actuator], model: Actuator, drive: Drive, predicted: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Standard deviation of a prediction of the next mounting: between mountings, and what they have in common [SI].
+
+    What was stated, or known beforehand, is wrong by the same amount in all of them, so their answers do not show it.
+    """
+    between = spread_between(strips, drive, predicted)
+    each = [] if fit.mountings is None else [one for one in fit.mountings.each if one.loadings]
+    if not each:
+        return between
+    names, covariance = common_covariance(fit, [one.loadings for one in each], [one.values for one in each])
+    common = spread_of(KnownCovariance(names, covariance), model, drive, list(predicted))
+    return {output: np.hypot(between[output], common[output]) for output in predicted}
+
+
+def noise_of(
+    seen: Sequence[Observation], output: str, since: FloatArray, *, level: bool = True, drift: bool = True
+) -> FloatArray:
+    """Standard deviation of a reading, as the root of the mean square over runs [SI], shape (n_time,).
+
+    Parameters
+    ----------
+    seen : sequence of Observation
+    output : str
+    since : float array, shape (n_time,) [s]
+        Time since the start of the run.
+    level, drift : bool
+        Whether a zero and a slope of the sensor are in the readings; not where they were taken off.
+    """
+    own = [observation for observation in seen if output in observation.noise]
+    total = np.zeros(len(since))
+    for observation in own:
+        model = observation.noise_model.get(output)
+        total += observation.noise[output] ** 2 if model is None else model.deviation(since) ** 2
+        zero = observation.offset.get(output, 0.0) if level else 0.0
+        total += (zero + (observation.drift.get(output, 0.0) * since if drift else 0.0)) ** 2
+    return np.asarray(np.sqrt(total / len(own)))
+
+
+def noise_between(fit: Fit, output: str, otherwise: FloatArray) -> FloatArray:
+    """Noise of a run of the next mounting [SI]: what the mountings leave, each fitted by itself.
+
+    What one fit of all leaves has the differences between them in it.
+    """
+    each = [] if fit.mountings is None else [one.noise[output] for one in fit.mountings.each if output in one.noise]
+    return np.full_like(otherwise, math.sqrt(sum(noise**2 for noise in each) / len(each))) if each else otherwise
+
+
+def _need(fit: Fit, run: Run) -> None:
+
+    if not isinstance(fit, Fit):
+        raise InputError(
+            f"a {type(fit).__name__} is no fit",
+            code="not-a-fit",
+            where="fit",
+            repair="give what identify returned, or read_fit(path) of what write_fit wrote",
+        )
+    need_run(run, where="run")
+    if why := why_changed(fit):
+        raise InputError(
+            f"{why}: how sure it was says nothing of this actuator",
+            code="changed-since-fit",
+            where="fit",
+            repair="identify again with these values, or take the file as identify wrote it",
+        )

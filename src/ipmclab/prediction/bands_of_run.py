@@ -1,0 +1,142 @@
+"""The band of a record that is held against a prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.confidence import NORMAL_95
+from ipmclab.fit.as_fitted import listed
+from ipmclab.fit.fit import Fit
+from ipmclab.identification.mountings.own_of_mounting import apart, mountings_seen, own_of_mounting
+from ipmclab.identification.problem.free_run import seen_from_sensor
+from ipmclab.identification.problem.record import PreparedRun, model_hold
+from ipmclab.model import Actuator
+from ipmclab.prediction.bands import (
+    Drive,
+    known_in,
+    next_mountings,
+    noise_between,
+    noise_of,
+    noise_outputs,
+    spread_here,
+    spread_of,
+    spread_of_next,
+)
+from ipmclab.run import Finding, Run
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def band_of_run(
+    fit: Fit,
+    model: Actuator,
+    record: PreparedRun,
+    place: int | None,
+    delay: float,
+    start: Mapping[str, float],
+    zeros: Mapping[str, float],
+) -> dict[str, FloatArray]:
+    """Half the width of the 95 % band of each reading [SI], for the outputs of which a fit knows the noise.
+
+    Parameters
+    ----------
+    fit : Fit
+    model : Actuator
+        As it was simulated for this record.
+    record : PreparedRun
+    place : int or None
+        Where the run stands in the fit; None where it is new.
+    delay : float [s]
+    start : mapping of name to float
+        The state that it was simulated from, empty for rest.
+    zeros : mapping of output to float
+        Zeros that were taken off the readings.
+    """
+    run = record.run
+    outputs = [name for name in noise_outputs(fit) if name in record.readings]
+    if not outputs:
+        return {}
+    drive = Drive(run.time, run.voltage, model_hold(record), delay, start)
+
+    def seen(strip: Actuator) -> Actuator:
+        return seen_from_sensor(strip, record.series_resistance)
+
+    others = [] if place is not None else next_mountings(fit, fit.actuator, run.metadata.mounting_id)
+    away: dict[str, FloatArray] = {}
+    if place is not None:
+        spread = spread_of(known_in(fit, place), model, drive, outputs)
+    else:
+        predicted = dict(zip(outputs, drive.outputs(model, outputs), strict=True))
+        if others:
+            strips = [seen(strip) for strip in others]
+            spread = spread_of_next(fit, strips, model, drive, predicted)
+        else:
+            spread, away = spread_here(fit, run.metadata.mounting_id, model, drive, predicted, seen)
+    since = run.time - run.time[0]
+    observed = fit.observations if place is None else [fit.observations[place]]
+    found = {}
+    for output in outputs:
+        of_these = [one for one in observed if output in one.noise] or fit.observations
+        level = place is None and output not in zeros
+        noise = noise_of(of_these, output, since, level=level, drift=place is None)
+        if others:
+            noise = noise_between(fit, output, noise)
+        found[output] = NORMAL_95 * np.hypot(spread[output], noise)
+        if output in away:
+            found[output] += away[output]
+    return found
+
+
+def place_in(fit: Fit, run: Run) -> int | None:
+    """Where a run stands in a fit; None for one that it never saw."""
+    hashes = [observation.content_sha256 for observation in fit.observations]
+    return hashes.index(run.content_sha256) if run.content_sha256 in hashes else None
+
+
+def another_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
+    """That a run is of a mounting that the fit never saw, and what its band holds for."""
+    mounting = run.metadata.mounting_id
+    seen = mountings_seen(fit)
+    if not mounting or not seen or mounting in seen:
+        return []
+    said = f"{label} is of mounting {mounting}, and the fit is of {', '.join(seen)}"
+    if next_mountings(fit, fit.actuator, mounting):
+        return [Finding("another-mounting", "info", f"{said}: its band is that of the next mounting")]
+    return [
+        Finding(
+            "another-mounting",
+            "warning",
+            f"{said}: how far another mounting lies from these cannot be estimated, and the band does not contain it",
+            "identify from three mountings of the strip or more",
+        )
+    ]
+
+
+def own_mounting(fit: Fit, run: Run, label: str) -> list[Finding]:
+    """With which mounting's own parameters a new run was predicted, where the mountings of a fit have some."""
+    mounting, names = run.metadata.mounting_id, apart(fit)
+    if not names or place_in(fit, run) is not None:
+        return []
+    own = own_of_mounting(fit, mounting)
+    if own:
+        units = {name: fit.actuator.parameters()[name].unit for name in own}
+        told = listed([f"{name} ({value:.4g} {units[name]})".replace(" )", ")") for name, value in own.items()])
+        said = f"{label} is of mounting {mounting}, and was predicted with that mounting's own {told}"
+        return [Finding("own-mounting", "info", said, values=own)]
+    if mounting:
+        return []
+    seen = mountings_seen(fit)
+    each = f"each of mountings {listed(seen)} has its own" if len(seen) > 1 else f"mounting {seen[0]} has its own"
+    return [
+        Finding(
+            "mounting-not-named",
+            "warning",
+            f"{label} does not say of which mounting it is, and {each} {listed(names)}: it was predicted with the "
+            f"average over the fit's runs, and its band holds what "
+            f"{'each of these mountings' if len(seen) > 1 else 'this mounting'} answers, but not what another would",
+            "give the run its mounting_id",
+        )
+    ]

@@ -1,0 +1,82 @@
+"""A strip that was not at rest when its run began: a current that still moves at 0 V."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.record import NO_VOLTAGE, Channel, Record
+from ipmclab.run import Finding, FloatArray
+
+_FEWEST: Final = 20
+_STANDARD_ERRORS: Final = 5.0
+_SHARE: Final = 1e-3
+"""A change of the current by less than this share of its range is none."""
+
+
+def not_at_rest(record: Record) -> list[Finding]:
+    """``not-at-rest``: before the voltage first moves, the current falls towards zero, as that of a discharge does.
+
+    A sensor's zero stands still; what moves at 0 V is the strip. The means of the first and the last fifth of the rows
+    must differ by five standard errors, two steps of the converter and a thousandth of the range.
+    """
+    current = record.channels.get("current")
+    driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
+    if current is None or not len(driven):
+        return []
+    stop = int(driven[0]) - 3  # channels of a foreign record may lead its voltage by a few rows
+    if stop >= _FEWEST and (current.missing is None or not current.missing[:stop].any()):
+        return _of_rows(record, current, stop)
+    if record.run.metadata.starts_from_rest is False:
+        return [_finding("while the channels were read at 0 V before the run, the current still fell", None, 0)]
+    return []
+
+
+def _of_rows(record: Record, current: Channel, stop: int) -> list[Finding]:
+    fifth = stop // 5
+    first, last = current.readings[:fifth], current.readings[stop - fifth : stop]
+    begins, ends = float(first.mean()), float(last.mean())
+    doubt = max(_STANDARD_ERRORS * math.hypot(_error(first), _error(last)), 2.0 * current.quantum)
+    doubt = max(doubt, _SHARE * current.span)
+    if math.copysign(1.0, begins) * (begins - ends) <= doubt or abs(ends) >= abs(begins):
+        return []
+    seconds = float(record.run.time[stop - 1] - record.run.time[0])
+    fall = f"from {current.show(begins)} to {current.show(ends)} in {seconds:.3g} s"
+    told = f"before the voltage moves, the current falls {fall}"
+    return [_finding(told, _wait(begins, ends, doubt, 0.8 * seconds), stop)]
+
+
+def _error(readings: FloatArray) -> float:
+    """The standard error of a mean, from neighbours: a decay does not count as noise."""
+    return math.sqrt(float(np.mean(np.diff(readings) ** 2)) / 2.0 / len(readings))
+
+
+def _wait(begins: float, ends: float, doubt: float, between: float) -> float:
+    """How long [s] it takes, at the present pace of the decay, until nothing is seen of it; it slows down, too."""
+    if ends * begins <= 0.0 or abs(ends) <= doubt:
+        return between
+    return between / math.log(begins / ends) * math.log(abs(ends) / doubt)
+
+
+def _finding(told: str, wait: float | None, stop: int) -> Finding:
+    longer = "longer" if wait is None else f"{_rounded_up(wait):g} s longer or more"
+    return Finding(
+        code="not-at-rest",
+        severity="warning",
+        channel="current",
+        message=f"{told}: the strip was not at rest, it still discharged",
+        repair=(
+            f"let it rest {longer} at 0 V before such a run (`pause` in the experiment file) and record it again; "
+            "nothing is taken off this channel as a sensor's zero"
+        ),
+        samples=((0, stop),) if stop else (),
+        values={} if wait is None else {"wait": wait},
+    )
+
+
+def _rounded_up(seconds: float) -> float:
+    """To two digits: nobody knows more."""
+    step = 10.0 ** (math.floor(math.log10(max(seconds, 1.0))) - 1)
+    return max(1.0, math.ceil(seconds / step) * step)

@@ -1,0 +1,10 @@
+"""What people look at: figures of runs, and one self-contained report of a fit."""
+
+from __future__ import annotations
+
+from ipmclab.reporting.document import report as report
+from ipmclab.reporting.figures import overview as overview
+from ipmclab.reporting.figures import plot as plot
+from ipmclab.reporting.save import save_figure as save_figure
+
+__all__ = ["overview", "plot", "report", "save_figure"]

@@ -1,0 +1,75 @@
+"""How models compare: the difference of each to the best, with its error."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.style import COLOURS, label_text, style
+from ipmclab.reporting.wording import plain
+
+if TYPE_CHECKING:
+    from ipmclab.choosing.choice import Choice
+
+_WIDE: Final = 30.0  # standard errors of the nearest model beyond which the axis becomes logarithmic
+
+
+def choice_figure(choice: Choice) -> Figure:
+    """Draw the ranked differences of the log predictive likelihood, the best model on top.
+
+    Parameters
+    ----------
+    choice : Choice
+
+    Returns
+    -------
+    figure : Figure
+        A bar of 95 % for each model; hollow where the records cannot tell it from the best one.
+    """
+    ranked = choice.ranked
+    values, reaches, told = [0.0], [0.0], [False]
+    for one in ranked[1:]:
+        apart = choice.differences[one.name, choice.best]
+        values.append(apart.value)
+        reaches.append(min(apart.limit, 1e3) * apart.standard_error if math.isfinite(apart.standard_error) else 0.0)
+        told.append(apart.is_told)
+    places = np.arange(len(ranked))
+    with style():
+        figure, grid = panel_grid([0.32 * len(ranked) + 0.15], 1, margins=Margins(left=2.3, top=0.32))
+        panel = grid[0, 0]
+        small = [abs(value) + reach for value, reach, far in zip(values, reaches, told, strict=True) if not far]
+        linear = max(10.0, 1.5 * max(small))
+        if max(np.abs(values)) > _WIDE * linear / 10.0:
+            panel.set_xscale("symlog", linthresh=linear, linscale=1.0)
+        panel.axvline(0.0, color=COLOURS["muted"], linewidth=0.8)
+        for place, value, reach, far, one in zip(places, values, reaches, told, ranked, strict=True):
+            colour = COLOURS["vermillion" if far else "blue"]
+            if reach:
+                panel.plot([value - reach, value + reach], [place, place], color=colour, linewidth=1.6)
+            chosen = one.name == choice.preferred
+            panel.plot(
+                [value],
+                [place],
+                marker="D" if chosen else "o",
+                markersize=6.0 if chosen else 5.0,
+                markeredgecolor=colour,
+                markerfacecolor=colour if far or chosen else COLOURS["paper"],
+                linestyle="none",
+            )
+        panel.set_yticks(places, [f"{label_text(one.name, longest=30)} ({one.parameters})" for one in ranked])
+        panel.xaxis.set_major_formatter(lambda value, _: plain(value, trim=True))
+        panel.set_ylim(len(ranked) - 0.5, -0.5)
+        panel.grid(visible=True, axis="x")
+        panel.grid(visible=False, axis="y")
+        panel.tick_params(axis="y", length=0)
+        panel.set_xlabel("log predictive likelihood, less that of the best (nat)")
+        panel.set_title(
+            "diamond: preferred · blue: cannot be told from the best · orange: worse · bars: 95 %",
+            fontsize=7.5,
+            fontweight="normal",
+        )
+    return figure

@@ -1,0 +1,162 @@
+"""What a notebook shows of a run, an actuator, a fit and what follows from them: a small table and a figure."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import singledispatch
+from html import escape
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from ipmclab.choosing.choice import Choice
+from ipmclab.fit.fit import Fit
+from ipmclab.forecasting.forecast_values import Forecast
+from ipmclab.model import Actuator, simulate
+from ipmclab.prediction.validate import Validation, run_labels
+from ipmclab.quality import check
+from ipmclab.reporting.figures.choice import choice_figure
+from ipmclab.reporting.figures.panels import band, curve, name_panel, series, stacked
+from ipmclab.reporting.figures.prediction import prediction_figure
+from ipmclab.reporting.figures.runs import runs_figure
+from ipmclab.reporting.style import style
+from ipmclab.reporting.svg import inline_svg, standalone_svg
+from ipmclab.run import Finding, Run
+from ipmclab.units import CHANNELS, Quantity
+
+_MOST_ROWS: Final = 40
+_STEP: Final = "step 1 V"
+_SHOWN_SECONDS: Final = 20.0  # of an actuator's answer
+_SHOWN_RATE: Final = 25.0  # Hz
+
+_counter = itertools.count(1)
+
+
+@singledispatch
+def html_of(value: object) -> str:
+    """A value as the HTML that a notebook shows."""
+    return f"<pre>{escape(str(value))}</pre>"
+
+
+@html_of.register
+def _run(run: Run) -> str:
+    findings = check(run)
+    figure = runs_figure([run], run_labels([run]), [findings])
+    return _block(str(run), _findings(findings), _svg(figure, str(run)))
+
+
+@html_of.register
+def _actuator(actuator: Actuator) -> str:
+    parameters = actuator.parameters()
+    rows = [
+        [one.symbol or name, name, _number(one.value, one.quantity), one.quantity.display_unit]
+        for name, one in parameters.items()
+    ]
+    run = simulate(actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
+    told = f"{actuator.name} under {_STEP}"
+    figure = runs_figure([run], [told], [()])
+    return _block(actuator.name, _table(["symbol", "parameter", "value", "unit"], rows), _svg(figure, told))
+
+
+@html_of.register
+def _fit(fit: Fit) -> str:
+    quantities = {name: one.quantity for name, one in fit.actuator.parameters().items()}
+    rows = []
+    for name, one in fit.parameters.items():
+        quantity = quantities.get(name)
+        cells = [_number(value, quantity) for value in (one.value, one.standard_error, *one.interval)]
+        unit = quantity.display_unit if quantity is not None else ""
+        rows.append([name, *cells, unit, "" if one.determined else "not determined"])
+    table = _table(["parameter", "value", "standard error", "95 % from", "to", "unit", ""], rows)
+    step = simulate(fit.actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
+    told = f"{fit.actuator.name} under {_STEP}, as fitted"
+    figure = runs_figure([step], [told], [()])
+    return _block(
+        f"{fit.actuator.name}, fitted to {len(fit.observations)} run(s)",
+        table + _findings(fit.findings),
+        _svg(figure, told),
+    )
+
+
+@html_of.register
+def _validation(validation: Validation) -> str:
+    rows = []
+    for run in validation.runs:
+        for name, score in run.scores.items():
+            percent = "" if score.fit_percent is None else f"{score.fit_percent:.1f} %"
+            rmse = "" if score.rmse is None else f"{_number(score.rmse, CHANNELS[name])} {CHANNELS[name].display_unit}"
+            rows.append([run.label, name, percent, rmse, "used in the fit" if run.used_in_fit else ""])
+    first = validation.runs[0]
+    told = f"{first.label}: measured and predicted"
+    figure = (
+        _svg(prediction_figure(first.run, {validation.actuator.name: first.comparisons}), told)
+        if first.comparisons
+        else ""
+    )
+    table = _table(["run", "output", "fit", "RMSE", ""], rows)
+    return _block(f"{validation.actuator.name} against {len(validation.runs)} run(s)", table, figure)
+
+
+@html_of.register
+def _choice(choice: Choice) -> str:
+    rows = [
+        [
+            one.name,
+            f"{one.log_predictive:.1f}" if one.log_predictive is not None else "",
+            "preferred" if one.name == choice.preferred else "",
+        ]
+        for one in choice.candidates
+    ]
+    table = _table(["model", "log predictive", ""], rows)
+    return _block(f"{choice.preferred} is preferred", table, _svg(choice_figure(choice), "models, ranked"))
+
+
+@html_of.register
+def _forecast(forecast: Forecast) -> str:
+    quantity = CHANNELS[forecast.channel]
+    last = len(forecast.time) - 1
+    rows = [
+        [
+            f"{forecast.time[k]:.4g} s",
+            *(_number(float(values[k]), quantity) for values in (forecast.lower, forecast.mean, forecast.upper)),
+        ]
+        for k in sorted({0, last // 2, last})
+    ]
+    with style():
+        figure, (panel,) = stacked([1.6])
+        middle, reach = 0.5 * (forecast.upper + forecast.lower), 0.5 * (forecast.upper - forecast.lower)
+        band(panel, forecast.channel, forecast.time, middle, reach)
+        curve(panel, forecast.channel, forecast.time, forecast.mean, **series(0))
+        name_panel(panel, forecast.channel, quantity)
+    table = _table(["time", "from", f"{forecast.channel} ({quantity.display_unit})", "to"], rows)
+    told = f"{forecast.channel} from {forecast.origin:g} s on"
+    return _block(told, table, _svg(figure, told))
+
+
+def _number(value: float, quantity: Quantity | None) -> str:
+    return f"{value if quantity is None else quantity.to_display(value):.4g}"
+
+
+def _findings(findings: Sequence[Finding]) -> str:
+    return (
+        _table(["finding", "severity", "what"], [[one.code, one.severity, one.message] for one in findings])
+        if findings
+        else ""
+    )
+
+
+def _table(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    head = "".join(f"<th>{escape(text)}</th>" for text in headers)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows[:_MOST_ROWS])
+    more = f"<p>and {len(rows) - _MOST_ROWS} more</p>" if len(rows) > _MOST_ROWS else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
+
+
+def _svg(figure: Figure, told: str) -> str:
+    """The figure in colours of its own; its ids are its own among all of a notebook."""
+    return standalone_svg(str(inline_svg(figure, f"ipmclab-{next(_counter)}", told)))
+
+
+def _block(title: str, table: str, figure: str) -> str:
+    return f'<div style="max-width: 60em"><p><b>{escape(title)}</b></p>{table}{figure}</div>'

@@ -1,0 +1,1 @@
+"""The state space of noise: what noise a reading may have, and how it is filtered."""

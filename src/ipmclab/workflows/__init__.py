@@ -1,0 +1,1 @@
+"""The recipes that the command line and the page share."""

@@ -1,0 +1,74 @@
+"""Small changes to code: which there are, what a file reads with one, and which tests are asked about it."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from benchmarks.mutation.changes import Change, changes_of
+from benchmarks.mutation.noticing import Imports
+
+SOURCE = '''"""A µ of text, 3 + 4."""
+LIMIT: float = 2.5  # 7 µm
+@decorated(1)
+def least(values: list[int], only: bool = True) -> int:
+    if values is not None and len(values) > 3:
+        print(f"{1 + 1} values")
+    if done():
+        return -min(values)
+    return values[0] * 2
+'''
+CHANGES = {
+    (2, "2.5", "5.0"),
+    (4, "True", "False"),
+    (5, "and", "or"),
+    (5, "is not", "is"),
+    (5, ">", ">="),
+    (5, "3", "4"),
+    (6, 'print(f"{1 + 1} values")', "None"),
+    (7, "done()", "False"),
+    (8, "-", ""),
+    (8, "min", "max"),
+    (9, "*", "/"),
+    (9, "0", "1"),
+    (9, "2", "3"),
+}
+
+
+def found_in(folder: Path) -> list[Change]:
+    (folder / "one.py").write_text(SOURCE, encoding="utf-8")
+    return changes_of(folder, "one.py")
+
+
+def test_what_is_behaviour_is_changed_and_texts_types_and_decorators_are_not(tmp_path: Path) -> None:
+    assert {(change.line, change.old, change.new) for change in found_in(tmp_path)} == CHANGES
+
+
+def test_a_change_stands_where_it_was_found_and_nowhere_else(tmp_path: Path) -> None:
+    for change in found_in(tmp_path):
+        text = change.applied(SOURCE.encode()).decode()
+        ast.parse(text)
+        differing = [
+            k for k, (old, new) in enumerate(zip(SOURCE.split("\n"), text.split("\n"), strict=True), 1) if old != new
+        ]
+        assert differing == [change.line]
+
+
+def test_a_file_that_reads_otherwise_is_not_changed(tmp_path: Path) -> None:
+    change = found_in(tmp_path)[0]
+    with pytest.raises(ValueError, match="no longer reads"):
+        change.applied(b" " + SOURCE.encode())
+
+
+def test_the_tests_of_a_module_come_first_after_its_own_examples() -> None:
+    imports = Imports(Path(__file__).parents[2])
+    for path, test in (
+        ("src/ipmclab/quality/kink.py", "tests/quality/test_kink.py"),
+        ("src/ipmclab/rig/safety/limits.py", "tests/rig/test_limits.py"),
+        ("src/virtual_cdaq/model/buffers.py", "tests/virtual_cdaq/test_buffers.py"),
+    ):
+        first, *others = imports.tests_of(path)
+        assert first == path
+        assert test in others[:3]

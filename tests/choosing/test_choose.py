@@ -1,0 +1,211 @@
+"""Choosing between models: it finds what made the data, says when it cannot tell, and never crashes on a bad one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ipmclab
+from ipmclab import InputError, IpmclabError, Run, RunMetadata
+
+SEED, RATE = 20261121, 25.0
+WHITE = 1e-4  # A
+
+
+def record(truth: str, signal: str, seed: int, *, slow: float = 0.0, seconds: float = 20.0) -> Run:
+    """A simulated current with white noise, and noise that lasts 2 s where asked [A]."""
+    generator = np.random.default_rng([SEED, seed])
+    clean = ipmclab.simulate(ipmclab.load_actuator(truth), signal, duration=seconds, rate=RATE)
+    drift, decay = np.zeros(len(clean)), np.exp(-1.0 / (2.0 * RATE))
+    for row in range(1, len(clean)):
+        drift[row] = decay * drift[row - 1] + slow * np.sqrt(1.0 - decay**2) * generator.standard_normal()
+    return Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        current=clean.current + drift + WHITE * generator.standard_normal(len(clean)),
+        metadata=RunMetadata(starts_from_rest=True, signal=signal),
+    )
+
+
+@pytest.mark.parametrize("slow", [0.0, 3e-4], ids=["white", "correlated"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_model_that_made_the_data_is_picked(slow: float, seed: int) -> None:
+    """One branch cannot do what two did, in blocks of one run; the full rates are in benchmarks/choice.py."""
+    choice = ipmclab.choose(
+        record("friend-2", "step 1 V delay=1 s", seed, slow=slow), "branches=1,2", actuator="friend-2"
+    )
+    assert choice.preferred == "branches=2"
+    assert choice.differences["branches=1", "branches=2"].is_told
+    assert choice.held_out == "blocks"
+
+
+def test_the_smaller_of_two_that_cannot_be_told_apart_is_preferred() -> None:
+    run = record("friend-2+branches=1", "step 1 V delay=1 s", 3, slow=2e-4)
+    choice = ipmclab.choose(run, ["branches=1", "branches=2"], actuator="friend-2")
+    assert choice.preferred == "branches=1"
+    assert not choice.differences["branches=1", "branches=2"].is_told
+    assert "These records cannot tell" in choice.sentences[0]
+    assert "it has the fewest parameters of these (3)" in choice.sentences[1]
+    # Drift makes thousands of rows worth a few independent ones.
+    assert choice.effective_readings < 0.2 * choice.readings
+
+
+def test_whole_runs_are_predicted_from_the_others() -> None:
+    runs = [record("friend-2", signal, 3) for signal in ("step 1 V", "square 1 V 0.2 Hz", "sine 1 V 0.5 Hz")]
+    told: list[tuple[str, int, int]] = []
+    choice = ipmclab.choose(
+        runs, "branches=1,2", actuator="friend-2", progress=lambda what, done, of: told.append((what, done, of))
+    )
+    assert choice.held_out == "runs"
+    assert choice.preferred == "branches=2"
+    assert choice.labels == ("step 1 V", "square 1 V 0.2 Hz", "sine 1 V 0.5 Hz")
+    assert [done for _, done, _ in told] == list(range(8))
+    assert {of for _, _, of in told} == {8}
+    # The held-out error of the right model is the noise.
+    assert choice["branches=2"].rmse["current"] == pytest.approx(WHITE, rel=0.1)
+
+
+def test_a_model_that_needs_what_was_not_measured_is_named_with_its_reason() -> None:
+    run = record("friend-2", "step 1 V", 4)
+    choice = ipmclab.choose(run, ["branches=1", "branches=2", "relaxation.displacement"], actuator="friend-2")
+    lacking = choice["relaxation.displacement"]
+    assert lacking.log_predictive is None
+    assert "displacement" in lacking.reason
+    assert choice.preferred == "branches=2"
+    assert any(text.startswith("relaxation.displacement could not be compared") for text in choice.sentences)
+    assert choice.as_dict()["models"][-1]["reason"] == lacking.reason
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        ("line.modes+leak.cubic", "it cannot leak at every place by a law of the voltage there"),
+        ("leak.cubic+leak.exponential", "a strip has one of them"),
+        ("leak.slow", "a slow leak follows a static one"),
+    ],
+)
+def test_a_model_whose_stages_do_not_go_together_is_named_with_its_reason(bad: str, reason: str) -> None:
+    told: list[int] = []
+    choice = ipmclab.choose(
+        record("friend-2+branches=1", "step 1 V", 4, seconds=4.0),
+        [bad, "branches=1"],
+        actuator="friend-2",
+        free="electrical",
+        folds=2,
+        progress=lambda what, done, of: told.append(of),
+    )
+    assert choice.preferred == "branches=1"
+    assert choice[bad].fit is None
+    assert reason in choice[bad].reason
+    assert set(told) == {3}
+    assert choice.as_dict()["models"][-1]["name"] == bad
+
+
+def test_models_that_are_all_impossible_are_an_error_with_every_reason() -> None:
+    with pytest.raises(IpmclabError, match=r"leak.slow: .* follows a static one.*line.modes\+leak.cubic: ") as told:
+        ipmclab.choose(
+            record("friend-2", "step 1 V", 6, seconds=2.0), "leak.slow,line.modes+leak.cubic", actuator="friend-2"
+        )
+    assert told.value.code == "nothing-to-compare"
+
+
+@pytest.mark.parametrize(
+    ("bad", "code"),
+    [("leak.cubic+leak.cubik", "unknown-stage"), ("clamp+line.modes=0", "bad-count"), ("no.toml", "no-actuator")],
+)
+def test_a_mistyped_model_is_refused_at_once_by_its_name(bad: str, code: str) -> None:
+    with pytest.raises(InputError) as told:
+        ipmclab.choose(record("friend-2", "step 1 V", 6, seconds=2.0), ["branches=1", bad], actuator="friend-2")
+    assert (told.value.code, told.value.where) == (code, f"models: {bad}")
+    assert told.value.repair
+
+
+def test_a_fit_that_breaks_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    module = sys.modules["ipmclab.choosing.choose"]
+    identify = module.identify
+
+    def breaking(actuator, *arguments, **options):
+        if actuator.structure.branches == 2:
+            raise np.linalg.LinAlgError("Matrix is singular")
+        return identify(actuator, *arguments, **options)
+
+    monkeypatch.setattr(module, "identify", breaking)
+    choice = ipmclab.choose(record("friend-2+branches=1", "step 1 V", 5), "branches=1,2", actuator="friend-2")
+    assert choice["branches=2"].reason == "its fit ended in LinAlgError: Matrix is singular"
+    assert choice.preferred == "branches=1"
+    assert choice.sentences[0] == "branches=1 is the only model that could be compared."
+
+
+def test_none_that_can_be_compared_is_an_error_with_every_reason() -> None:
+    run = record("friend-2", "step 1 V", 6)
+    with pytest.raises(IpmclabError, match=r"none of the models could be compared \(relaxation.displacement: ") as told:
+        ipmclab.choose(run, ["relaxation.displacement", "relaxation.displacement=2"], actuator="friend-2")
+    assert told.value.code == "nothing-to-compare"
+
+
+def test_a_name_that_only_one_model_has_is_freed_in_that_one() -> None:
+    run = record("friend-2", "step 1 V", 7)
+    choice = ipmclab.choose(
+        run, "branches=1,2", actuator="friend-2", free="electrical,circuit.branches.1.resistivity", folds=2
+    )
+    assert choice["branches=1"].free == ("electrical",)
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ({"models": "branches=1"}, "no-models"),
+        ({"models": ""}, "no-models"),
+        ({"models": ["branches=1", "branches=1,2", "branches=2"]}, "same-model-twice"),
+        ({"models": "branches=1,nothing"}, "no-actuator"),
+        ({"models": "branches=1,2", "actuator": None}, "no-actuator"),
+        ({"models": "branches=1,2", "free": "electric"}, "unknown-parameter"),
+        ({"models": "branches=1,2", "held_out": "runs"}, "bad-hold-out"),
+        ({"models": "branches=1,2", "held_out": "weeks"}, "bad-hold-out"),
+        ({"models": "branches=1,2", "folds": 1}, "bad-folds"),
+        ({"models": "branches=1,2", "blocks": 3}, "bad-folds"),
+        ({"models": "branches=1,2", "runs": []}, "no-runs"),
+    ],
+)
+def test_bad_input_is_refused_by_name(options: dict, code: str) -> None:
+    run = record("friend-2", "step 1 V", 8, seconds=2.0)
+    with pytest.raises(InputError) as told:
+        ipmclab.choose(**{"runs": [run], "actuator": "friend-2", **options})
+    assert told.value.code == code
+    assert told.value.repair
+
+
+def test_a_stage_that_one_run_shows_cannot_be_judged_by_whole_runs() -> None:
+    """1.8 V leaks, 0.5 V does not: without the first run nothing tells the leak."""
+    truth = "friend-2+branches=1+leak.exponential"
+    runs = [record(truth, "step 1.8 V", 7, seconds=10.0), record(truth, "square 0.5 V 0.2 Hz", 8, seconds=10.0)]
+    models = ["branches=1", "branches=1+leak.exponential"]
+    choice = ipmclab.choose(runs, models, actuator="friend-2")
+    assert choice[models[1]].shown_in_one == {"leak.exponential": ("step 1.8 V",)}
+    assert choice[models[0]].shown_in_one == {}
+    said = [text for text in choice.sentences if "only step 1.8 V shows leak.exponential" in text]
+    assert len(said) == 1
+    assert "--hold-out blocks" in said[0]
+    blocks = ipmclab.choose(runs, models, actuator="friend-2", held_out="blocks", blocks=8, folds=2)
+    assert blocks.preferred == models[1]
+    assert blocks[models[1]].shown_in_one == {}
+
+
+def test_a_stage_of_which_nothing_is_free_is_named() -> None:
+    run = record("friend-2+branches=1", "step 1 V", 9, seconds=4.0)
+    models = ["branches=1", "branches=1+leak.exponential"]
+    choice = ipmclab.choose(run, models, actuator="friend-2", free="electrical", blocks=4, folds=2)
+    assert choice[models[1]].held == ("leak.exponential",)
+    assert choice[models[0]].held == ()
+    (said,) = [text for text in choice.sentences if "nothing of leak.exponential is free" in text]
+    assert said.startswith(f"{models[1]}: ")
+    assert choice.as_dict()["models"][0].keys() >= {"held", "shown_in_one"}
+
+
+def test_noise_that_cannot_be_is_passed_by_without_a_warning() -> None:
+    # With two folds a search of the noise starts where the readings are impossible; a warning is an error here.
+    run = record("friend-2", "step 1 V delay=1 s", 0)
+    choice = ipmclab.choose(run, "branches=1,2", actuator="friend-2", folds=2)
+    assert choice.best == "branches=2"

@@ -1,0 +1,114 @@
+"""Held-out readings are hidden from the fit, and their density is that of the dense Gaussian."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from ipmclab.choosing.blocks import run_blocks, time_blocks
+from ipmclab.choosing.held_out import Division, Fold, score_blocks
+from ipmclab.choosing.held_out import _seen as seen_by_the_fit
+from ipmclab.choosing.noise import FadingNoise, Part
+from ipmclab.identification.problem.record import prepare
+from ipmclab.run import Run
+
+SEED, ROWS = 20261121, 90
+NOISE = FadingNoise(1.0, (Part(0.3, 0.5),))
+
+
+def division(*, whole_runs: bool) -> Division:
+    generator = np.random.default_rng(SEED)
+    time = np.arange(ROWS) * 0.05
+    records = [
+        prepare(
+            Run.from_arrays(
+                time=time,
+                voltage=np.ones(ROWS),
+                current=np.exp(-time) + 0.01 * generator.standard_normal(ROWS),
+            ),
+            place,
+            ["current"],
+            [],
+        )
+        for place in range(2)
+    ]
+    cut = run_blocks if whole_runs else time_blocks
+    return Division(records, cut(records, 8, 2), [(0, "current"), (1, "current")], whole_runs)
+
+
+def fold_of(divided: Division, columns: int = 0) -> Fold:
+    """Residuals, and how far they may be off along some columns."""
+    generator = np.random.default_rng([SEED, 1])
+    return Fold(
+        {key: divided.series(key, 0.1 * generator.standard_normal(ROWS)) for key in divided.keys},
+        {key: 0.1 * generator.standard_normal((ROWS, columns)) for key in divided.keys},
+        dict.fromkeys(divided.keys, 100.0),
+    )
+
+
+def dense(
+    divided: Division, key: tuple[int, str], rows: np.ndarray, residual: np.ndarray, off: np.ndarray | None = None
+) -> float:
+    """Log density of some rows, from the covariance of every two of them."""
+    series = divided.series(key, residual)
+    time = series.time[rows]
+    matrix = np.diag(np.full(len(time), series.noise**2))
+    matrix += (0.3 * series.extent) ** 2 * np.exp(-np.abs(time[:, None] - time) / 0.5)
+    if off is not None:
+        matrix += off[rows] @ off[rows].T
+    return float(multivariate_normal(cov=matrix).logpdf(residual[rows])) if len(time) else 0.0
+
+
+def test_a_block_of_a_run_is_judged_by_what_was_seen_on_both_sides() -> None:
+    divided = division(whole_runs=False)
+    folds = (fold_of(divided), fold_of(divided))
+    found = score_blocks(folds, divided, {"current": NOISE})
+    for number, block in enumerate(divided.blocks):
+        key = block.run, "current"
+        residual = folds[block.fold].residuals[key].residual
+        kept = np.flatnonzero(~divided.held_rows(divided.records[block.run], block.fold))
+        both = np.sort(np.concatenate([kept, np.arange(block.start, block.stop)]))
+        wanted = dense(divided, key, both, residual) - dense(divided, key, kept, residual)
+        assert found.score[number] == pytest.approx(wanted, rel=1e-6, abs=1e-6)
+
+
+def test_the_blocks_of_a_whole_run_add_up_to_it() -> None:
+    divided = division(whole_runs=True)
+    folds = (fold_of(divided), fold_of(divided))
+    found = score_blocks(folds, divided, {"current": NOISE})
+    for place in range(2):
+        mine = [number for number, block in enumerate(divided.blocks) if block.run == place]
+        series = folds[divided.blocks[mine[0]].fold].residuals[place, "current"]
+        wanted = dense(divided, (place, "current"), np.arange(ROWS), series.residual)
+        assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
+
+
+def test_parameters_that_are_not_known_widen_the_prediction() -> None:
+    """Of a whole run, and of a block: the dense covariance with the outer product of the columns."""
+    divided = division(whole_runs=True)
+    folds = (fold_of(divided, 3), fold_of(divided, 3))
+    found = score_blocks(folds, divided, {"current": NOISE})
+    mine = [number for number, block in enumerate(divided.blocks) if block.run == 0]
+    number = divided.blocks[mine[0]].fold
+    fold, key, other = folds[number], (0, "current"), (1, "current")
+    # The sandwich, from the dense covariance of what the fit saw: the other run, and nothing of this one.
+    series, slope = fold.residuals[other], fold.slopes[other]
+    apart = np.abs(series.time[:, None] - series.time)
+    matrix = (0.3 * series.extent) ** 2 * np.exp(-apart / 0.5) + np.diag(np.full(ROWS, series.noise**2))
+    inverse = np.linalg.inv(slope.T @ slope)
+    covariance = inverse @ slope.T @ matrix @ slope @ inverse
+    off = fold.slopes[key] @ np.linalg.cholesky(covariance)
+    wanted = dense(divided, key, np.arange(ROWS), fold.residuals[key].residual, off)
+    assert found.score[mine].sum() == pytest.approx(wanted, rel=1e-6)
+
+
+def test_what_is_held_out_is_hidden_and_its_voltage_is_not() -> None:
+    divided = division(whole_runs=False)
+    record = divided.records[0]
+    held = divided.held_rows(record, 0)
+    run = seen_by_the_fit(record, held)
+    assert np.isnan(run.current[held]).all()
+    assert np.array_equal(run.current[~held], record.run.current[~held])
+    assert np.array_equal(run.voltage, record.run.voltage)
+    assert np.array_equal(run.time, record.run.time)

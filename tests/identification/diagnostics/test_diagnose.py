@@ -1,0 +1,257 @@
+"""What a fit says of what it leaves: noise is called noise, and the stage that is missing is the one that is named."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from ipmclab import Fit, Run, identify, load_actuator, read_fit, report, simulate, write_fit
+from ipmclab.errors import InputError
+from ipmclab.fit.output_diagnosis import WORDS, OutputDiagnosis
+from ipmclab.identification.diagnostics.columns import along_directions, of_voltage
+from ipmclab.identification.diagnostics.left import Left
+from ipmclab.identification.diagnostics.residuals import _earlier
+from ipmclab.identification.diagnostics.score_directions import score_directions
+from ipmclab.identification.noise.pieces import Shape
+from ipmclab.model import Actuator
+from ipmclab.model.kinds import optional_kinds
+from ipmclab.model.stages.kind import Excitation
+from ipmclab.model.variants import with_stages
+from ipmclab.statespace.terms import Terms
+
+SEED = 20261121
+FRIEND = load_actuator("friend-2")
+RATE = 50.0
+
+
+def record(actuator: Actuator, signal: str, generator: np.random.Generator, *, duration: float = 20.0) -> Run:
+    """The current of a strip that rested for a second, with 0.1 mA of white noise."""
+    run = simulate(actuator, f"{signal} delay=1 s", duration=duration, rate=RATE)
+    assert run.current is not None
+    return with_current(run, run.current + 1e-4 * generator.standard_normal(len(run)))
+
+
+def with_current(run: Run, current: np.ndarray) -> Run:
+    return Run.from_arrays(time=run.time, voltage=run.voltage, current=current)
+
+
+def codes(fit: Fit) -> set[str]:
+    return {finding.code for finding in fit.findings}
+
+
+@pytest.fixture(scope="module")
+def white() -> Fit:
+    generator = np.random.default_rng(SEED)
+    return identify(FRIEND, [record(FRIEND, signal, generator) for signal in ("step 1 V", "sine 1 V 0.1 Hz")])
+
+
+@pytest.fixture(scope="module")
+def lacking() -> Fit:
+    """Fitted without the third branch that the strip has."""
+    strip = with_stages(FRIEND, "branches=3").replace(
+        **{"circuit.branches.2.resistivity": 30.0, "circuit.branches.2.permittivity": 0.02}
+    )
+    generator = np.random.default_rng(SEED)
+    return identify(FRIEND, [record(strip, signal, generator) for signal in ("step 1 V", "sine 1 V 0.1 Hz")])
+
+
+# --- noise -----------------------------------------------------------------------------------------------------------
+
+
+def test_white_noise_is_called_white_and_its_correlations_lie_within_the_band(white: Fit) -> None:
+    assert [(one.output, one.verdict) for one in white.diagnoses] == [("current", "white")] * 2
+    assert not codes(white) & {"stage-missing", "model-incomplete"}
+    for one in white.diagnoses:
+        assert one.band == pytest.approx(1.96 / math.sqrt(1000), rel=1e-4)
+        assert one.rms == pytest.approx(1e-4, rel=0.06)
+        inside = np.abs([*one.whitened, *one.autocorrelation, *one.with_voltage]) <= one.band
+        assert inside.mean() > 0.85  # 95 % of correlations that are correlated themselves
+        assert max(map(abs, (*one.whitened, *one.with_voltage))) < 3.0 * one.band
+        assert one.lags[0] == pytest.approx(1.0 / RATE)
+        assert one.lags[-1] == pytest.approx(0.25 * 20.0)
+
+
+def test_noise_that_hangs_together_is_no_missing_stage() -> None:
+    generator = np.random.default_rng(SEED)
+    for kind in ("AR(1)", "walk", "drift"):
+        runs = []
+        for signal in ("step 1 V", "sine 1 V 0.1 Hz"):
+            run = record(FRIEND, signal, generator)
+            new = generator.standard_normal(len(run))
+            added = {
+                "AR(1)": lfilter([1.0], [1.0, -0.9], new),
+                "walk": 0.2 * np.cumsum(new),
+                "drift": 5.0 * np.linspace(-1.0, 1.0, len(run)),
+            }[kind]
+            assert run.current is not None
+            runs.append(with_current(run, run.current + 1e-4 * added))
+        fit = identify(FRIEND, runs)
+        assert {one.verdict for one in fit.diagnoses} <= {"autocorrelated", "white"}, kind
+        assert "autocorrelated" in {one.verdict for one in fit.diagnoses}, kind
+        assert not codes(fit) & {"stage-missing", "model-incomplete"}, kind
+        coloured = [one for one in fit.diagnoses if one.verdict == "autocorrelated"]
+        for one in coloured:
+            # What is new in each residual is white although the residuals are not.
+            assert max(map(abs, one.whitened)) < 4.0 * one.band
+
+
+# --- the stage that is missing ---------------------------------------------------------------------------------------
+
+
+def test_a_third_branch_is_missed_and_named(lacking: Fit) -> None:
+    (said,) = (finding for finding in lacking.findings if finding.code == "stage-missing")
+    assert "friend-2+branches=3" in said.repair
+    assert "the model cannot explain what it leaves of the current" in said.message
+    assert float(said.values["explained"]) > 0.9  # type: ignore[arg-type]
+    assert {one.verdict for one in lacking.diagnoses} == {"follows the voltage"}
+    assert max(abs(value) for one in lacking.diagnoses for value in one.with_voltage) > lacking.diagnoses[0].band
+
+
+@pytest.mark.parametrize(
+    ("stage", "change"),
+    [("leak.cubic", {"leak.cubic.cubic": 5.0}), ("leak.exponential", {"leak.exponential.current_density": 15.0})],
+)
+def test_the_form_of_the_leak_that_is_missing_is_named(stage: str, change: dict[str, float]) -> None:
+    strip = with_stages(FRIEND, stage).replace(**change)
+    generator = np.random.default_rng(SEED)
+    fit = identify(
+        FRIEND, [record(strip, signal, generator, duration=40.0) for signal in ("step 2 V", "sine 2.5 V 0.1 Hz")]
+    )
+    (said,) = (finding for finding in fit.findings if finding.code == "stage-missing")
+    assert said.values["stage"] == stage
+    assert f"identify friend-2+{stage} with leak free" in said.repair
+
+
+def test_a_line_that_is_missing_is_named_where_a_clamp_would_explain_most_of_it() -> None:
+    """The fit without it is so far off that the line starts afresh, the zero of the current among its unknowns."""
+    generator = np.random.default_rng(SEED)
+    strip = with_stages(FRIEND, "line.modes")
+    runs = []
+    for signal in ("step 1 V delay=1 s", "sine 1 V 0.1 Hz"):  # the sine shows no zero of the current
+        run = simulate(strip, signal, duration=20.0, rate=RATE)
+        assert run.current is not None
+        runs.append(with_current(run, run.current + 1e-4 * generator.standard_normal(len(run))))
+    (said,) = [finding for finding in identify(FRIEND, runs).findings if finding.code == "stage-missing"]
+    assert said.values["stage"] == "line.modes"
+
+
+def test_what_follows_the_voltage_and_no_stage_explains_is_called_so() -> None:
+    """An echo of the voltage half a second later: no part of a strip answers like that."""
+    generator = np.random.default_rng(SEED)
+    run = simulate(FRIEND, "prbs 1 V bit_time=0.4 s", duration=40.0, rate=RATE)
+    rows = round(0.5 * RATE)
+    echo = np.concatenate([np.zeros(rows), run.voltage[:-rows]])
+    assert run.current is not None
+    fit = identify(FRIEND, with_current(run, run.current + 4e-4 * echo + 1e-4 * generator.standard_normal(len(run))))
+    (one,) = fit.diagnoses
+    assert one.verdict == "follows the voltage"
+    assert "model-incomplete" in codes(fit) or "stage-missing" in codes(fit)
+    # It shows where it was put in.
+    found = dict(zip(one.lags, one.with_voltage, strict=True))
+    nearest = min(found, key=lambda lag: abs(lag - 0.5))
+    assert abs(found[nearest]) > 3.0 * one.band
+
+
+def test_gains_of_additions_are_those_of_linear_regression(lacking: Fit) -> None:
+    """Under white noise: what a regression with one column more leaves less, as NumPy finds it."""
+    assert lacking.estimate is not None
+    left = Left.of(lacking.estimate, "current")
+    some = score_directions(FRIEND, [record.run for record in left.problem.records], ["current"])
+    kept, rows = along_directions(left.problem, left.theta, FRIEND, some, "current")
+    assert {one.name for one in kept} >= {"branches=3", "clamp", "leak.cubic", "line.modes"}
+    white = {piece.key: Shape(Terms(), np.zeros(0), 1.0) for piece in left.pieces}
+    gains, sizes = left.evidence(rows).alone(white)
+    jacobian, residual = left.here.jacobian, left.here.residual
+    before = np.linalg.lstsq(jacobian, residual, rcond=1e-9)
+    own = residual - jacobian @ before[0]
+    for row, gain, size in zip(rows, gains, sizes, strict=True):
+        scaled = row / np.linalg.norm(row)
+        wide = np.column_stack([jacobian, scaled])
+        answer = np.linalg.lstsq(wide, residual, rcond=1e-9)[0]
+        rest = residual - wide @ answer
+        assert abs(gain) == pytest.approx(own @ own - rest @ rest, rel=1e-3, abs=1e-3)
+        assert size * np.linalg.norm(row) == pytest.approx(-answer[-1], rel=1e-3, abs=1e-2)
+
+
+def test_columns_of_the_voltage_are_its_exact_lags(white: Fit) -> None:
+    """Against the closed form of a first-order lag of a step."""
+    assert white.estimate is not None
+    left = Left.of(white.estimate, "current")
+    rows = of_voltage(left.problem, left.theta, "current")
+    piece = left.problem.pieces[0, "current"]
+    time = left.problem.records[0].run.time - 1.0
+    noise = left.problem.noise[0, "current"]
+    longest = 20.0 - 1.0 / RATE
+    expected = np.where(time >= -1e-9, 1.0 - np.exp(-np.maximum(time, 0.0) / (0.02 * longest)), 0.0) * 0.02 * longest
+    assert rows[3, piece] * noise == pytest.approx(expected, abs=1e-9)
+    assert rows[0, piece] * noise == pytest.approx((time >= -1e-9).astype(float))
+
+
+# --- where it is kept and shown --------------------------------------------------------------------------------------
+
+
+def test_a_diagnosis_goes_into_the_file_and_back(lacking: Fit, tmp_path: Path) -> None:
+    write_fit(lacking, tmp_path / "fitted.toml")
+    again = read_fit(tmp_path / "fitted.toml")
+    assert again.diagnoses == lacking.diagnoses
+    text = (tmp_path / "fitted.toml").read_text(encoding="utf-8").replace("follows the voltage", "is a mystery")
+    (tmp_path / "other.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="not one that identify writes"):
+        read_fit(tmp_path / "other.toml")
+
+
+numbers = st.floats(-1.0, 1.0)
+
+
+@given(st.text(max_size=8), st.sampled_from(list(WORDS)), st.lists(st.tuples(numbers, numbers, numbers, numbers)))
+def test_any_diagnosis_survives_its_table(label: str, verdict, rows) -> None:  # type: ignore[no-untyped-def]
+    lags, *columns = [tuple(column) for column in zip(*rows, strict=True)] or [(), (), (), ()]
+    one = OutputDiagnosis(label, "force", verdict, 1e-3, 2e-3, lags, *columns, 0.1)
+    assert OutputDiagnosis.from_table(one.to_table()) == one
+
+
+def test_the_report_shows_what_is_left(white: Fit, tmp_path: Path) -> None:
+    assert white.estimate is not None
+    runs = [one.run for one in white.estimate.problem.records]
+    page = report(white, runs=runs, path=tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "What is left, and whether it follows the voltage" in page
+    assert page.count("current: white noise") == 2
+
+
+def left_of(voltage: np.ndarray) -> Left:
+    """A current that is autocorrelated, under a voltage that nothing but the voltage's own shape is asked of."""
+    record = SimpleNamespace(run=SimpleNamespace(voltage=voltage), readings={"current": None})
+    problem: Any = SimpleNamespace(records=[record])
+    nothing: Any = None
+    return Left("current", problem, np.zeros(0), nothing, (), {}, frozenset({0}))
+
+
+def test_a_single_step_cannot_show_that_the_answer_bends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the likelihood says: the voltage and its square are the same signal there, which two heights are not."""
+    monkeypatch.setattr(Left, "_chance", lambda _self, *, bent: 0.0 if bent else 1.0)
+    step = np.repeat([0.0, 1.5], 50)
+    assert not left_of(step).bends
+    assert left_of(np.concatenate([step, 2.0 * step])).bends
+    assert left_of(np.sin(0.1 * np.arange(100))).bends
+
+
+@pytest.mark.parametrize(("start", "before"), [("free", 2.0), ("rest", 0.0)])
+def test_before_its_first_row_a_strip_saw_nothing_or_the_first_voltage(start: str, before: float) -> None:
+    """A record that starts anywhere is taken to have stood at its first voltage, one from rest at none."""
+    record: Any = SimpleNamespace(run=SimpleNamespace(voltage=np.array([2.0, 3.0, 5.0, 7.0])), start=start)
+    assert _earlier(record, (1, 2)).tolist() == [[before, 2.0, 3.0, 5.0], [before, before, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize("voltage", [1e-110, 200.0, 1e9])
+def test_a_voltage_beyond_all_reason_asks_for_no_leak_that_is_no_number(voltage: float) -> None:
+    excitation = Excitation(outputs=("current",), lags=(1.0,), voltage=voltage, current_density=1.0)
+    trials = [trial for kind in optional_kinds() for trial in kind.trials(FRIEND.parameter_values, excitation)]
+    assert np.isfinite([value for trial in trials for value in trial.values.values()]).all()

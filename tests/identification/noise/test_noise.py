@@ -1,0 +1,203 @@
+"""The likelihood and the search of correlated noise, against dense covariance matrices and made noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.signal
+from scipy.linalg import null_space, toeplitz
+from scipy.stats import multivariate_normal
+
+from ipmclab.identification.noise.columns import Columns, constants, steps_between, whitened
+from ipmclab.identification.noise.likelihood import likelihood
+from ipmclab.identification.noise.long_run import long_run
+from ipmclab.identification.noise.pieces import Shape
+from ipmclab.identification.noise.screen import needs_search
+from ipmclab.identification.noise.search import choose_terms
+from ipmclab.identification.noise.shape import spread_by
+from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.statespace.terms import Terms, autoregression, state_space
+
+SEED = 20261121
+STEP = 0.1
+Array = npt.NDArray[np.float64]
+
+SHAPES = (
+    (Terms(), ()),
+    (Terms(1, offset=True), (0.8,)),
+    (Terms(walk=True, offset=True), (-1.0,)),
+    (Terms(2, offset=True, trend=True), (1.2, -0.4)),
+    (Terms(1, white=True, offset=True), (1.5, 0.3)),
+    (Terms(2, walk=True, offset=True, trend=True), (1.2, -0.4, -1.0)),
+    (Terms(1, walk=True, white=True, offset=True), (1.0, -2.0, 0.3)),
+)
+
+
+def dense(terms: Terms, entries: tuple[float, ...], time: Array) -> Array:
+    """The covariance from the definition: impulse responses for the autoregression, min(t, t') for the walk."""
+    rows = np.rint((time - time[0]) / STEP).astype(int)
+    count = int(rows[-1]) + 1
+    if terms.order:
+        denominator = np.poly(_roots(np.tanh(np.array(entries[: terms.order]))))
+        impulse = scipy.signal.lfilter([1.0], denominator, np.eye(1, 4000)[0])
+        lags = [float(impulse[lag:] @ impulse[: len(impulse) - lag]) for lag in range(count)]
+        found = toeplitz(lags)
+    else:
+        found = np.eye(count)
+    if terms.walk:
+        found = found + math.exp(2.0 * entries[terms.order]) * np.minimum.outer(np.arange(count), np.arange(count))
+    if terms.white:
+        found = found + math.exp(2.0 * entries[-1]) * np.eye(count)
+    return found[np.ix_(rows, rows)]
+
+
+def _roots(partials: Array) -> Array:
+    """Poles of an autoregression of order 1 or 2, from phi2 = kappa2 and phi1 = kappa1 (1 - kappa2)."""
+    if len(partials) == 1:
+        return partials
+    first, second = partials
+    return np.roots([1.0, -first * (1.0 - second), -second])
+
+
+def readings(*, gaps: bool) -> tuple[Array, Columns]:
+    generator = np.random.default_rng(SEED)
+    rows = np.sort(generator.choice(60, 40, replace=False)) if gaps else np.arange(40)
+    time = 3.0 + STEP * rows
+    matrix = np.column_stack([constants(time), generator.standard_normal((40, 4))])
+    return time, Columns(matrix, steps_between(time, STEP))
+
+
+@pytest.mark.parametrize("gaps", [False, True], ids=["every row", "gaps"])
+@pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
+def test_whitening_is_the_inverse_of_the_cholesky_factor(terms: Terms, entries: tuple[float, ...], gaps: bool) -> None:
+    time, columns = readings(gaps=gaps)
+    factor = np.linalg.cholesky(dense(terms, entries, time))
+    found, logarithm = columns.whitened(terms, np.array(entries))
+    np.testing.assert_allclose(found, np.linalg.solve(factor, columns.matrix), atol=1e-9)
+    assert logarithm == pytest.approx(2.0 * np.log(factor.diagonal()).sum(), abs=1e-8)
+
+
+@pytest.mark.parametrize("gaps", [False, True], ids=["every row", "gaps"])
+@pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
+def test_likelihood_is_that_of_the_contrasts(terms: Terms, entries: tuple[float, ...], gaps: bool) -> None:
+    """Restricted likelihood: the density of what is left when all unknown constants are projected out."""
+    time, columns = readings(gaps=gaps)
+    covariance = dense(terms, entries, time)
+    held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
+    design = columns.matrix[:, [*held, 2, 3, 4]]
+    contrasts = null_space(design.T)
+    left = contrasts.T @ columns.matrix[:, -1]
+
+    def minus_twice(variance: float) -> float:
+        inside = variance * contrasts.T @ covariance @ contrasts
+        return -2.0 * float(multivariate_normal(cov=inside).logpdf(left))
+
+    nothing = np.diag([1e-12, 1e-12, 1e-12, 0.0])
+    found = likelihood(columns, nothing, terms, np.array(entries))
+    # The density of the contrasts lacks log det X'X and has n - p times log 2 pi more.
+    constant = np.linalg.slogdet(design.T @ design)[1] - len(left) * math.log(2.0 * math.pi)
+    assert found.deviance == pytest.approx(minus_twice(found.variance) + constant, abs=1e-5)
+    assert minus_twice(found.variance) <= min(minus_twice(0.99 * found.variance), minus_twice(1.01 * found.variance))
+
+
+def test_other_readings_count_in_the_likelihood_as_if_all_were_one() -> None:
+    """A second stretch of white readings of the same parameters, through its normal equations or as rows."""
+    terms, entries = SHAPES[1]
+    time, columns = readings(gaps=True)
+    generator = np.random.default_rng(SEED + 1)
+    more = generator.standard_normal((25, 4))
+    found = likelihood(columns, more.T @ more, terms, np.array(entries))
+    covariance = dense(terms, entries, time) * found.variance
+    design = np.block([[columns.matrix[:, [0, 2, 3, 4]]], [np.zeros((25, 1)), more[:, :3]]])
+    both = np.block([[covariance, np.zeros((40, 25))], [np.zeros((25, 40)), np.eye(25)]])
+    contrasts = null_space(design.T)
+    left = contrasts.T @ np.concatenate([columns.matrix[:, -1], more[:, -1]])
+    density = multivariate_normal(cov=contrasts.T @ both @ contrasts).logpdf(left)
+    constant = np.linalg.slogdet(design.T @ design)[1] - len(left) * math.log(2.0 * math.pi)
+    assert found.deviance == pytest.approx(-2.0 * float(density) + constant, abs=1e-5)
+
+
+def test_partial_autocorrelations_make_every_stationary_autoregression() -> None:
+    coefficients, covariances = autoregression(np.array([0.9, -0.5, 0.3]))
+    impulse = scipy.signal.lfilter([1.0], np.append(1.0, -coefficients), np.eye(1, 3000)[0])
+    wanted = [float(impulse[lag:] @ impulse[: len(impulse) - lag]) for lag in range(3)]
+    np.testing.assert_allclose(covariances, wanted, rtol=1e-10)
+    noise = NoiseModel(step=1.0, driven=2.0, coefficients=tuple(coefficients))
+    assert noise.stationary == pytest.approx(4.0 * wanted[0], rel=1e-10)
+
+
+@pytest.mark.parametrize(("terms", "entries"), [SHAPES[1], SHAPES[3], SHAPES[4]], ids=str)
+def test_the_spread_of_least_squares_is_that_of_the_dense_covariance(terms: Terms, entries: tuple[float, ...]) -> None:
+    time, columns = readings(gaps=True)
+    stationary = replace(terms, offset=False, trend=False)
+    found = spread_by(columns.matrix, columns.steps, Shape(stationary, np.array(entries), 2.0))
+    wanted = 2.0 * columns.matrix.T @ dense(stationary, entries, time) @ columns.matrix
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
+
+
+def made(kind: str, rows: int, generator: np.random.Generator) -> Array:
+    white = generator.standard_normal(rows)
+    if kind == "AR(1)":
+        return scipy.signal.lfilter([1.0], [1.0, -0.9], white)
+    if kind == "AR(2)":
+        return scipy.signal.lfilter([1.0], [1.0, -1.2, 0.5], white)
+    if kind == "offset, linear trend, white":
+        return white + 3.0 * np.arange(rows) / rows + 1.0
+    if kind == "offset, white, random walk":
+        return white + 0.1 * np.cumsum(generator.standard_normal(rows))
+    return white
+
+
+@pytest.mark.parametrize(
+    "kind", ["white", "AR(1)", "AR(2)", "offset, linear trend, white", "offset, white, random walk"]
+)
+def test_the_terms_that_made_the_noise_are_found(kind: str) -> None:
+    rows = 1500
+    generator = np.random.default_rng(SEED)
+    time = np.arange(rows) * STEP
+    answers = np.column_stack([np.exp(-time / 3.0), np.sin(time)])
+    right = 0
+    for _ in range(4):
+        matrix = np.column_stack([constants(time), answers, made(kind, rows, generator)])
+        found = choose_terms(Columns(matrix, steps_between(time, STEP)), np.diag([1e-9, 1e-9, 0.0]), (True, True))
+        right += str(found.terms) == kind
+    assert right >= 3
+
+
+def test_white_noise_asks_for_no_search() -> None:
+    generator = np.random.default_rng(SEED)
+    asked = sum(needs_search(generator.standard_normal(1000), 0.0) for _ in range(300))
+    assert asked <= 15
+    for kind in ("AR(1)", "AR(2)", "offset, white, random walk"):
+        assert needs_search(made(kind, 1000, generator), 0.0)
+    assert needs_search(generator.standard_normal(1000), 20.0)
+
+
+def test_white_noise_is_left_as_it_is() -> None:
+    matrix = np.random.default_rng(SEED).standard_normal((20, 3))
+    found, logarithm = whitened(state_space(Terms(), np.zeros(0)), matrix, np.ones(20, dtype=np.int64))
+    np.testing.assert_array_equal(found, matrix)
+    assert logarithm == 0.0
+
+
+def test_the_long_run_variance_of_an_autoregression() -> None:
+    """Of e_k = 0.9 e_(k-1) + white noise of variance 1, the sum over n rows has the variance n/(1 - 0.9)^2."""
+    generator, rows = np.random.default_rng(SEED), 20_000
+    found = [
+        long_run(np.ones((rows, 1)), scipy.signal.lfilter([1.0], [1.0, -0.9], generator.standard_normal(rows)))[0, 0]
+        for _ in range(20)
+    ]
+    assert np.mean(found) == pytest.approx(rows / 0.1**2, rel=0.15)
+
+
+def test_a_long_run_covariance_is_one() -> None:
+    """Symmetric and nowhere negative, also where one column's scores follow the other's a row later."""
+    error = scipy.signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(SEED).standard_normal(2000))
+    late = np.concatenate([[0.0], error[:-1]])
+    found = long_run(np.column_stack([error, late, np.ones(2000)]), error)
+    np.testing.assert_allclose(found, found.T, rtol=1e-12)
+    assert np.linalg.eigvalsh(found).min() > 0.0

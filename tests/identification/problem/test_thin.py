@@ -1,0 +1,83 @@
+"""Long records made shorter for a search: the model answers alike, and the fit is the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, identify, load_actuator, simulate
+from ipmclab.identification.problem import thin
+from ipmclab.identification.problem.record import prepare
+from ipmclab.model.outputs import simulate_outputs
+
+STRIP = load_actuator("friend-2+relaxation.displacement").replace(
+    **{"relaxation.displacement.0.ratio": 0.6, "relaxation.displacement.0.time_constant": 60.0}
+)
+
+
+def long_run(hold: str, *, noise: float = 1.0) -> Run:
+    """Twenty minutes at 10 S/s: two steps, read with noise, the voltage as it was sensed."""
+    generator = np.random.default_rng(20261121)
+    rows = 12_000
+    time = np.arange(rows) / 10.0
+    volts = np.where(time < 5.0, 0.0, np.where(time < 700.0, 1.0, -0.5)) + noise * 1e-3 * generator.standard_normal(
+        rows
+    )
+    run = simulate(STRIP, volts, duration=1200.0, rate=10.0, hold=hold)  # type: ignore[arg-type]
+    assert run.current is not None
+    assert run.displacement is not None
+    return Run.from_arrays(
+        time=run.time,
+        voltage=run.voltage,
+        current=run.current + noise * 1e-4 * generator.standard_normal(rows),
+        displacement=run.displacement + noise * 5e-6 * generator.standard_normal(rows),
+        hold=hold,  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize("hold", ["zero", "zero-before"])
+def test_the_model_answers_to_fewer_rows_as_to_all(hold: str) -> None:
+    run = long_run(hold, noise=0.0)
+    record = prepare(run, 0, ["current", "displacement"], ())
+    (shorter,) = thin.thinned([record], {}) or ()
+    assert len(shorter.run) < 0.2 * len(run)
+    outputs = ["current", "displacement"]
+    found = simulate_outputs(STRIP, shorter.run.time, shorter.run.voltage, hold, outputs=outputs)  # type: ignore[arg-type]
+    for row, output in enumerate(outputs):
+        reading = shorter.readings[output]
+        away = np.abs(found[row] - reading.values)[reading.used]
+        assert away.max() < 2e-3 * np.ptp(reading.values), output
+
+
+def test_a_voltage_that_never_stands_still_keeps_its_rows() -> None:
+    time = np.arange(12_000) / 10.0
+    run = Run.from_arrays(time=time, voltage=np.sin(0.6 * time), current=np.cos(0.6 * time))
+    assert thin.thinned([prepare(run, 0, ["current"], ())], {}) is None
+    short = Run.from_arrays(time=time[:5000], voltage=np.ones(5000), current=np.ones(5000))
+    assert thin.thinned([prepare(short, 0, ["current"], ())], {}) is None
+    straight = long_run("first", noise=0.0)
+    assert thin.thinned([prepare(straight, 0, ["current"], ())], {}) is None
+
+
+def test_readings_that_are_left_out_stay_out_of_the_means() -> None:
+    run = long_run("zero", noise=0.0)
+    assert run.current is not None
+    wrong = run.current.copy()
+    wrong[6000:6400] = 7.0
+    record = prepare(Run.from_arrays(time=run.time, voltage=run.voltage, current=wrong), 0, ["current"], ())
+    used = record.readings["current"].used.copy()
+    used[6000:6400] = False
+    record.readings["current"].__dict__["used"] = used
+    (shorter,) = thin.thinned([record], {}) or ()
+    assert shorter.readings["current"].values.max() < 1.0
+
+
+def test_the_fit_is_that_of_every_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = long_run("zero")
+    free = "coupling.gain,relaxation"
+    quick = identify(STRIP, run, free=free)
+    monkeypatch.setattr(thin, "LONG", 10**9)
+    every = identify(STRIP, run, free=free)
+    for name, one in every.parameters.items():
+        assert quick.parameters[name].value == pytest.approx(one.value, abs=0.02 * one.standard_error), name
+        assert quick.parameters[name].standard_error == pytest.approx(one.standard_error, rel=0.02), name

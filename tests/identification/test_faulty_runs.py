@@ -1,0 +1,219 @@
+"""What identification does with records that `check` speaks against, and what a fit says of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import InputError, Run, RunMetadata, check, identify, import_run, load_actuator, simulate, validate
+from ipmclab.prediction.fitted import fitted_outputs
+
+SEED = 20261121
+MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
+FRIEND = load_actuator("friend-2")
+RHO_1 = "circuit.branches.0.resistivity"
+NOISE = {"current": 1e-4, "displacement": 5e-6}
+
+
+def measured(signal: str, *channels: str, seed: int = 0, rate: float = 50.0, hold: str = "zero") -> Run:
+    generator = np.random.default_rng([SEED, seed])
+    clean = simulate(FRIEND, signal, duration=40.0, rate=rate)
+    noisy = {name: clean.channels[name] + NOISE[name] * generator.standard_normal(len(clean)) for name in channels}
+    return Run.from_arrays(
+        time=clean.time,
+        voltage=clean.voltage,
+        hold=hold,  # type: ignore[arg-type]
+        metadata=RunMetadata(signal=signal),
+        **noisy,
+    )
+
+
+def codes(fit: object) -> set[str]:
+    return {finding.code for finding in fit.findings}  # type: ignore[attr-defined]
+
+
+def test_a_channel_of_noise_is_left_out_and_said() -> None:
+    runs = [measured("step 1 V delay=2 s", "displacement"), measured("sine 1 V 0.5 Hz", "displacement", seed=1)]
+    silent = 1e-4 * np.random.default_rng(SEED).standard_normal(2000)
+    with_noise = [replace(run, force=silent) for run in runs]
+    assert all("noise-only" in {finding.code for finding in check(run)} for run in with_noise)
+    here, there = identify(FRIEND, runs, free="coupling"), identify(FRIEND, with_noise, free="coupling")
+    for name, parameter in here.parameters.items():
+        assert there.parameters[name].value == pytest.approx(parameter.value, rel=1e-6), name
+    told = [finding for finding in there.findings if finding.code == "channel-left-out"]
+    assert [finding.channel for finding in told] == ["force", "force"]
+    assert "step 1 V delay=2 s: force held nothing but noise and was left out of the fit" in told[0].message
+    with pytest.raises(InputError, match=r"coupling\.gain is free.*no usable.*force held nothing but noise"):
+        identify(FRIEND, [replace(run, displacement=None) for run in with_noise], free="coupling")
+
+
+def test_errors_of_a_record_stand_in_its_fit_and_in_its_message() -> None:
+    runs = [measured("step 1 V delay=2 s", "current"), measured("sine 1 V 0.1 Hz", "current", seed=1)]
+    assert "errors" not in identify(FRIEND, runs).message
+    unknown = replace(runs[0], metadata=RunMetadata(signal="a guess", sampling_period_known=False))
+    fit = identify(FRIEND, [unknown, runs[1]])
+    (told,) = (finding for finding in fit.findings if finding.code == "sampling-period-unknown")
+    assert told.message.startswith("a guess: ")
+    # An error of a channel that the fit does not use is an error of the record all the same.
+    moving = measured("step 1 V delay=2 s", "current", "displacement")
+    reversed_run = replace(moving, displacement=-moving.displacement)  # type: ignore[operator]
+    assert "response-opposite" in {finding.code for finding in check(reversed_run)}
+    fit = identify(FRIEND, [reversed_run, runs[1]], free="electrical")
+    assert "response-opposite" in codes(fit)
+    assert fit.message.endswith("but errors contradict this fit (see the findings response-opposite)")
+
+
+def without_contact(rows: int) -> Run:
+    """A step of 1 V at row 100 that reaches the strip so many rows later."""
+    run, late = measured("step 1 V delay=2 s", "current"), measured(f"step 1 V delay={2 + rows / 50} s", "current")
+    assert "contact-missing" in {finding.code for finding in check(replace(run, current=late.current))}
+    return replace(run, current=late.current)
+
+
+def test_the_voltage_begins_at_the_contact() -> None:
+    run = without_contact(130)
+    fit = identify(FRIEND, [run, measured("sine 1 V 0.1 Hz", "current", seed=1)])
+    assert "contact-missing" in codes(fit)
+    assert "contact-missing" in fit.message
+    for name, parameter in fit.parameters.items():
+        assert abs(parameter.value - FRIEND[name]) < 3.5 * parameter.standard_error, name
+    # The prediction and the fitted values follow the same reading.
+    fresh = validate(FRIEND, run)
+    assert fresh.scores["current"].fit_percent > 95
+    again = validate(fit.actuator, run)
+    assert again.scores["current"].rmse == pytest.approx(
+        np.sqrt(np.nanmean(fit.residuals[0]["current"] ** 2)), rel=1e-6
+    )
+    error = fitted_outputs(fit, run, 0)["current"].error
+    np.testing.assert_allclose(error, fit.residuals[0]["current"], atol=1e-9)
+
+
+def test_the_late_contact_of_a_real_step(real_runs: Path) -> None:
+    run = import_run(real_runs / "step_3V.csv.gz", MAPS / "step_3V.toml")
+    rows = slice(400, 1900)
+    cut = Run.from_arrays(time=run.time[rows], voltage=run.voltage[rows], current=run.current[rows], hold="unknown")
+    strip = FRIEND.replace(
+        **{
+            "geometry.free_length": 25e-3,
+            "geometry.clamped_length": 5e-3,
+            "geometry.width": 5e-3,
+            "geometry.thickness": 0.5e-3,
+            "geometry.sensing_length": 15e-3,
+            "circuit.sheet_resistance": 30.0 / 12.0,
+        }
+    )
+    fit = identify(strip, [cut])
+    assert "contact-missing" in codes(fit)
+    rho = fit.parameters[RHO_1]
+    # Two branches leave far more of this current than its noise, and that counts: the first branch is open.
+    assert not rho.determined
+    assert not rho.at_bound
+    # What lies in series with everything behind it lets the largest current through at the edge.
+    elements = fit.actuator.circuit_elements()
+    behind = 1.0 / (1.0 / elements.dc + sum(1.0 / resistance for resistance in elements.branch_resistances))
+    assert 50.0 < 30.0 + behind.real < 1.6 * 2.957 / np.nanmax(cut.current)
+
+
+def rms(residual: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(residual**2)))
+
+
+def test_one_record_is_read_in_one_way() -> None:
+    # A zero that the current's own rows before the step do not show surely: the fit takes none off, nor may validate.
+    runs = [
+        measured("step 1 V delay=2 s", "current", "displacement", hold="unknown"),
+        measured("sine 1 V 0.1 Hz", "current", "displacement", seed=1, hold="unknown"),
+    ]
+    shifted = runs[0].current + np.where(runs[0].voltage == 0, 4e-5, 0.0)  # type: ignore[operator]
+    runs[0] = replace(runs[0], current=shifted)
+    cut = Run.from_arrays(
+        time=runs[1].time[300:],
+        voltage=runs[1].voltage[300:],
+        current=runs[1].current[300:],  # type: ignore[index]
+        hold="unknown",
+        metadata=RunMetadata(starts_from_rest=False),
+    )
+    for given in (runs, [runs[0], cut]):
+        fit = identify(FRIEND, given)
+        validation = validate(fit.actuator, given)
+        for residuals, one in zip(fit.residuals, validation.runs, strict=True):
+            assert one.scores["current"].rmse == pytest.approx(rms(residuals["current"]), rel=1e-6)
+
+
+def test_a_second_fit_reads_a_run_as_the_first_did() -> None:
+    runs = [
+        measured("step 1 V delay=2 s", "current", "displacement", hold="unknown"),
+        measured("sine 1 V 0.1 Hz", "current", "displacement", seed=1, hold="unknown"),
+    ]
+    first = identify(FRIEND, runs, free="electrical")
+    second = identify(first.actuator, runs, free="coupling")
+    for before, after in zip(first.observations, second.observations, strict=True):
+        assert after.delay == before.delay
+        assert after.offset.get("current", 0.0) == before.offset.get("current", 0.0)
+    assert not any(name.startswith("observation.delay") for name in second.parameters)
+    for one, two in zip(validate(first.actuator, runs).runs, validate(second.actuator, runs).runs, strict=True):
+        assert two.scores["current"].rmse == pytest.approx(one.scores["current"].rmse, rel=1e-9)
+    # A fit that frees the circuit looks for the delay that belongs to its circuit.
+    both = identify(first.actuator, runs, free="electrical,coupling")
+    assert "observation.delay[0]" in both.parameters
+
+
+def test_steps_of_two_rates_and_unknown_hold_do_not_claim_what_they_cannot_tell() -> None:
+    # Both edges lie on their rows: a usual case, at the very end of what the rows allow.
+    missed: dict[str, int] = {}
+    for seed in range(8):
+        generator = np.random.default_rng([SEED, seed])
+        runs = []
+        for rate in (50.0, 100.0):
+            clean = simulate(FRIEND, "step 1 V delay=1 s", duration=40.0, rate=rate)
+            noise = 2e-5 * generator.standard_normal(len(clean))
+            runs.append(
+                Run.from_arrays(
+                    time=clean.time,
+                    voltage=clean.voltage,
+                    current=clean.current + noise,  # type: ignore[operator]
+                    hold="unknown",
+                )
+            )
+        fit = identify(FRIEND, runs)
+        for name, parameter in fit.parameters.items():
+            low, high = parameter.interval
+            truth = FRIEND[name] if name in FRIEND.parameter_values else 0.0
+            missed[name] = missed.get(name, 0) + (parameter.determined and not low <= truth <= high)
+    assert max(missed.values()) <= 1, missed
+
+
+@pytest.mark.parametrize("rows", [3, 5, 6, 7, 9, 12])
+def test_few_rows_are_refused_or_their_fit_says_that_it_is_worth_nothing(rows: int) -> None:
+    # Warnings are errors in this suite: none of NumPy's may come out.
+    run = measured("step 1 V delay=0.1 s", "current")
+    assert run.current is not None
+    short = Run.from_arrays(
+        time=run.time[:rows], voltage=run.voltage[:rows], current=run.current[:rows], hold="unknown"
+    )
+    if rows < 6:
+        with pytest.raises(InputError, match=r"voltage is zero throughout|6 unknowns for \d usable readings"):
+            identify(FRIEND, [short])
+        return
+    fit = identify(FRIEND, [short])
+    left, varies = rms(fit.residuals[0]["current"]), float(np.std(short.current))
+    said = "model-explains-nothing" in codes(fit)
+    assert said == (left >= 0.5 * varies)
+    assert ("explains nothing" in fit.message) == said
+    assert not all(parameter.determined for parameter in fit.parameters.values())
+
+
+def test_a_model_that_explains_nothing_never_just_converges() -> None:
+    run = measured("sine 1 V 0.1 Hz", "current")
+    wrong = replace(run, current=0.03 * np.sin(2 * np.pi * 0.37 * run.time))
+    fit = identify(FRIEND, [wrong])
+    (told,) = (finding for finding in fit.findings if finding.code == "model-explains-nothing")
+    assert told.severity == "error"
+    assert "explains nothing" in fit.message
+    # A weak signal in much noise is no such case.
+    generator = np.random.default_rng(SEED)
+    weak = replace(run, current=run.current + 0.05 * generator.standard_normal(2000))  # type: ignore[operator]
+    assert "model-explains-nothing" not in codes(identify(FRIEND, [weak]))

@@ -1,0 +1,189 @@
+"""Intervals from the walk along a profile, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.growing import Growth
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.problem.unknowns import actuator_unknown
+from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.uncertainty import covariance as covariance_of
+from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.uncertainty.interval import (
+    _shortest,
+    as_determined,
+    beside_bounds,
+    interval_of,
+    with_rivals,
+)
+from ipmclab.identification.uncertainty.profile import Walk
+from ipmclab.model import load_actuator
+
+SEED = 20261121
+TAILS = (0.025, 0.03, 0.035, 0.04)
+
+
+class Gain:
+    """A gain K, seen as itself with an error of 1, beside a nuisance; the entry is the logarithm of K or of 1/K.
+
+    With c = 1 the best nuisance leaves the height |K - seen|/(sigma sqrt 2). What draws K to where it was seen and is
+    no evidence adds to the cost, and is spared: the height stays the same.
+    """
+
+    lower = np.array([-20.0, -50.0])
+    upper = np.array([20.0, 50.0])
+    unknowns = (SimpleNamespace(base="coupling.gain"), SimpleNamespace(base="coupling.p1"))
+
+    def __init__(self, seen: float, sigma: float, sign: float = 1.0, drawn: float = 0.0) -> None:
+        self.seen, self.scale, self.sign, self.drawn = seen, sigma / math.sqrt(2.0), sign, drawn
+
+    def evaluate(self, theta: Any) -> Evaluation:
+        gain = math.exp(self.sign * theta[0])
+        slope = self.sign * gain / self.scale
+        missed = (gain - self.seen) / self.scale + theta[1]
+        pull, away = self.drawn * self.sign * gain, self.drawn * (gain - self.seen)
+        return Evaluation(np.array([[slope, 0.0, pull], [1.0, 1.0, 0.0], [missed, theta[1], away]]))
+
+    def spared(self, theta: Any) -> float:
+        return (self.drawn * (math.exp(self.sign * theta[0]) - self.seen)) ** 2
+
+    def walks(self) -> tuple[Walk, Walk]:
+        theta = np.array([self.sign * math.log(self.seen), 0.0])
+        solution = Solution(theta, self.evaluate(theta), True, "", 1)
+        error = self.scale * math.sqrt(2.0) / self.seen
+        return tuple(Walk(self, solution, 0, side * error) for side in (-1.0, 1.0))  # type: ignore[arg-type, return-value]
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.1, 0.26, 0.4])
+@pytest.mark.parametrize("height", [1.0, 1.75, 1.96, 2.33])
+@pytest.mark.parametrize("drawn", [0.0, 2.0])
+def test_a_walk_finds_where_the_profile_crosses_a_height(sigma: float, height: float, drawn: float) -> None:
+    down, up = Gain(1.0, sigma, drawn=drawn).walks()
+    assert down.distance(height) == pytest.approx(-math.log1p(-sigma * height), rel=0.01)
+    assert up.distance(height) == pytest.approx(math.log1p(sigma * height), rel=0.01)
+    # Once more, another height, from the same points.
+    assert up.distance(1.1 * height) == pytest.approx(math.log1p(1.1 * sigma * height), rel=0.01)
+    assert len(up.points) < 10
+
+
+def test_a_side_on_which_the_cost_stays_low_is_open() -> None:
+    down, up = Gain(1.0, 0.6).walks()
+    assert math.isinf(down.distance(1.96))
+    assert up.distance(1.96) == pytest.approx(math.log1p(0.6 * 1.96), rel=0.01)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_shortest_interval_holds_the_truth_as_often_and_is_shorter(sign: float) -> None:
+    generator = np.random.default_rng(SEED)
+    trials, sigma = 800, 0.2
+    inside, shorter, even = 0, [], []
+    for seen in 1.0 + sigma * generator.standard_normal(trials):
+        walks = Gain(seen, sigma, sign).walks()
+        down, up = _shortest(walks, 1e6, 1.0, TAILS)
+        middle = sign * math.log(seen)
+        inside += middle - down <= 0.0 <= middle + up
+        shorter.append(down + up)
+        even.append(walks[0].distance(1.96) + walks[1].distance(1.96))
+    # 95 % of 800 within 2.6 standard errors.
+    assert 0.93 < inside / trials < 0.97
+    assert (np.array(shorter) <= 1.005 * np.array(even)).all()
+    assert np.median(shorter) < 0.99 * np.median(even)
+
+
+def test_what_its_nearer_side_calls_determined_is_known_as_well_as_that() -> None:
+    covariance = np.array([[0.25, 0.2], [0.2, 0.36]])
+    found = Uncertainty(covariance, covariance, np.zeros((0, 2)), np.ones(2), {}, (), np.full(2, 100.0))
+    errors = np.sqrt(covariance.diagonal())
+    sharper = as_determined(found, errors, np.array([0.4, 0.5]))
+    assert np.sqrt(sharper.covariance.diagonal()) == pytest.approx([0.4, 0.6])
+    assert as_determined(found, errors, np.full(2, math.inf)) is found
+
+
+def test_where_the_search_ends_a_side_is_open_and_where_something_is_known_it_is_not() -> None:
+    declared = load_actuator("friend-2+clamp").parameters()
+    resistivity = actuator_unknown(declared["circuit.branches.0.resistivity"], None)
+    ends = resistivity.entry(declared["circuit.branches.0.resistivity"].upper)
+    assert beside_bounds(resistivity, 0.0, ends) == (1.0, math.inf)
+    assert beside_bounds(resistivity, -1000.0, 0.0) == (0.0, 1.0)
+    # A resistance may be nothing, a share everything, and neither is what a search ends at.
+    contact = actuator_unknown(declared["circuit.contact_resistance"], None)
+    assert beside_bounds(contact, -1.0, 2.0) == (0.0, 2.0)
+    assert beside_bounds(contact, 1e-4, 1e9) == (1e-4, math.inf)
+    share = actuator_unknown(declared["clamp.direct_share"], None)
+    assert beside_bounds(share, 5e-4, 2.0) == (5e-4, 1.0)
+    # What is known beforehand ends an interval wherever that is.
+    measured = resistivity.known(2e-6, 1e-7)
+    assert beside_bounds(measured, measured.entry(1e-6), 0.0)[0] == pytest.approx(1e-6)
+
+
+class Drawn(Gain):
+    """The same beside an entry that is drawn to where it was found, of which the cost makes no evidence."""
+
+    def evaluate(self, theta: Any) -> Evaluation:
+        there = super().evaluate(theta)
+        by = self._away(theta)
+        return Evaluation(np.column_stack([there.rows, [2.0, 0.0, by]]))
+
+    def spared(self, theta: Any) -> float:
+        return self._away(theta) ** 2
+
+    def _away(self, theta: Any) -> float:
+        return 2.0 * float(theta[0] - self.sign * math.log(self.seen))
+
+
+def test_what_is_no_evidence_moves_no_end_of_an_interval() -> None:
+    for plain, drawn in zip(Gain(1.0, 0.3).walks(), Drawn(1.0, 0.3).walks(), strict=True):
+        assert drawn.distance(1.96) == pytest.approx(plain.distance(1.96), rel=0.01)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_interval_is_the_shortest_that_its_profile_allows(sign: float) -> None:
+    """Where one side falls slowly: shorter than between the ends that leave 2.5 % out each."""
+    problem: Any = Gain(1.0, 0.3, sign)
+    problem.unknowns = tuple(SimpleNamespace(base=one.base, beforehand=None) for one in Gain.unknowns)
+    problem.responder = None
+    theta = np.array([0.0, 0.0])
+    covariance = np.array([[0.09]])
+    found = Uncertainty(covariance, covariance, np.zeros((0, 1)), np.ones(1), {}, (), np.array([1e6]))
+    unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.branches.0.resistivity"], None)
+    solution = Solution(theta, problem.evaluate(theta), True, "", 1)
+    interval = interval_of(problem, solution, unknown, 0, found, 0, 0.3, open_edges=False)
+    even = sum(walk.distance(1.96) for walk in problem.walks())
+    assert math.log(interval.high / interval.low) < 0.98 * even
+
+
+@pytest.mark.parametrize(("apart", "same"), [(0.8, True), (0.9, False), (-0.9, False)])
+def test_minima_are_one_answer_up_to_two_errors_of_what_counts_as_determined(apart: float, same: bool) -> None:
+    unknown = actuator_unknown(load_actuator("friend-2").parameters()["circuit.branches.0.resistivity"], None)
+    interval, agree = with_rivals(unknown, 0.0, (0.9, 1.1), [(apart, 0.1)])
+    assert agree is same
+    assert interval == pytest.approx((min(0.9, math.exp(apart - 0.1)), max(1.1, math.exp(apart + 0.1))))
+
+
+def test_uneven_noise_counts_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """White's covariance of a straight line through readings whose variances are known: (X'X)^-1 X'WX (X'X)^-1."""
+    rows = 400
+    columns = np.column_stack([np.ones(rows), np.linspace(0.0, 1.0, rows)])
+    variance = np.linspace(0.05, 4.0, rows) ** 2
+    residual = np.sqrt(variance) * np.random.default_rng(SEED).standard_normal(rows)
+    key = (0, "current")
+    problem = SimpleNamespace(
+        unknowns=[SimpleNamespace(nuisance=False)] * 2,
+        pieces={key: slice(0, rows)},
+        noise={key: 1.0},
+        floors={key: 0.0},
+    )
+    solution = Solution(np.zeros(2), Evaluation(np.vstack([columns.T, residual])), True, "", 1)
+    correlated = Correlated(cast(Any, problem), solution, solution.evaluation)
+    monkeypatch.setattr(covariance_of, "growth", lambda *_: Growth(variance, 80.0))
+    monkeypatch.setattr(covariance_of, "hidden_zeros", lambda _, count: np.zeros((count, 1)))
+    found = covariance_of.uncertainty(correlated, {}, ())
+    inverse = np.linalg.inv(columns.T @ columns)
+    np.testing.assert_allclose(found.covariance, inverse @ (columns.T * variance) @ columns @ inverse, rtol=1e-9)

@@ -1,0 +1,87 @@
+"""Walkers find what is known in closed form, and are not believed where they disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.signal import lfilter
+
+from ipmclab.posterior.convergence import judge
+from ipmclab.posterior.coordinates import Straight
+from ipmclab.posterior.sampling import sample
+
+Array = npt.NDArray[np.float64]
+MIDDLE = np.array([1.0, -2.0, 30.0])
+SCATTER = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.2], [0.0, 0.2, 9.0]])
+
+
+def normal(vector: Array) -> float:
+    away = np.linalg.solve(np.linalg.cholesky(SCATTER), vector - MIDDLE)
+    return -0.5 * float(away @ away)
+
+
+def test_a_normal_density_is_found_from_a_bad_guess_of_it() -> None:
+    """Within four standard errors of Monte-Carlo, from a middle and a scatter that are both wrong."""
+    chains = sample(
+        normal, Straight(MIDDLE + 1.0, np.diag([2.0, 0.5, 1.0])), ["a", "b", "c"], seed=20261121, steps=4000
+    )
+    assert chains.judgement.agrees
+    points = chains.vectors.reshape(-1, 3)
+    size = np.array([one.bulk for one in chains.judgement.of.values()])
+    deviation = np.sqrt(SCATTER.diagonal())
+    assert (np.abs(points.mean(axis=0) - MIDDLE) < 4.0 * deviation / np.sqrt(size)).all()
+    found = np.cov(points.T) / np.outer(deviation, deviation)
+    assert found == pytest.approx(SCATTER / np.outer(deviation, deviation), abs=4.0 * np.sqrt(2.0 / size.min()))
+    assert (np.diff([one.r_hat for one in chains.judgement.of.values()]) < 0.01).all()
+
+
+def test_the_same_seed_gives_the_same_samples() -> None:
+    straight = Straight(MIDDLE, np.linalg.cholesky(SCATTER))
+    one, same, other = (sample(normal, straight, ["a"], seed=seed, steps=400).vectors for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+
+
+def test_chains_that_do_not_agree_are_told() -> None:
+    """A long thin bow (Haario's banana, bent ten times more than it is thick) needs more than these steps.
+
+    They are enough for what is as long and as thin without its bend.
+    """
+
+    def density(bend: float) -> Callable[[Array], float]:
+        return lambda vector: (
+            -0.5 * float((vector[0] / 30.0) ** 2 + ((vector[1] - bend * (vector[0] ** 2 - 900.0)) / 0.1) ** 2)
+        )
+
+    straight = Straight(np.array([0.0, 0.0]), np.diag([1.0, 1.0]))
+    level = sample(density(0.0), straight, ["along", "across"], seed=20261121, steps=600).judgement
+    assert level.agrees, level.complaints
+    straight = Straight(np.array([0.0, -270.0]), np.diag([1.0, 1.0]))
+    bent = sample(density(0.3), straight, ["along", "across"], seed=20261121, steps=600).judgement
+    assert not bent.agrees
+    for word in ("R-hat of", "effective samples (", "effective samples in the tails", "autocorrelation times of"):
+        assert any(word in text for text in bent.complaints), word
+
+
+def test_two_ensembles_in_two_places_do_not_agree_and_neither_does_one_walker_that_is_stuck() -> None:
+    generator = np.random.default_rng(20261121)
+    chains = generator.standard_normal((20, 500, 1))
+    assert judge(chains, ["a"], 2).agrees
+    apart = chains + np.where(np.arange(20) < 10, 0.0, 0.5)[:, None, None]
+    assert any(text.startswith("R-hat of a is 1.0") for text in judge(apart, ["a"], 2).complaints)
+    stuck = chains.copy()
+    stuck[3] = 4.0 + 1e-3 * stuck[3]
+    assert not judge(stuck, ["a"], 2).agrees
+
+
+@pytest.mark.parametrize(("lengths", "complaints"), [(25, 1), (150, 0)])
+def test_chains_are_fifty_autocorrelation_times_long(lengths: int, complaints: int) -> None:
+    """Of a walk that keeps 0.8 of the last step the time is (1 + 0.8)/(1 - 0.8) = 9 steps; all else holds here."""
+    generator = np.random.default_rng(20261121)
+    chains = lfilter([0.6], [1.0, -0.8], generator.standard_normal((400, 9 * lengths + 100)), axis=1)[:, 100:, None]
+    found = judge(chains, ["a"], 2)
+    assert found.lengths == pytest.approx(lengths, rel=0.5)  # of few of them the time is found too short
+    assert ["autocorrelation times" in text for text in found.complaints] == [True] * complaints

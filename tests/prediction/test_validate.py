@@ -1,0 +1,279 @@
+"""Free-run prediction against runs: known truths, known faults, and the messages."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, RunMetadata, identify, import_run, load_actuator, simulate
+from ipmclab.errors import InputError
+from ipmclab.model import Actuator
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.prediction.validate import validate
+
+SEED = 20261121
+RATE = 50.0
+
+
+@pytest.fixture(scope="module")
+def actuator() -> Actuator:
+    return load_actuator("friend-2")
+
+
+def record(actuator: Actuator, signal: str = "square 1 V 0.1 Hz", duration: float = 20.0, **changes: object) -> Run:
+    """What the actuator would give, without noise, as a measured run."""
+    run = simulate(actuator, signal, duration=duration, rate=RATE)
+    return replace(
+        run, **{"applied_voltage": None, "metadata": RunMetadata(signal=signal, starts_from_rest=True), **changes}
+    )
+
+
+def test_prediction_is_the_free_run_and_the_error_is_the_noise(actuator: Actuator) -> None:
+    clean = record(actuator)
+    rng = np.random.default_rng(SEED)
+    noise = {name: rng.normal(0, size, len(clean)) for name, size in (("current", 1e-4), ("force", 2e-5))}
+    noisy = replace(clean, displacement=None, **{name: getattr(clean, name) + added for name, added in noise.items()})
+    validation = validate(actuator, [noisy])
+    assert list(validation.scores) == ["current", "force"]
+    for name, added in noise.items():
+        one = validation.runs[0].scores[name]
+        assert np.allclose(getattr(validation.runs[0].predicted, name), getattr(clean, name), rtol=0, atol=1e-12)
+        y = getattr(noisy, name)
+        assert one.fit_percent == pytest.approx(
+            100 * (1 - np.linalg.norm(added) / np.linalg.norm(y - y.mean())), rel=1e-6
+        )
+        assert one.rmse == pytest.approx(np.sqrt(np.mean(added**2)), rel=1e-6)
+        assert one.lags_outside < 0.3
+    assert validation.findings == ()
+
+
+def test_a_wrong_model_scores_worse_and_leaves_a_correlated_residual(actuator: Actuator) -> None:
+    run = record(actuator)
+    wrong = actuator.replace(**{"coupling.gain": 0.8 * actuator["coupling.gain"]})
+    validation = validate(wrong, run)
+    # Force is proportional to the coupling's gain: the residual is a fifth of the reading.
+    assert validation.scores["force"].rmse == pytest.approx(0.2 * np.sqrt(np.mean(run.force**2)), rel=1e-9)
+    assert validation.scores["current"].fit_percent == pytest.approx(100.0)
+    assert validation.scores["force"].max_error_sample == int(np.argmax(np.abs(run.force)))
+    assert validation.runs[0].scores["force"].lags_outside == 1.0
+
+
+def test_the_zero_of_a_preloaded_cell_is_taken_off_and_said(actuator: Actuator) -> None:
+    rng = np.random.default_rng(SEED)
+    clean = record(actuator, "square 1 V 0.1 Hz delay=1 s")
+    noise = rng.normal(0, 1e-5, len(clean))
+    validation = validate(actuator, replace(clean, force=clean.force + 2e-3 + noise, displacement=None))
+    # Known from 50 rows: to a seventh of the noise.
+    assert validation.runs[0].zeros == {"force": pytest.approx(2e-3, abs=5e-6)}
+    assert validation.scores["force"].rmse == pytest.approx(1e-5, rel=0.1)
+    (finding,) = validation.findings
+    assert finding.code == "zero-taken-off"
+    assert "2 mN of force" in finding.message
+
+
+def test_a_zero_within_the_noise_stays(actuator: Actuator) -> None:
+    rng = np.random.default_rng(SEED)
+    clean = record(actuator, "square 1 V 0.1 Hz delay=0.2 s")
+    noise = rng.normal(0, 1e-4, len(clean))
+    validation = validate(actuator, replace(clean, force=clean.force + noise))
+    assert validation.runs[0].zeros == {}
+    assert validation.scores["force"].rmse == pytest.approx(np.sqrt(np.mean(noise**2)), rel=1e-9)
+
+
+def test_no_zero_is_invented_when_the_record_begins_with_the_edge(actuator: Actuator) -> None:
+    clean = record(actuator)
+    validation = validate(actuator, replace(clean, force=clean.force + 1e-3))
+    assert validation.runs[0].zeros == {}
+    assert validation.scores["force"].rmse == pytest.approx(1e-3)
+
+
+def test_a_shunt_inside_the_sensed_voltage_is_part_of_the_path(actuator: Actuator) -> None:
+    name = "circuit.contact_resistance"
+    behind = record(actuator.replace(**{name: 1.0}))
+    shunt = RunMetadata(voltage_sensed="upstream of shunt", shunt_resistance=1.0)
+    assert validate(actuator, replace(behind, metadata=shunt)).scores["current"].fit_percent == pytest.approx(100.0)
+    assert validate(actuator, behind).scores["current"].fit_percent < 98.0
+
+
+@pytest.mark.parametrize("delay", [-0.013, 0.008])
+def test_the_delay_of_a_foreign_record_is_found_and_said(actuator: Actuator, delay: float) -> None:
+    time = np.arange(1000) / RATE
+    voltage = np.where(time % 10 < 5, 1.0, -1.0) * (time >= 2)
+    outputs = simulate_outputs(actuator, time, voltage, "zero", outputs=["current", "force"], delay=delay)
+    run = Run.from_arrays(time=time, voltage=voltage, current=outputs[0], force=outputs[1], hold="unknown")
+    validation = validate(actuator, run)
+    assert validation.runs[0].delay == pytest.approx(delay, abs=0.02 / RATE)
+    assert validation.scores["current"].fit_percent > 99.9
+    assert [finding.code for finding in validation.findings] == ["estimated-delay"]
+
+
+def test_a_wrong_model_does_not_buy_a_better_score_with_a_delay(actuator: Actuator) -> None:
+    clean = record(actuator, "square 1 V 0.1 Hz delay=2 s")
+    unknown = replace(clean, hold="unknown", displacement=None)
+    wrong = actuator.replace(**{"coupling.gain": 1e-8, "circuit.dc_resistivity": 10.0})
+    validation = validate(wrong, unknown)
+    assert abs(validation.runs[0].delay) < 0.5 / RATE
+    assert validation.scores["force"].fit_percent < 90
+
+
+def test_no_delay_is_claimed_where_no_edge_shows_it(actuator: Actuator) -> None:
+    clean = record(actuator, "step 1 V")
+    validation = validate(actuator, replace(clean, hold="unknown"))
+    assert validation.runs[0].delay is None
+    assert [finding.code for finding in validation.findings] == ["no-edge-shown"]
+    assert validation.scores["current"].fit_percent > 99.9
+
+
+def test_a_run_of_the_fit_is_read_as_the_fit_read_it(actuator: Actuator) -> None:
+    rng = np.random.default_rng(SEED)
+    time = np.arange(1000) / RATE
+    voltage = np.where(time % 10 < 5, 1.0, -1.0) * (time >= 2)
+    current = simulate_outputs(actuator, time, voltage, "zero", outputs=["current"], delay=0.007)[0]
+    run = Run.from_arrays(time=time, voltage=voltage, current=current + rng.normal(0, 1e-4, 1000), hold="unknown")
+    fit = identify(actuator, run, free="electrical")
+    validation = validate(fit.actuator, run)
+    assert validation.runs[0].delay == fit.observations[0].delay
+    assert {finding.code for finding in validation.findings} == {"used-in-fit", "delay-of-the-fit"}
+    residual = fit.residuals[0]["current"]
+    assert validation.scores["current"].rmse == pytest.approx(np.sqrt(np.nanmean(residual**2)), rel=1e-6)
+
+
+def test_a_run_of_the_fit_has_its_own_parameters(actuator: Actuator) -> None:
+    rng = np.random.default_rng(SEED)
+    signals = {"square 1 V 0.1 Hz": 0.0, "step 1 V": 6.0}
+    runs = []
+    for signal, contact in signals.items():
+        clamped = actuator.replace(**{"circuit.contact_resistance": contact})
+        clean = record(clamped, signal, displacement=None, force=None)
+        runs.append(replace(clean, current=clean.current + rng.normal(0.0, 1e-4, len(clean))))
+    name = "circuit.contact_resistance"
+    fit = identify(actuator, runs, free=["circuit.dc_resistivity", name], per_run=[name])
+    for place, one in enumerate(validate(fit.actuator, runs).runs):
+        residual = fit.residuals[place]["current"]
+        assert one.scores["current"].rmse == pytest.approx(np.sqrt(np.nanmean(residual**2)), rel=1e-6)
+
+
+def test_an_open_coupling_is_said(actuator: Actuator) -> None:
+    def fitted(names: list[str], **coefficients: float) -> Actuator:
+        direction = {"coefficients": {f"coupling.{key}": value for key, value in coefficients.items()}, "sentence": "S"}
+        table = {"parameters": [{"name": name} for name in names], "undetermined": [direction] if coefficients else []}
+        return replace(actuator, fit_table=table)
+
+    def known_to(error: float) -> Actuator:
+        """Gain and zero trade against each other, d(0) = K_d Z_d/P_2d being known to a relative error."""
+        parts = {"coupling.gain": 1.0, "coupling.zero": -0.5, "coupling.p2": 0.5}
+        model = fitted([*parts], gain=0.8, zero=-0.5, p2=0.3)
+        table = dict(model.fit_table or {})
+        table["undetermined"] = [{**table["undetermined"][0], "error": 2.0}]
+        # A large common part, along which d(0) stands still, and its own error in the gain.
+        rows = [
+            [
+                actuator[one]
+                * actuator[other]
+                * (100.0 * parts[one] * parts[other] + error**2 * (one == other == "coupling.gain"))
+                for other in parts
+            ]
+            for one in parts
+        ]
+        return replace(model, fit_table={**table, "covariance": {"names": [*parts], "rows": rows}})
+
+    run = record(actuator, "step 1 V")
+    cases = (
+        (known_to(0.1), []),
+        (known_to(0.6), ["coupling-undetermined"]),
+        (fitted(["circuit.dc_resistivity"]), ["coupling-not-identified"]),
+        (fitted(["coupling.gain"], gain=1.0), ["coupling-undetermined"]),
+        (fitted(["coupling.gain", "coupling.zero"], gain=0.7071, zero=-0.7071), []),
+        (fitted(["coupling.gain"]), []),
+        (actuator, []),
+    )
+
+    def said(model: Actuator, run: Run) -> list[str]:
+        # These tables hold what the coupling is judged by and no more, which is said too.
+        return [finding.code for finding in validate(model, run).findings if finding.code != "bad-fit"]
+
+    for model, codes in cases:
+        assert said(model, run) == codes
+    assert said(cases[0][0], replace(run, displacement=None, force=None)) == []
+
+
+def test_missing_and_masked_readings_are_left_out(actuator: Actuator) -> None:
+    clean = record(actuator)
+    lost = clean.displacement.copy()
+    lost[300:420] = np.nan
+    validation = validate(actuator, replace(clean, displacement=lost))
+    assert validation.scores["displacement"].left_out >= 120
+    assert validation.scores["displacement"].fit_percent == pytest.approx(100.0)
+    assert np.all(np.isnan(validation.runs[0].comparisons["displacement"].error[300:420]))
+
+
+def test_runs_of_the_fit_are_named(actuator: Actuator) -> None:
+    run = record(actuator)
+    by_argument = validate(actuator, [run, record(actuator, "step 1 V")], used=[run.content_sha256])
+    assert [one.used_in_fit for one in by_argument.runs] == [True, False]
+    (finding,) = by_argument.findings
+    assert finding.code == "used-in-fit"
+    assert "square 1 V 0.1 Hz was used to identify" in finding.message
+
+
+def test_an_assumed_rest_is_said(actuator: Actuator) -> None:
+    run = replace(record(actuator), metadata=RunMetadata(starts_from_rest=False))
+    assert [finding.code for finding in validate(actuator, run).findings] == ["assumed-rest"]
+
+
+def test_nothing_to_compare_and_no_run_are_refused(actuator: Actuator) -> None:
+    with pytest.raises(InputError, match=r"nothing was measured that friend-2 predicts, the run has voltage"):
+        validate(actuator, Run.from_arrays(time=[0.0, 0.02], voltage=[0.0, 1.0]))
+    with pytest.raises(InputError, match="there is no run to predict"):
+        validate(actuator, [])
+
+
+def test_a_channel_with_nothing_but_noise_is_not_scored(actuator: Actuator) -> None:
+    rng = np.random.default_rng(SEED)
+    clean = record(actuator)
+    validation = validate(actuator, replace(clean, force=rng.normal(0, 1e-4, len(clean))))
+    one = validation.scores["force"]
+    assert (one.fit_percent, one.rmse, one.samples) == (None, None, 0)
+    assert "nothing but noise" in one.reason
+
+
+def test_a_channel_that_nothing_moves_gives_no_fit_but_a_reason(actuator: Actuator) -> None:
+    clean = record(actuator)
+    validation = validate(actuator, replace(clean, force=np.full(len(clean), 1e-4)))
+    assert validation.scores["force"].fit_percent is None
+    assert validation.scores["force"].reason
+
+
+def test_pooled_scores_cover_only_the_runs_that_have_the_output(actuator: Actuator) -> None:
+    square = replace(record(actuator), force=None)
+    step = replace(record(actuator, "step 1 V"), displacement=None)
+    validation = validate(actuator, [square, step])
+    assert validation.scores["force"].samples == len(step)
+    assert validation.scores["current"].samples == len(step) + len(square)
+    document = validation.as_dict()
+    assert document["actuator"] == "friend-2"
+    assert [run["label"] for run in document["runs"]] == ["square 1 V 0.1 Hz", "step 1 V"]
+
+
+def test_a_real_record_is_scored_without_its_missing_contact(actuator: Actuator, real_runs: Path) -> None:
+    maps = Path(__file__).parents[2] / "docs" / "import_maps"
+    run = import_run(real_runs / "step_3V.csv.gz", maps / "step_3V.toml")
+    validation = validate(actuator, run)
+    # The contact is missing for 130 rows after the voltage steps at row 560; the load cell was not used.
+    assert np.flatnonzero(~validation.runs[0].comparisons["current"].used).tolist() == list(range(560, 690))
+    assert validation.scores["current"].fit_percent < 0  # another strip than friend-2
+    assert "nothing but noise" in validation.scores["force"].reason
+
+
+def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> None:
+    root = Path(__file__).parents[2]
+    source = (root / "src/ipmclab/prediction/validate.py").read_text("utf-8")
+    source += (root / "src/ipmclab/identification/undetermined/open_coupling.py").read_text("utf-8")
+    codes = set(re.findall(r'Finding\(\s*"([a-z-]+)"', source))
+    assert {"used-in-fit", "zero-taken-off"} <= codes
+    rows = re.findall(r"^\| (`[^|]*`) \|", (root / "docs/commands.md").read_text("utf-8"), flags=re.MULTILINE)
+    assert codes <= {code for row in rows for code in re.findall(r"`([a-z-]+)`", row)}

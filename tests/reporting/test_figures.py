@@ -1,0 +1,163 @@
+"""Figures: what stands in the files, what decimation keeps, and what inlining changes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from matplotlib.figure import Figure
+
+from ipmclab import Finding, Run, import_run, validate
+from ipmclab.errors import InputError
+from ipmclab.quality import check
+from ipmclab.reporting import overview, plot
+from ipmclab.reporting.decimate import decimate
+from ipmclab.reporting.figures.frequency import frequency_figure
+from ipmclab.reporting.figures.runs import runs_figure
+from ipmclab.reporting.svg import inline_svg
+
+MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
+BEGINNINGS = {".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}
+
+
+@pytest.fixture(scope="module")
+def lost_laser(material) -> Run:
+    """A record whose laser loses the tip for a while, as a real one does."""
+    run = material.validation_runs[0]
+    displacement = run.displacement.copy()
+    displacement[200:300] = np.nan
+    return replace(run, displacement=displacement)
+
+
+@pytest.mark.parametrize("suffix", sorted(BEGINNINGS))
+def test_plot_writes_what_the_suffix_says(material, tmp_path, suffix) -> None:
+    assert plot(material.runs, tmp_path / f"small{suffix}").read_bytes().startswith(BEGINNINGS[suffix])
+    assert plot(material.runs, tmp_path / f"LARGE{suffix.upper()}").read_bytes().startswith(BEGINNINGS[suffix])
+
+
+def test_plot_names_runs_channels_units_and_findings(material, lost_laser, tmp_path) -> None:
+    path = plot([*material.runs, lost_laser], tmp_path / "runs.svg")
+    texts = {element.text for element in ElementTree.parse(path).iter() if element.text and element.text.strip()}
+    assert {"voltage (V)", "current (mA)", "displacement (mm)", "force (mN)", "time (s)"} <= texts
+    assert {"step 1 V", "sine 1 V 0.5 Hz", "square 1 V 0.25 Hz"} <= texts
+    assert "laser-lost: left out" in texts
+    named = plot(material.runs, tmp_path / "named.svg", labels=["before", "after"]).read_text("utf-8")
+    assert "before" in named
+    assert "sine 1 V" not in named
+
+
+def test_any_name_can_stand_in_a_figure(material, tmp_path) -> None:
+    names = ["_left out_", r"$\frac{$ & <b>", "步骤一 \x00\x1b", "a" * 300]
+    for suffix in BEGINNINGS:
+        path = plot([material.runs[0]] * 4, tmp_path / f"runs{suffix}", labels=names)
+    texts = "".join(ElementTree.parse(tmp_path / "runs.svg").getroot().itertext())
+    for wanted in ("_left out_", r"$\frac{$ & <b>", "步骤一", "aaaa…aaaa"):
+        assert wanted in texts
+    assert path.exists()
+
+
+def test_plot_refuses_what_it_cannot_do(material, tmp_path) -> None:
+    with pytest.raises(InputError, match=r"cannot be written as '.bmp'; end the name in one of .svg, .png, .pdf"):
+        plot(material.runs, tmp_path / "runs.bmp")
+    with pytest.raises(InputError, match="there is no run to draw"):
+        plot([], tmp_path / "runs.svg")
+    with pytest.raises(InputError, match="does not exist"):
+        plot(material.runs, tmp_path / "nowhere" / "runs.svg")
+    with pytest.raises(InputError, match="3 labels for 2 runs"):
+        plot(material.runs, tmp_path / "runs.svg", labels=["a", "b", "c"])
+    taken = tmp_path / "taken.svg"
+    taken.write_text("precious")
+    with pytest.raises(InputError, match="exists"):
+        plot(material.runs, taken)
+    assert [path.name for path in tmp_path.iterdir()] == ["taken.svg"]
+    assert taken.read_text() == "precious"
+
+
+def test_figures_leave_no_global_state() -> None:
+    # A user's own pyplot session must look the same after our figures.
+    program = (
+        "import matplotlib, sys; before = matplotlib.rcParams.copy(); import tempfile, pathlib\n"
+        "from ipmclab import Run; from ipmclab.reporting import plot\n"
+        "run = Run.from_arrays(time=[0, 1, 2], voltage=[0, 1, 1], current=[0, 1, 0.5])\n"
+        "plot(run, pathlib.Path(tempfile.mkdtemp()) / 'x.svg')\n"
+        "assert matplotlib.rcParams.copy() == before; assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
+
+
+def test_overview_has_a_column_for_each_run(material) -> None:
+    validation = validate(material.fit.actuator, material.validation_runs)
+    figure = overview(material.fit, material.runs, validation)
+    titles = {panel.get_title(loc="left").strip() for panel in figure.axes} - {""}
+    assert titles == {"step 1 V", "sine 1 V 0.5 Hz", "square 1 V 0.25 Hz"}
+    # Current in all three runs; displacement in one; force in two.
+    assert sum(panel.get_visible() for panel in figure.axes) == 6
+
+
+def test_two_inlined_figures_share_no_id_and_no_style(material) -> None:
+    figures = [frequency_figure(np.geomspace(0.01, 1, 9), {"a & b": {"current": np.ones(9, complex)}}) for _ in "12"]
+    texts = [inline_svg(figure, name, "<gain>") for figure, name in zip(figures, ("one", "two"), strict=True)]
+    ids = [{element.get("id") for element in ElementTree.fromstring(text).iter()} - {None} for text in texts]
+    assert ids[0]
+    assert not ids[0] & ids[1]
+    assert all("<style" not in text and "&lt;gain&gt;" in text for text in texts)
+
+
+def test_a_text_in_a_figure_cannot_leave_it() -> None:
+    figure = Figure()
+    figure.text(0.5, 0.5, "</text></svg><script>alert(1)</script>")
+    assert "<script" not in inline_svg(figure, "hostile", "x")
+
+
+@given(arrays.arrays(np.float64, st.integers(2, 3000), elements=st.floats(-1e6, 1e6)), st.integers(2, 60))
+def test_decimation_keeps_ends_and_peaks(values, buckets) -> None:
+    x = np.arange(float(len(values)))
+    fewer_x, fewer = decimate(x, values, buckets=buckets)
+    assert len(fewer) <= max(2 * buckets + 2, len(values) if len(values) <= 2 * buckets else 0)
+    assert (fewer_x[0], fewer_x[-1]) == (x[0], x[-1])
+    assert (fewer.min(), fewer.max()) == (values.min(), values.max())
+    assert np.all(np.diff(fewer_x) >= 0)
+    assert np.array_equal(values[fewer_x.astype(int)], fewer)
+
+
+def test_decimation_keeps_gaps() -> None:
+    values = np.sin(np.arange(10000) / 500)
+    values[3000:7000] = np.nan
+    x, fewer = decimate(np.arange(10000.0), values)
+    assert np.all(np.isnan(fewer[(x > 3050) & (x < 6950)]))
+    assert np.all(np.isfinite(fewer[(x < 2950) | (x > 7050)]))
+
+
+def test_readings_that_were_left_out_do_not_set_the_scale(material) -> None:
+    run = material.validation_runs[0]
+    displacement = run.displacement.copy()
+    displacement[205:260] = displacement[310:330] = -0.0999999  # what a laser without a target says
+    lost = replace(run, displacement=displacement)
+    figure = runs_figure([lost], ["lost"], [check(lost)])
+    panel = next(panel for panel in figure.axes if panel.get_title(loc="left").startswith("displacement"))
+    assert panel.get_ylim()[0] > -2
+
+
+def test_a_warning_that_leaves_nothing_out_is_noted_at_its_place() -> None:
+    run = Run.from_arrays(time=np.arange(100.0), voltage=np.ones(100), current=np.ones(100))
+    noted = Finding("current-rises", "warning", "m", channel="current", samples=((20, 30),))
+    everywhere = Finding("stale-values", "warning", "m", channel="current", samples=((0, 100),))
+    figure = runs_figure([run], ["a"], [[noted, everywhere]])
+    panel = next(panel for panel in figure.axes if panel.get_title(loc="left").startswith("current"))
+    assert [text.get_text() for text in panel.get_legend().get_texts()] == ["noted: current-rises"]
+
+
+def test_a_lost_laser_does_not_set_the_scale(real_runs) -> None:
+    run = import_run(real_runs / "step_2V.csv.gz", MAPS / "step_2V.toml")
+    figure = runs_figure([run], ["step_2V"], [check(run)])
+    panel = next(panel for panel in figure.axes if panel.get_title(loc="left").startswith("displacement"))
+    # The strip moved 12 mm before the laser lost it; the readings on the way out of range say 80 mm.
+    assert panel.get_ylim()[1] < 15

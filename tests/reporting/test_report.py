@@ -1,0 +1,249 @@
+"""The report as a reader, a browser and an attacker see it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from ipmclab import identify, load_actuator, report, simulate, validate
+from ipmclab.errors import InputError
+from ipmclab.prediction.fitted import fitted_outputs
+from ipmclab.quality import measure
+from ipmclab.reporting.wording import percent
+
+VOID = {"meta", "link", "br", "img", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """What a page is made of; fails on tags that do not nest."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.text += data
+
+    def attributes(self, name: str) -> list[str]:
+        return [value for _, attrs in self.tags if (value := attrs.get(name)) is not None]
+
+
+@pytest.fixture(scope="module")
+def text(material, tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    softer = replace(material.fit.actuator, name="softer", fit_table=None).replace(**{"coupling.gain": 5e-9})
+    report(
+        material.fit,
+        runs=material.runs,
+        validation_runs=material.validation_runs,
+        also=[softer],
+        path=path,
+        command="ipmclab report <fitted>.toml",
+    )
+    return path.read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(text) -> Page:
+    return Page(text)
+
+
+def test_it_stands_alone(text, page) -> None:
+    assert len(text) < 2_000_000
+    assert not {tag for tag, _ in page.tags} & {"script", "link", "img", "iframe", "object", "base"}
+    for name in ("src", "href", "xlink:href", "action", "data"):
+        assert all(value.startswith("#") for value in page.attributes(name))
+    addresses = re.findall(r"https?://[^\s\"'<)]+", text)
+    assert set(addresses) <= {"http://www.w3.org/1999/xlink"}
+    assert "@import" not in text
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", text))
+
+
+def test_ids_are_unique_and_every_reference_has_its_target(text, page) -> None:
+    ids = page.attributes("id")
+    assert len(ids) == len(set(ids))
+    references = {value[1:] for name in ("href", "xlink:href") for value in page.attributes(name)}
+    references |= set(re.findall(r"url\(#([^)]*)\)", text)) | set(page.attributes("aria-labelledby"))
+    assert references <= set(ids)
+
+
+def test_hostile_names_stay_text(text, page) -> None:
+    assert "<script" not in text
+    assert '<script>alert("x")</script> & co' in page.text
+    assert "ipmclab report <fitted>.toml" in page.text
+
+
+def test_everything_that_was_found_is_there(material, page) -> None:
+    fit = material.fit
+    for name in fit.actuator.parameters():
+        assert name in page.text
+    for wanted in (
+        *(finding.message for finding in fit.findings),
+        *(direction.sentence for direction in fit.undetermined),
+        *(observation.content_sha256 for observation in fit.observations),
+        *(run.content_sha256 for run in material.validation_runs),
+        *(metric.definition for run in material.runs for metric in measure(run)),
+        "Nafion N117",
+        "mounting-7",
+        "numpy",
+        "softer",
+        fit.message,
+    ):
+        assert wanted in page.text, wanted
+
+
+def test_the_verdict_comes_first_and_in_words(page) -> None:
+    verdict = page.text[: page.text.index("How this was made")]
+    assert "the model predicts 1 run that it never saw: current with a fit of" in verdict
+    assert "2 of 4 free parameters are not determined by these runs: coupling.gain and coupling.zero." in verdict
+
+
+def test_an_undetermined_parameter_has_no_number(text) -> None:
+    row = next(row for row in text.split("<tr>") if "<code>coupling.gain</code>" in row)
+    assert "not determined" in row
+    assert "any positive value" in row
+    assert "±" not in row
+    determined = next(row for row in text.split("<tr>") if "<code>circuit.dc_resistivity</code>" in row)
+    assert "43.42 ± 0.43" in determined
+
+
+def test_it_can_be_read_without_eyes(page) -> None:
+    tags = [tag for tag, _ in page.tags]
+    assert tags.count("h1") == 1
+    assert tags.count("caption") == tags.count("table")
+    figures = [attrs for tag, attrs in page.tags if tag == "svg"]
+    assert len(figures) >= 5
+    assert all(attrs["role"] == "img" and attrs["aria-labelledby"] for attrs in figures)
+    assert next(attrs for tag, attrs in page.tags if tag == "html")["lang"] == "en"
+
+
+def test_figures_follow_the_colours_of_the_page(text) -> None:
+    body = text[text.index("<body") :]
+    assert not re.findall(r"(?:fill|stroke): #(?!fff)[0-9a-f]{6}", body)
+    used = set(re.findall(r"var\(--([a-z]+)\)", body))
+    defined = set(re.findall(r"^\s+--([a-z]+):", text, flags=re.MULTILINE))
+    assert used <= defined
+    assert "prefers-color-scheme: dark" in text
+
+
+def test_doubts_are_said(material, tmp_path) -> None:
+    fit = replace(material.fit, converged=False, message="the limit of evaluations was reached")
+    path = report(fit, runs=material.runs, path=tmp_path / "report.html")
+    told = Page(path.read_text("utf-8")).text
+    assert "The identification did not converge: the limit of evaluations was reached." in told
+    assert "No run was kept for validation" in told
+
+
+def test_a_prediction_worse_than_a_constant_is_called_a_failure(material, tmp_path) -> None:
+    opposite = [replace(run, displacement=-run.displacement) for run in material.validation_runs]
+    path = report(material.fit, runs=material.runs, validation_runs=opposite, path=tmp_path / "report.html")
+    told = Page(path.read_text("utf-8")).text
+    assert re.search(r"never saw: current with a fit of \d\d\.\d+\s%\.", told)
+    assert re.search(
+        r"It fails to predict displacement \(−\d+\.\d\s%\) in 1 run: a constant would have been nearer", told
+    )
+
+
+def test_a_run_of_the_fit_is_no_prediction(material, tmp_path) -> None:
+    path = report(material.fit, runs=material.runs, validation_runs=material.runs[:1], path=tmp_path / "report.html")
+    told = Page(path.read_text("utf-8")).text
+    assert "never saw" not in told
+    assert "runs that were not used" not in told
+    assert "step 1 V was used to identify the actuator" in told
+
+
+def test_findings_of_every_model_are_told(material, tmp_path) -> None:
+    open_one = replace(material.fit.actuator, name="softer", fit_table={"parameters": [{"name": "beam.modulus"}]})
+    path = report(
+        material.fit,
+        runs=material.runs,
+        validation_runs=material.validation_runs,
+        also=[open_one],
+        path=tmp_path / "report.html",
+    )
+    told = Page(path.read_text("utf-8")).text
+    assert "Prediction of runs that were not used" in told
+    assert "the fit in softer did not identify the coupling" in told
+
+
+def test_the_verdict_scores_only_what_the_model_never_saw(material, tmp_path) -> None:
+    fresh = material.validation_runs[0]
+    noisy = replace(fresh, current=fresh.current + np.random.default_rng(20261121).normal(0.0, 2e-2, len(fresh)))
+    runs = [material.runs[0], noisy]
+    path = report(material.fit, runs=material.runs, validation_runs=runs, path=tmp_path / "report.html")
+    alone = validate(material.fit.actuator, [noisy]).scores["current"].fit_percent
+    together = validate(material.fit.actuator, runs).scores["current"].fit_percent
+    assert percent(together) != percent(alone)
+    assert f"1 run that it never saw: current with a fit of {percent(alone)}" in Page(path.read_text("utf-8")).text
+
+
+def test_a_validation_that_shows_nothing_is_a_doubt(material, tmp_path) -> None:
+    determined = {name: replace(one, determined=True) for name, one in material.fit.parameters.items()}
+    fit = replace(material.fit, parameters=determined)
+    silent = replace(material.validation_runs[0], current=np.zeros(600), displacement=None)
+    for name, runs, words in (
+        ("silent", [silent], "Nothing could be scored in 1 run kept for validation"),
+        ("used", material.runs[:1], "those scores show the fit"),
+        ("fresh", material.validation_runs, "it never saw"),
+    ):
+        page = Page(
+            report(fit, runs=material.runs, validation_runs=runs, path=tmp_path / f"{name}.html").read_text("utf-8")
+        )
+        assert words in page.text
+        assert ("verdict doubt" in page.attributes("class")) == (name != "fresh")
+
+
+def test_nothing_is_overwritten_without_leave(material, tmp_path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("precious")
+    with pytest.raises(InputError, match="exists"):
+        report(material.fit, runs=material.runs, path=path)
+    assert path.read_text() == "precious"
+    report(material.fit, runs=material.runs, path=path, overwrite=True)
+    assert path.read_text("utf-8").startswith("<!DOCTYPE html>")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_other_runs_and_other_suffixes_are_refused(material, tmp_path) -> None:
+    path = tmp_path / "report.html"
+    with pytest.raises(InputError, match=r"run 0 is not step 1 V, from which the fit was made"):
+        report(material.fit, runs=material.runs[::-1], path=path)
+    with pytest.raises(InputError, match=r"1 runs given, 2 made the fit; give step 1 V and sine 1 V 0.5 Hz"):
+        report(material.fit, runs=material.runs[:1], path=path)
+    with pytest.raises(InputError, match=r"cannot be written as '.docx'; write for example report.html"):
+        report(material.fit, runs=material.runs, path=tmp_path / "report.docx")
+    assert not path.exists()
+
+
+def test_fitted_values_are_those_that_the_fit_left_its_residuals_from() -> None:
+    actuator = load_actuator("friend-2")
+    rng = np.random.default_rng(20261121)
+    run = simulate(actuator, "square 1 V 0.25 Hz delay=0.5 s", duration=12.0, rate=50.0)
+    run = replace(run, current=run.current + rng.normal(0, 1e-4, len(run)), applied_voltage=None, hold="unknown")
+    fit = identify(actuator, [run], free="electrical")
+    one = fitted_outputs(fit, run, 0)["current"]
+    residual = fit.residuals[0]["current"]
+    both = one.used & np.isfinite(residual)
+    assert np.count_nonzero(both) > 550
+    assert np.allclose(one.error[both], residual[both], rtol=0, atol=1e-9)

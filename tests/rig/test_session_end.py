@@ -1,0 +1,80 @@
+"""What is done before a session ends, and before sleep: the messages of Windows, and the helper of a Mac."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ipmclab.rig.safety import session_end
+from ipmclab.rig.safety.guardian import Target, _Watch, connect
+from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP, answer, told_of_the_end
+
+WM_PAINT, WM_QUERYENDSESSION, WM_ENDSESSION, WM_POWERBROADCAST = 0x000F, 0x0011, 0x0016, 0x0218
+PBT_APMSUSPEND, PBT_APMRESUMEAUTOMATIC = 0x0004, 0x0012
+
+
+@pytest.mark.parametrize(
+    ("message", "detail", "answered", "done"),
+    [
+        (WM_QUERYENDSESSION, 0, 1, []),  # another program may still refuse it
+        (WM_ENDSESSION, 1, 0, [SESSION_ENDS]),
+        (WM_ENDSESSION, 0, 0, []),  # one did
+        (WM_POWERBROADCAST, PBT_APMSUSPEND, 1, [SLEEP]),
+        (WM_POWERBROADCAST, PBT_APMRESUMEAUTOMATIC, None, []),
+        (WM_PAINT, 0, None, []),
+    ],
+)
+def test_windows_is_answered_after_the_output_is_at_0_v(
+    message: int, detail: int, answered: int | None, done: list[str]
+) -> None:
+    acted: list[str] = []
+    assert answer(message, detail, acted.append) == answered
+    assert acted == done
+
+
+def test_windows_gets_its_answer_whatever_fails() -> None:
+    def fail(why: str) -> None:
+        raise RuntimeError(why)
+
+    assert answer(WM_ENDSESSION, 1, fail) == 0
+
+
+def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    real, started = subprocess.Popen, []
+
+    def start(command: list[str], **more: Any) -> subprocess.Popen[bytes]:
+        process = real([sys.executable, "-c", "import time; time.sleep(60)"], **more)
+        started.append((command, process))
+        return process
+
+    monkeypatch.setattr(session_end.subprocess, "Popen", start)
+    monkeypatch.setattr(session_end.sys, "platform", "darwin")
+    with told_of_the_end(lambda why: None):
+        [(command, process)] = started
+        assert command == ["/usr/bin/caffeinate", "-i", "-w", str(os.getpid())]
+        assert process.poll() is None
+    assert process.poll() is not None
+
+    def missing(command: list[str], **more: Any) -> None:
+        raise FileNotFoundError(command[0])
+
+    monkeypatch.setattr(session_end.subprocess, "Popen", missing)
+    with told_of_the_end(lambda why: None):
+        pass
+
+
+def test_an_armed_guardian_brings_the_output_to_0_v_before_sleep_and_one_that_is_not_leaves_it(tmp_path: Path) -> None:
+    said, output = io.StringIO(), tmp_path / "output.txt"
+    target = Target("file", str(output))
+    watch = _Watch(target, None, said, connect(target))
+    for word in ("sleep", "arm 60", "sleep", None):
+        watch.hear(word)
+    assert watch.run() == 0
+    assert said.getvalue().split("\n")[:4] == ["ready", "armed", "alive", f"acted {SLEEP}"]
+    assert len(output.read_text().splitlines()) == 1

@@ -1,0 +1,78 @@
+"""What a long fit tells, and how it is ended."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, identify, load_actuator, simulate
+from ipmclab.progress import part, stage, telling, tick
+
+
+class Stopped(Exception):
+    pass
+
+
+@pytest.fixture(scope="module")
+def noisy() -> Run:
+    actuator = load_actuator("friend-2")
+    run = simulate(actuator, "step 1 V", duration=20, rate=50)
+    noise = np.random.default_rng(20261121).normal(0.0, 2e-4, len(run.time))
+    assert run.current is not None
+    return Run.from_arrays(time=run.time, voltage=run.voltage, current=run.current + noise)
+
+
+def test_a_fit_tells_its_stages_and_a_fraction_that_only_grows(noisy: Run) -> None:
+    told: list[tuple[str, float]] = []
+    fit = identify(load_actuator("friend-2"), noisy, progress=lambda *one: told.append(one))
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] <= fractions[-1] <= 1.0
+    sentences = list(dict.fromkeys(sentence for sentence, _ in told))
+    assert sentences[0] == "reading the runs"
+    assert any(sentence.startswith("searching from start 1 of ") for sentence in sentences)
+    assert sentences[-1] == "errors and intervals"
+    silent = identify(load_actuator("friend-2"), noisy)
+    assert {name: one.value for name, one in silent.parameters.items()} == {
+        name: one.value for name, one in fit.parameters.items()
+    }
+
+
+@pytest.mark.parametrize("after", [1, 2, 4, 6])
+def test_what_the_function_raises_ends_the_fit_and_reaches_the_caller(noisy: Run, after: int) -> None:
+    told: list[str] = []
+
+    def stop(sentence: str, _: float) -> None:
+        told.append(sentence)
+        if len(told) == after:
+            raise Stopped(sentence)
+
+    with pytest.raises(Stopped):
+        identify(load_actuator("friend-2"), noisy, progress=stop)
+    assert len(told) == after
+    tick()  # nobody is told any more
+
+
+def test_what_was_ended_stays_ended_even_if_somebody_caught_it() -> None:
+    def stop(sentence: str, _: float) -> None:
+        raise Stopped(sentence)
+
+    with telling(stop):
+        with pytest.raises(Stopped):
+            stage("searching", 0.0, 1.0)
+        with pytest.raises(Stopped):
+            tick()
+
+
+def test_a_part_stays_within_its_own_share_of_the_whole() -> None:
+    told: list[tuple[str, float]] = []
+    with telling(lambda *one: told.append(one)):
+        with part("without the first run", 0.5, 0.7), telling(None):
+            stage("searching", 0.0, 0.5)
+            stage("done", 1.0, 1.0)
+        stage("at the end", 0.9, 1.0)
+    assert told == [
+        ("without the first run: searching", 0.5),
+        ("without the first run: done", pytest.approx(0.7)),
+        ("at the end", 0.9),
+    ]

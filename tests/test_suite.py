@@ -1,0 +1,67 @@
+"""What the suite says of the machine that it runs on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from tests.workers import Sharing, pytest_collection_modifyitems
+
+
+def test_what_is_missing_is_skipped_with_its_reason(
+    require: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("IPMCLAB_REQUIRE", raising=False)
+    require("real_runs", found=True)
+    with pytest.raises(pytest.skip.Exception, match="real_runs was not found; it is on the shelf"):
+        require("real_runs", None, hint="; it is on the shelf")
+
+
+def test_what_is_required_and_missing_fails(require: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IPMCLAB_REQUIRE", "chromium,real_runs")
+    with pytest.raises(pytest.fail.Exception, match="real_runs is required here"):
+        require("real_runs", None)
+    with pytest.raises(pytest.skip.Exception):
+        require("postgres", None)
+
+
+@dataclass
+class Item:
+    """As much of a test as is asked of it."""
+
+    nodeid: str
+    fixturenames: tuple[str, ...] = ()
+    marks: list[pytest.Mark] = field(default_factory=list)
+
+    def add_marker(self, marker: pytest.MarkDecorator) -> None:
+        self.marks.append(marker.mark)
+
+    def get_closest_marker(self, name: str) -> pytest.Mark | None:
+        return next((mark for mark in self.marks if mark.name == name), None)
+
+
+def test_what_is_held_to_time_and_what_drives_a_browser_come_first_each_in_turn() -> None:
+    """The order in which tests are given out, and the groups that no two workers share."""
+    plain, fitting = Item("tests/store/test_a.py::test_a"), Item("tests/identification/test_b.py::test_b")
+    browsed = Item("tests/page/browser/test_c.py::test_c", ("open_page", "chromium"))
+    timed = Item("tests/rig/test_d.py::test_d", marks=[pytest.mark.real_time.mark])
+    items = [plain, fitting, browsed, timed]
+    pytest_collection_modifyitems(items)
+    assert items == [timed, browsed, fitting, plain]
+    groups = [mark and mark.args[0] for mark in (item.get_closest_marker("xdist_group") for item in items)]
+    assert groups == ["real-time", "browser", None, None]
+    assert [item for item in items if item.get_closest_marker("other_processor")] == [fitting]
+
+
+@pytest.mark.parametrize(
+    ("identity", "given_out_as"),
+    [
+        ("tests/rig/test_a.py::test_b@real-time", "real-time"),
+        ("tests/rig/test_a.py::test_b[c@d]", "tests/rig/test_a.py"),
+        ("tests/rig/test_a.py::Group::test_b", "tests/rig/test_a.py"),
+    ],
+)
+def test_a_module_or_a_group_is_given_out_whole(identity: str, given_out_as: str) -> None:
+    assert Sharing._split_scope(Sharing.__new__(Sharing), identity) == given_out_as

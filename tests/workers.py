@@ -1,0 +1,96 @@
+"""How the suite is shared among workers: one for each core, and one more, because many tests mostly wait.
+
+Tests that are marked ``real_time`` are one group, which one worker does first, one after another. It has its turn on a
+core before all others, which are nicer: they take what it leaves. Tests that drive a browser are another such group.
+All else is given out a module at a time, so that each module makes its fixtures once.
+"""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from xdist.remote import Producer
+from xdist.scheduler import LoadGroupScheduling
+
+MOST = 4
+"""Cores that are used: with more of them the browser's group would be what the others wait for."""
+
+NICER = 10
+"""By so much a worker that is not held to time is nicer than one that is."""
+
+LONG = ("tests/test_docs.py", "tests/acceptance", "tests/identification", "tests/independent")
+"""Modules that begin so are the longest: they come early, so that all workers end at about the same time."""
+
+FITTING = tuple(
+    f"tests/{room}/"
+    for room in (
+        "identification",
+        "fit",
+        "prediction",
+        "consistency",
+        "choosing",
+        "forecasting",
+        "posterior",
+        "procedure",
+        "independent",
+    )
+)
+"""Tests of these rooms fit: some of them are repeated with another processor's kernels."""
+
+THINNED = 6
+"""One in so many of these tests: about a minute of the six that all of them take on one core."""
+
+
+class Sharing(LoadGroupScheduling):
+    """A group, or else a module, is what a worker is given."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        group = super()._split_scope(nodeid)
+        return group.partition("::")[0]
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Workers for the whole suite; what is named on the command line runs in this process."""
+    if config.args_source is pytest.Config.ArgsSource.ARGS:
+        return 0
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, MOST) + 1
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Sharing:
+    """Whole modules rather than single tests."""
+    return Sharing(config, log)
+
+
+def group_of(item: pytest.Item) -> str | None:
+    """The group whose tests are done one after another."""
+    if item.get_closest_marker("real_time"):
+        return "real-time"
+    return "browser" if "chromium" in getattr(item, "fixturenames", ()) else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Group them, choose those that are repeated on another processor, and order them as they are to be given out."""
+    for item in items:
+        group = group_of(item)
+        if group:
+            item.add_marker(pytest.mark.xdist_group(group))
+    for item in [item for item in items if item.nodeid.startswith(FITTING)][::THINNED]:
+        item.add_marker(pytest.mark.other_processor)
+    items.sort(key=_place)
+
+
+def _place(item: pytest.Item) -> int:
+    group = group_of(item)
+    if group:
+        return 0 if group == "real-time" else 1
+    return 2 if item.nodeid.startswith(LONG) else 3
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """From its first test that is not held to time a worker leaves the cores to the one whose tests are."""
+    if "PYTEST_XDIST_WORKER" in os.environ and hasattr(os, "nice") and group_of(item) != "real-time":
+        os.nice(max(0, NICER - os.nice(0)))

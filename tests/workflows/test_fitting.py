@@ -1,0 +1,60 @@
+"""The recipe of the command and of the page is the three steps that Python users write."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, identify, leave_one_run_out, load_actuator, profile, simulate, write_run
+from ipmclab.workflows.fitting import fit_of_runs
+from ipmclab.workflows.reading import read_named_run
+
+STRIP = load_actuator("friend-2")
+FREE = ["circuit.dc_resistivity"]
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Run]:
+    """Two records with noise, of a step and a sine."""
+    draws = np.random.default_rng(20261121)
+    clean = [simulate(STRIP, signal, duration=10, rate=20) for signal in ("step 1 V", "sine 1 V 0.5 Hz")]
+    noisy = [one.current + 1e-4 * draws.standard_normal(len(one)) for one in clean]
+    return [
+        Run.from_arrays(time=one.time, voltage=one.voltage, current=current)
+        for one, current in zip(clean, noisy, strict=True)
+    ]
+
+
+def test_it_is_the_three_steps_one_by_one(runs: list[Run]) -> None:
+    """The same table as the steps by hand give, to the last digit."""
+    by_hand = leave_one_run_out(profile(identify(STRIP, runs, free=FREE, labels=["a", "b"])))
+    assert fit_of_runs(STRIP, runs, free=FREE, labels=["a", "b"]).actuator.fit_table == by_hand.actuator.fit_table
+
+
+def test_it_tells_how_far_it_is(runs: list[Run]) -> None:
+    """The fraction only grows, and the profiles and the runs that are left out are named on the way."""
+    told: list[tuple[str, float]] = []
+    fit = fit_of_runs(STRIP, runs, free=FREE, progress=lambda sentence, done: told.append((sentence, done)))
+    fractions = [done for _, done in told]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] < 0.8 < fractions[-1] <= 1.0
+    assert any("profile of circuit.dc_resistivity" in sentence for sentence, _ in told)
+    assert any("from the other runs" in sentence for sentence, _ in told)
+    assert len(fit.left_out) == 2
+
+
+def test_one_run_is_left_out_of_nothing(runs: list[Run]) -> None:
+    """With one run there is nothing that could predict it."""
+    assert fit_of_runs(STRIP, runs[:1], free=FREE).left_out == ()
+
+
+def test_a_run_without_a_name_is_known_by_its_file(runs: list[Run], tmp_path: Path) -> None:
+    """One that says its signal keeps that."""
+    named = replace(runs[0], metadata=replace(runs[0].metadata, signal="step 1 V"))
+    for name, run in {"bare.nc": runs[0], "named.nc": named}.items():
+        write_run(run, tmp_path / name)
+    assert read_named_run(tmp_path / "bare.nc").metadata.source_file == "bare.nc"
+    assert read_named_run(tmp_path / "named.nc").metadata.source_file is None
