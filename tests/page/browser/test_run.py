@@ -80,8 +80,7 @@ def test_a_run_from_its_plan_to_an_emergency_zero(lab: Path, open_page) -> None:
         operator.get_by_text("1 run, at least 15 min 5 s").wait_for()
         operator.get_by_role("button", name="Check the plan").click()
         operator.get_by_role("button", name="Start", exact=True).click()
-        # Out of the water. Not check(): the step goes as soon as it is ticked, before it could be seen to be.
-        operator.get_by_role("checkbox", name="done").click()
+        operator.get_by_role("button", name="done", exact=True).click()  # out of the water
         operator.get_by_role("button", name="kept", exact=True).click()
         wait_until(lambda: level(levels)[0] != 0.0, "a voltage")
 

@@ -146,11 +146,11 @@ def test_an_experiment_without_a_mouse(page, lab: Path, recorded) -> None:
     page.get_by_role("button", name="Start", exact=True).wait_for()
     walk(page, "Start")
     page.keyboard.press("Enter")
-    page.get_by_role("checkbox", name="done").wait_for()
+    page.get_by_role("button", name="done", exact=True).wait_for()
     walk(page, "done")
     page.keyboard.press("Space")
     recording(page)
-    assert page.evaluate("document.activeElement !== document.body")  # what was ticked is gone, the focus is not
+    assert page.evaluate("document.activeElement !== document.body")  # what was pressed is gone, the focus is not
     walk(page, "Text of a mark")
     page.keyboard.type("by keys")
     walk(page, "Mark")

@@ -75,8 +75,10 @@ class Zero:
         most = math.inf
         if output == "current" and record.zero_is_unseen:
             # A zero that no row at 0 V shows looks like the dc path, and a drift like a slow branch.
-            most = LARGEST_ZERO * float(np.abs(record.readings[output].measured).max())
-            error = min(error, most / half)
+            largest = float(np.abs(record.readings[output].measured).max())
+            if largest > 0.0 and half > 0.0:  # readings that are all 0 bound nothing
+                most = LARGEST_ZERO * largest
+                error = min(error, most / half)
         return cls(terms, constants(time)[:, held], inside, middle, half, slope, error, most)
 
     def projection(self, sigma: float) -> Projection:

@@ -114,14 +114,9 @@
       const { number, text, choices, step } = question;
       const answer = (value) => ask("answer", { number, value });
       const allowed = mine || !held;
-      const ways =
-        choices.length === 1
-          ? [make("label", { class: "lab-tick" },
-              make("input", { type: "checkbox", "data-key": "tick", disabled: !allowed, onchange: () => answer(choices[0]) }),
-              `${choices[0]}`)]
-          : choices.map((choice) =>
-              make("button", { type: "button", class: "lab-button", "data-key": choice, disabled: !allowed,
-                onclick: () => answer(choice) }, choice));
+      const ways = choices.map((choice) =>
+        make("button", { type: "button", class: "lab-button", "data-key": choice, disabled: !allowed,
+          onclick: () => answer(choice) }, choice));
       return make("div", { class: "lab-question", role: "group", "aria-label": `Step ${step}` },
         make("strong", {}, step), make("p", {}, text), make("div", { class: "lab-row" }, ...ways),
         allowed ? null : make("p", { class: "lab-quiet" }, "Who holds the bench answers this."));

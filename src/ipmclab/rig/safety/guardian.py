@@ -308,7 +308,9 @@ class Guardian:
         try:
             self._process.wait(2.0 * _LOST)
         except subprocess.TimeoutExpired:
-            return  # it is still trying to bring the output to 0 V
+            # It still tries to bring the output to 0 V. Somebody has to take note of its end, where it ends first.
+            threading.Thread(target=self._process.wait, name="guardian's end", daemon=True).start()
+            return
         self._listener.join(_ANSWER)
         self._process.stdout.close()
 
