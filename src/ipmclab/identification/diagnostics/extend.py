@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.identification.diagnostics.score_directions import ScoreDirection
-from ipmclab.identification.estimate import entries_at, problem_at
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
+from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.solve import Solution, minimise
 from ipmclab.identification.search.starts.start import starting_points
 from ipmclab.model import Actuator
@@ -81,7 +81,7 @@ def from_here(
         for name in _freed(actuator, richer):
             unknown = actuator_unknown(parameters[name], None)
             unknowns.append(unknown)
-            entries.append(unknown.entry(float(np.clip(parameters[name].value, unknown.lower, unknown.upper))))
+            entries.append(unknown.entry(unknown.inside(parameters[name].value)))
         base = {**richer.parameter_values, **values, **sized}
         responder = _responder(problem, richer)
         for record in problem.records:

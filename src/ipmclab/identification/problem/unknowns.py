@@ -73,6 +73,10 @@ class Unknown:
     def value(self, entry: float) -> float:
         """The value that an entry stands for, inside the bounds."""
         value = math.exp(min(entry, 700.0)) if self.log else entry * self.scale
+        return self.inside(value)
+
+    def inside(self, value: float) -> float:
+        """A value, or the bound that it lies beyond."""
         return min(max(value, self.lower), self.upper)
 
     def chain(self, value: float) -> float:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.solve import Solution
+from ipmclab.model.structure import Structure
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 
@@ -47,6 +53,34 @@ def unexplained(problem: Problem, solution: Solution) -> list[Finding]:
                 )
             )
     return found
+
+
+def impossible_current(problem: Problem, solution: Solution, record: PreparedRun) -> Finding | None:
+    """A current that not even a short circuit behind the electrodes could draw."""
+    reading = record.readings.get("current")
+    if reading is None or not len(reading.measured):
+        return None
+    values = problem.values(solution.theta, record.place)
+    structure = Structure.of(values)
+    if not replace(structure, leak="").is_lumped:
+        return None
+    series = lumped(structure.branches, values, record.series_resistance).series
+    voltage = record.run.voltage
+    most = (max(float(voltage.max()), 0.0) - min(float(voltage.min()), 0.0)) / series if series else np.inf
+    noise = problem.noise[record.place, "current"]
+    seen = float(np.abs(reading.measured).max())
+    if seen <= 1.02 * most or seen <= most + 6.0 * reading.noise or noise <= 0.0:
+        return None
+    return Finding(
+        "impossible-current",
+        "error",
+        f"{record.label}: the current reaches {1e3 * seen:.4g} mA, but {series:.4g} ohm in series with the branches "
+        f"allow {1e3 * most:.4g} mA at most",
+        "the sheet or contact resistance is too high, or the clamp feeds part of the strip directly: measure it, free "
+        "circuit.sheet_resistance, or add the stage clamp or line.segments to the actuator",
+        channel="current",
+        values={"current": seen, "largest": most, "series_resistance": series},
+    )
 
 
 def message(solution: Solution, findings: Sequence[Finding]) -> str:

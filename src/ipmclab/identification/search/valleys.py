@@ -90,6 +90,11 @@ class Rival:
         reach = place.errors * np.sqrt(variance * min(left, SURE)) if left > 0.0 else None
         return cls.of(problem, place.solution.theta, reach)
 
+    def vector_in(self, problem: Problem, own: FloatArray) -> FloatArray:
+        """Its vector in a problem that may have other unknowns too; theirs are taken from ``own``."""
+        names = [unknown.name for unknown in problem.unknowns]
+        return np.array([self.entries.get(name, entry) for name, entry in zip(names, own, strict=True)])
+
     def moved_to(self, rough: Problem, problem: Problem) -> Rival:
         """The same in the entries of another problem of the same unknowns, some of which may count in other units."""
         others = {unknown.name: unknown for unknown in problem.unknowns}

@@ -28,7 +28,7 @@ def usual_coupling(problem: Problem, near: FloatArray) -> FloatArray | None:
     for place, unknown in enumerate(problem.unknowns):
         declared = declaration_of(unknown.base)
         if in_group(MOTION, [unknown.base]) and declared is not None and declared.usual is not None:
-            theta[place] = unknown.entry(float(np.clip(declared.usual, unknown.lower, unknown.upper)))
+            theta[place] = unknown.entry(unknown.inside(declared.usual))
             gain = place if unknown.base == GAIN else gain
     if gain is not None:
         here = problem.evaluate(theta)

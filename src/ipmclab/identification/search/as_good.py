@@ -1,0 +1,61 @@
+"""Which other minima the readings allow: those that are as good as the lowest, under the noise that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.search.descent import SHORTLY, minimum
+from ipmclab.identification.search.solve import Solution, polish
+from ipmclab.identification.search.valleys import Place, Rival
+
+FloatArray = npt.NDArray[np.float64]
+
+AS_GOOD: Final = 4.0
+"""Of chi-square: a minimum no higher than that is as good."""
+
+_SAME: Final = 1e-3  # of an entry: a search that ends so near found the same point
+
+Inflation = Callable[[FloatArray], float]
+"""How many times more the cost along a difference of residuals varies than under white noise."""
+
+
+def _as_white(_: FloatArray) -> float:
+    return 1.0
+
+
+def allowed_places(
+    problem: Problem, solution: Solution, valley: Sequence[Place], inflation: Inflation = _as_white
+) -> tuple[Rival, ...]:
+    """The places of a valley that the readings allow, under the noise that was found."""
+    least = solution.evaluation.cost
+    variance = least / len(solution.evaluation.residual)
+    found = []
+    for place in valley:
+        times = inflation(place.solution.evaluation.residual - solution.evaluation.residual)
+        found.append(Rival.at(problem, place, least, variance * times))
+    return tuple(rival for rival in found if rival is not None)
+
+
+def still_rivals(
+    problem: Problem, solution: Solution, rivals: Sequence[Rival], inflation: Inflation = _as_white
+) -> tuple[Rival, ...]:
+    """Those of other minima that are as good in another problem, where they lie then."""
+    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
+    found = []
+    for rival in rivals:
+        if any(rival.reach.values()):  # it need not be as good: the readings cannot tell it from the best
+            found.append(rival)
+            continue
+        theta = rival.vector_in(problem, solution.theta)
+        other = polish(problem, theta) or minimum(problem, theta, evaluations=SHORTLY)
+        if np.abs(other.theta - solution.theta).max(initial=0.0) < _SAME:
+            continue
+        times = inflation(other.evaluation.residual - solution.evaluation.residual)
+        if other.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading * times:
+            found.append(Rival.of(problem, other.theta))
+    return tuple(found)

@@ -1,0 +1,90 @@
+"""What is assumed of a run until its readings contradict it: a start from rest, and sensors whose zero is at zero."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import ASSUMED_REST, PreparedRun
+from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.descent import minimum_beside, weigh
+from ipmclab.identification.search.rest import is_idle
+from ipmclab.identification.search.solve import Solution
+from ipmclab.run import Finding
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def assumed_zeros(problem: Problem, names: FreeParameters) -> list[int]:
+    """Entries of the offsets and drifts that nobody freed by name, and that no row at 0 V shows."""
+    shown = {(record.place, *one) for record in problem.records for one in record.shown}
+    return [
+        column
+        for column, unknown in enumerate(problem.unknowns)
+        if is_assumed_zero(unknown, names) and (unknown.place, *unknown.base.split(".")[1:]) not in shown
+    ]
+
+
+def is_assumed_zero(unknown: Unknown, names: FreeParameters) -> bool:
+    """Whether it is an offset or a drift that nobody freed by name."""
+    return unknown.base.startswith(("observation.offset.", "observation.drift.")) and (
+        unknown.base not in names.observation
+    )
+
+
+def without_idle(problem: Problem, solution: Solution, names: FreeParameters) -> tuple[Problem, Solution]:
+    """Take out offsets and starting states that turned out not to be needed."""
+    unsure = {r.place for r in problem.records if r.start == "free" and r.run.metadata.starts_from_rest is None}
+    groups: dict[tuple[int, str], list[int]] = {}
+    asked = set(assumed_zeros(problem, names))
+    for column, unknown in enumerate(problem.unknowns):
+        offset = column in asked
+        if unknown.place is None or not (offset or (unknown.nuisance and unknown.place in unsure)):
+            continue
+        groups.setdefault((unknown.place, unknown.base if offset else "start"), []).append(column)
+    idle = {key: columns for key, columns in groups.items() if is_idle(solution, columns)}
+    if not idle:
+        return problem, solution
+    resting = {place for place, what in idle if what == "start"}
+    return with_less(problem, solution, {column for columns in idle.values() for column in columns}, resting)
+
+
+def with_less(problem: Problem, solution: Solution, dropped: Set[int], resting: Set[int]) -> tuple[Problem, Solution]:
+    """The fit without some entries, some runs being at rest at their start."""
+    kept = [column for column in range(len(problem.unknowns)) if column not in dropped]
+    records = [replace(r, start=ASSUMED_REST) if r.place in resting else r for r in problem.records]
+    smaller = Problem(
+        problem.base, records, [problem.unknowns[column] for column in kept], problem.responder, problem.noise
+    )
+    theta = solution.theta[kept]
+    here = replace(solution, theta=theta, evaluation=smaller.evaluate(theta), evaluations=solution.evaluations + 1)
+    return weigh(smaller, minimum_beside(smaller, here))
+
+
+def start_not_at_rest(record: PreparedRun) -> Finding:
+    """That a run did not start from rest, although it was assumed to."""
+    return Finding(
+        "start-not-at-rest",
+        "warning",
+        f"{record.label}: its readings contradict a start from rest (p < 0.1 %): the state at its start was fitted too",
+        "let the strip rest at 0 V before the first row, and record a second of it",
+    )
+
+
+def sensor_error(problem: Problem, unknown: Unknown) -> Finding:
+    """That a sensor's zero is not at zero, or drifts, as an offset or a drift that was kept says."""
+    what, output = unknown.base.split(".")[1:]
+    label = next(record.label for record in problem.records if record.place == unknown.place)
+    said = f"the zero of its {output} is not at zero" if what == "offset" else f"its {output} drifts"
+    return Finding(
+        "sensor-zero" if what == "offset" else "sensor-drift",
+        "info",
+        f"{label}: {said} (p < 0.1 %), so the {what} was fitted too",
+        "zero the channel at import, on the rows before the first edge" if what == "offset" else "",
+        channel=output,
+    )

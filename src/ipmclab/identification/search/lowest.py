@@ -1,0 +1,153 @@
+"""The lowest minimum, searched from every start that the readings suggest, and the minima beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.thin import thinned
+from ipmclab.identification.search.along import along_valleys
+from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
+from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, to_the_end, weigh
+from ipmclab.identification.search.doublet import COUPLING, without_doublet
+from ipmclab.identification.search.pose import entries_at, problem_at
+from ipmclab.identification.search.solve import Solution, polish
+from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
+from ipmclab.identification.search.valleys import Minima, Rival
+from ipmclab.model import Actuator
+from ipmclab.model.declared import electrical, has_several_minima
+from ipmclab.model.geometry import DIMENSIONS
+from ipmclab.model.parameters import Parameter
+from ipmclab.model.stages.circuit import SERIES
+from ipmclab.progress import stage
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def find_minima(
+    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
+) -> tuple[Problem, Solution, Minima]:
+    """The best minimum, and the others."""
+    stage("finding where to start from the readings alone", 0.05, 0.2, 300)
+    circuit = _circuit_first(actuator, parameters, names, records)
+    points = known_first(actuator, names, records, circuit)
+    if not points:
+        raise InputError(
+            "these records do not show where a search could start: their readings do not answer to the voltage",
+            code="no-start",
+            where="runs",
+            repair="record longer, with steps that the readings answer to",
+        )
+    costly = not (actuator.structure.is_lumped and all(set(record.readings) == {"current"} for record in records))
+    shorter = thinned(records, points[0].delays) if costly else None
+    if shorter is None:
+        problem, solution, minima = _search(actuator, parameters, names, records, points)
+    else:
+        rough, near, minima = _search(actuator, parameters, names, shorter, points)
+        stage("fitting every row", 0.45, 0.5)
+        problem = problem_at(actuator, parameters, names, records, points[0], _noise_of(records))
+        minima = minima.moved_to(rough, problem)
+        theta = entries_at(problem, points[0])
+        there = Rival.of(rough, near.theta).moved_to(rough, problem).entries
+        for place, unknown in enumerate(problem.unknowns):
+            theta[place] = there.get(unknown.name, theta[place]) if not unknown.nuisance else theta[place]
+        found = minimum(problem, theta)
+        solution = replace(found, evaluations=found.evaluations + near.evaluations)
+    return *weigh(problem, solution), minima
+
+
+def _search(
+    actuator: Actuator,
+    parameters: Mapping[str, Parameter],
+    names: FreeParameters,
+    records: Sequence[PreparedRun],
+    points: Sequence[StartingPoint],
+) -> tuple[Problem, Solution, Minima]:
+    """The best minimum from some starts, and the others."""
+    noise = _noise_of(records)
+    # These have several minima, of which noise can make the wrong one the first.
+    explore = any(has_several_minima(name) for name in names.actuator)
+    tried: list[tuple[Problem, Solution]] = []
+    shortly = SHORTLY if explore and len(points) > 1 else LONGEST
+    for number, point in enumerate(points):
+        stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
+        problem = problem_at(actuator, parameters, names, records, point, noise)
+        theta = entries_at(problem, point)
+        solution = (polish(problem, theta) if point.exact else None) or minimum(problem, theta, evaluations=shortly)
+        tried.append((problem, solution))
+        if not explore and solution.converged and at_floor(problem, solution):
+            break
+    tried = to_the_end(tried)
+    problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
+    stage("looking for other fits that are as good", 0.4, 0.5, 300)
+    valley = along_valleys(actuator, names, problem, solution)
+    lowest = min((place.solution for place in valley), key=lambda other: other.evaluation.cost, default=solution)
+    if lowest.evaluation.cost < solution.evaluation.cost - 1e-3:
+        solution = minimum(problem, lowest.theta)
+        valley = along_valleys(actuator, names, problem, solution)
+    spent = [*(other for _, other in tried), *(place.solution for place in valley)]
+    solution = replace(solution, evaluations=sum(other.evaluations for other in spent))
+    per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
+    allowed = solution.evaluation.cost + AS_GOOD * per_reading
+    rivals = [
+        Rival.of(of, other.theta)
+        for of, other in tried
+        if other.theta is not solution.theta and other.evaluation.cost <= allowed
+    ]
+    if set(COUPLING) <= set(names.shared):
+        higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
+        rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, actuator)) is not None]
+    ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
+    return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends))
+
+
+def _circuit_first(
+    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
+) -> StartingPoint | None:
+    """The circuit and its leak from the current alone, where that is costly and the motion is asked for too.
+
+    None where poles and residues find the circuit at once, or where the current does not determine it.
+    """
+    own_electrical = [name for name in names.actuator if electrical(name)]
+    if actuator.structure.is_lumped or not own_electrical or len(own_electrical) == len(names.actuator):
+        return None
+    with_current = [replace(r, readings={"current": r.readings["current"]}) for r in records if "current" in r.readings]
+    if not with_current or set(SERIES) & set(names.actuator) or any(n in DIMENSIONS for n in names.actuator):
+        return None
+    own = [f"observation.{what}.current" for what in ("offset", "drift")]
+    fewer = FreeParameters(
+        tuple(name for name in names.shared if name in own_electrical),
+        tuple(name for name in names.per_run if name in own_electrical),
+        tuple(name for name in names.per_mounting if name in own_electrical),
+        tuple(name for name in names.observation if name in own),
+    )
+    noise = {(record.place, "current"): max(record.readings["current"].noise, 1e-300) for record in with_current}
+    points = starting_points(actuator, fewer, with_current)
+    tried = []
+    for point in points:
+        problem = problem_at(actuator, parameters, fewer, with_current, point, noise)
+        tried.append((problem, minimum(problem, entries_at(problem, point), evaluations=SHORTLY)))
+    problem, solution = to_the_end(tried)[0]
+    found = problem.values(solution.theta, with_current[0].place)
+    return StartingPoint({name: found[name] for name in own_electrical}, points[0].delays)
+
+
+def _noise_of(records: Sequence[PreparedRun]) -> dict[tuple[int, str], float]:
+    return {
+        (record.place, output): max(reading.noise, 1e-300)
+        for record in records
+        for output, reading in record.readings.items()
+    }
+
+
+def _share(begin: float, end: float, number: int, count: int) -> tuple[float, float]:
+    """Where one of several equal parts of a stage begins and ends."""
+    step = (end - begin) / count
+    return begin + number * step, begin + (number + 1) * step

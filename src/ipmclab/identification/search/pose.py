@@ -1,0 +1,74 @@
+"""The least-squares problem of a fit, and its vector, at a starting point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError
+from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
+from ipmclab.identification.problem.unknowns import unknowns_of
+from ipmclab.identification.search.starts.start import StartingPoint
+from ipmclab.model import Actuator
+from ipmclab.model.parameters import Parameter
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def problem_at(
+    actuator: Actuator,
+    parameters: Mapping[str, Parameter],
+    names: FreeParameters,
+    records: Sequence[PreparedRun],
+    point: StartingPoint,
+    noise: Mapping[tuple[int, str], float],
+) -> Problem:
+    """The least-squares problem of a fit, with what a starting point knows of its delays."""
+    responder: CircuitResponder | ActuatorResponder
+    if actuator.structure.is_lumped and all(set(record.readings) == {"current"} for record in records):
+        responder = CircuitResponder(actuator.circuit.branches)
+    else:
+        responder = ActuatorResponder(actuator)
+        near = {**actuator.parameter_values, **point.values}
+        for record in records:
+            if record.start == "free":
+                responder.prepare(record, near)
+    states = {record.place: responder.amplitudes(record) for record in records if record.start == "free"}
+    unknowns = unknowns_of(names, parameters, records, states=states, delays=point.delays)
+    need_as_many_readings(len(unknowns), records)
+    return Problem(actuator.parameter_values, records, unknowns, responder, noise)
+
+
+def need_as_many_readings(unknowns: int, records: Sequence[PreparedRun]) -> None:
+    """Refuse, by an ``InputError``, more unknowns than there are usable readings."""
+    readings = sum(int(np.count_nonzero(reading.used)) for r in records for reading in r.readings.values())
+    if readings < unknowns:
+        raise InputError(
+            f"{unknowns} unknowns for {readings} usable readings",
+            code="more-unknowns-than-data",
+            where="free",
+            repair="free fewer parameters, or give longer runs",
+        )
+
+
+def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
+    """The vector of a starting point, its linear unknowns solved for."""
+    theta = np.zeros(len(problem.unknowns))
+    linear = np.zeros(len(theta), dtype=bool)
+    for place, unknown in enumerate(problem.unknowns):
+        if unknown.base in point.values:
+            theta[place] = unknown.entry(unknown.inside(point.values[unknown.base]))
+        elif unknown.base == "observation.delay":
+            assert unknown.place is not None
+            theta[place] = unknown.entry(point.delays[unknown.place].value)
+        else:
+            linear[place] = True
+    if np.any(linear):
+        here = problem.evaluate(theta)
+        theta[linear] -= np.linalg.lstsq(here.jacobian[:, linear], here.residual, rcond=1e-12)[0]
+    return theta
