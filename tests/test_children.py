@@ -15,7 +15,8 @@ import pytest
 import ipmclab
 from ipmclab.page.jobs.jobs import Jobs
 from ipmclab.platform import python_child
-from ipmclab.rig.safety.guardian import Guardian, Target
+from ipmclab.rig.safety.guarded_output import Target
+from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.store.journal.finalise import finish
 from ipmclab.store.journal.journal import Journal, JournalHeader
 from tests.waiting import until
@@ -79,7 +80,7 @@ def test_every_child_is_started_in_one_way() -> None:
     texts = "".join(path.read_text("utf-8") for path in source.rglob("*.py"))
     modules = set(re.findall(r'python_child\(\s*"([a-z._]+)"', texts))
     assert modules == {
-        "ipmclab.rig.safety.guardian",
+        "ipmclab.rig.safety.guardian_process",
         "ipmclab.rig.checks.prove_child",
         "ipmclab.page.jobs.worker",
         "ipmclab.store.journal.finalise",
@@ -113,7 +114,7 @@ def test_who_looks_at_stdin_while_a_thread_reads_it_does_not_wait() -> None:
         assert reader.stdout.readline() == "[b'a word\\n']\n"
 
 
-@pytest.mark.parametrize("module", ["ipmclab.page.jobs.worker", "ipmclab.rig.safety.guardian"])
+@pytest.mark.parametrize("module", ["ipmclab.page.jobs.worker", "ipmclab.rig.safety.guardian_process"])
 def test_children_that_listen_leave_nothing_at_descriptor_0(module: str, tmp_path: Path) -> None:
     if not Path("/proc/self/fd/0").exists():
         pytest.skip("this system does not show the descriptors of a process")

@@ -15,7 +15,8 @@ import pytest
 from ipmclab import platform
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError
-from ipmclab.rig.safety.guardian import Target, _Watch, connect
+from ipmclab.rig.safety.guarded_output import Target, connect
+from ipmclab.rig.safety.guardian_process import Watch
 from ipmclab.run import RunMetadata
 from ipmclab.store.journal import laboratory as laboratory_module
 from ipmclab.store.journal.guardian_word import read_word
@@ -81,7 +82,7 @@ def test_a_guardian_s_word_is_not_lost_while_the_last_one_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target, status = Target("file", str(tmp_path / "output.txt")), tmp_path / "a.guardian"
-    watch = _Watch(target, None, open(tmp_path / "said", "w", encoding="utf-8"), connect(target), status)  # noqa: SIM115
+    watch = Watch(target, None, open(tmp_path / "said", "w", encoding="utf-8"), connect(target), status)  # noqa: SIM115
     watch.note("armed")
     files = OpenFiles(monkeypatch, status)
     files.close_after(0.2)

@@ -18,13 +18,16 @@ import pytest
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.safety import guardian as guardian_module
-from ipmclab.rig.safety.guardian import Connection, Guardian, Target, _Watch, connect
+from ipmclab.rig.safety import guardian_process
+from ipmclab.rig.safety.guarded_output import Connection, Target, connect
+from ipmclab.rig.safety.guardian import Guardian
+from ipmclab.rig.safety.guardian_process import Watch
 from tests.waiting import until
 
 RECORDER = """
 import os, sys, time
-from ipmclab.rig.safety.guardian import Guardian, Target
+from ipmclab.rig.safety.guarded_output import Target
+from ipmclab.rig.safety.guardian import Guardian
 
 guardian = Guardian(Target("file", sys.argv[1]), log=sys.argv[2])
 guardian.arm()
@@ -249,7 +252,7 @@ class Words:
 def watched(folder: Path, *words: object, connection: Connection | None = None) -> tuple[int, Path, str]:
     """What a guardian came to that heard these words: its exit status, its status file, and what it said."""
     target, status, said = Target("file", str(folder / "output.txt")), folder / "status.json", io.StringIO()
-    watch = _Watch(target, None, said, connection or connect(target), status)
+    watch = Watch(target, None, said, connection or connect(target), status)
     watch._words = Words(*words)  # type: ignore[assignment]
     return watch.run(), status, said.getvalue()
 
@@ -283,8 +286,8 @@ def test_what_it_has_come_to_stays_to_be_read_once_it_acted(tmp_path: Path) -> N
 def test_after_a_reset_that_hangs_the_next_one_goes_through_a_new_connection(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guardian_module, "ATTEMPT_TIME", 0.2)
-    monkeypatch.setattr(guardian_module, "GIVE_UP", 2.0)
+    monkeypatch.setattr(guardian_process, "ATTEMPT_TIME", 0.2)
+    monkeypatch.setattr(guardian_process, "GIVE_UP", 2.0)
     asked, never = [], threading.Event()
 
     class Hanging:
@@ -330,8 +333,8 @@ def failure(code: str) -> IpmclabError:
 
 def test_a_reset_that_succeeded_is_not_0_v(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An amplifier that holds its output, or an output that is stuck, takes every reset without an error."""
-    monkeypatch.setattr(guardian_module, "LOUD", 0.3)
-    monkeypatch.setattr(guardian_module, "GIVE_UP", 1.0)
+    monkeypatch.setattr(guardian_process, "LOUD", 0.3)
+    monkeypatch.setattr(guardian_process, "GIVE_UP", 1.0)
     stuck = Reading(1.0)
     code, status, said = watched(tmp_path, "arm 60", None, connection=stuck)
     told = json.loads(status.read_text())
@@ -350,7 +353,7 @@ def test_a_reset_that_succeeded_is_not_0_v(tmp_path: Path, monkeypatch: pytest.M
 def test_an_output_that_cannot_be_read_back_is_told_as_that(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
 ) -> None:
-    monkeypatch.setattr(guardian_module, "LOUD", 0.3)
+    monkeypatch.setattr(guardian_process, "LOUD", 0.3)
     unseen = Reading(failure(code))
     ended, status, said = watched(tmp_path, "arm 60", None, connection=unseen)
     told = json.loads(status.read_text())
@@ -370,7 +373,8 @@ CALLER = """
 import sys, time
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.bench import BenchError
-from ipmclab.rig.safety.guardian import Guardian, Target
+from ipmclab.rig.safety.guarded_output import Target
+from ipmclab.rig.safety.guardian import Guardian
 
 guardian = Guardian(Target("file", sys.argv[1]))
 guardian.arm()

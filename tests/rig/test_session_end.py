@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from ipmclab.rig.safety import session_end
-from ipmclab.rig.safety.guardian import Target, _Watch, connect
+from ipmclab.rig.safety.guarded_output import Target, connect
+from ipmclab.rig.safety.guardian_process import Watch
 from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP, answer, told_of_the_end
 
 WM_PAINT, WM_QUERYENDSESSION, WM_ENDSESSION, WM_POWERBROADCAST = 0x000F, 0x0011, 0x0016, 0x0218
@@ -72,7 +73,7 @@ def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.Mo
 def test_an_armed_guardian_brings_the_output_to_0_v_before_sleep_and_one_that_is_not_leaves_it(tmp_path: Path) -> None:
     said, output = io.StringIO(), tmp_path / "output.txt"
     target = Target("file", str(output))
-    watch = _Watch(target, None, said, connect(target))
+    watch = Watch(target, None, said, connect(target))
     for word in ("sleep", "arm 60", "sleep", None):
         watch.hear(word)
     assert watch.run() == 0

@@ -62,7 +62,7 @@ class Output:
 
     def __init__(self) -> None:
         self.guardian = ""
-        """What the guardian of the recorder has come to: see ``rig.safety.guardian``; empty where there is none."""
+        """What the guardian of the recorder has come to (``rig/safety/guardian_process.py``); empty without one."""
         self.is_virtual = False
         self._guardian_text = ""
         self._name = ""

@@ -1,58 +1,28 @@
-"""The guardian: a process of its own that brings the output to 0 V when the recorder no longer can.
-
-``python -m ipmclab.rig.safety.guardian TARGET`` is started by the recorder and connected to it by a pipe. It
-connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder was
-killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection, reads
-it back, and tries until 0 V is read. A reset that met no error is not 0 V: what could not be read is told as that.
-Nothing that ends the recorder ends the guardian: it is in no group and at no console of
-the recorder's.
-"""
+"""The guardian as the recorder holds it: its process is started and armed, gets beats, and is heard."""
 
 from __future__ import annotations
 
-import json
 import math
-import queue
-import signal
 import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from datetime import datetime
 from pathlib import Path
-from typing import IO, Any, Final, Literal, Protocol, Self
+from typing import Final, Literal
 
-from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import detached, own_stdin, python_child, replace_file
-from ipmclab.rig.channels import Channel, Converter, Output, Rig
-from ipmclab.rig.safety.readback import TOLERANCE, channels_at_output, resistance_between
-from ipmclab.rig.safety.session_end import SLEEP, told_of_the_end
+from ipmclab.errors import IpmclabError
+from ipmclab.platform import detached, python_child
+from ipmclab.rig.channels import Rig
+from ipmclab.rig.safety.guarded_output import Target
 
 SILENCE: Final = 0.5
 """The guardian acts when the recorder has been silent for so long [s]."""
 
-ATTEMPT_TIME: Final = 1.5
-"""A reset that takes longer [s] has failed: the next one goes through a new connection."""
-
-GIVE_UP: Final = 600.0
-"""How long [s] it goes on trying."""
-
-LOUD: Final = 3.0
-"""After so long [s] without success it says so, loudly; what was reset and cannot be read is given up then."""
-
-_PAUSE: Final = 0.1  # s between two attempts
-_ALIVE: Final = 0.5  # s between two signs of life while armed
-_GRACE: Final = 0.03  # s for the thread that reads, before silence is believed
-_LOST: Final = 3.0  # s without one: the guardian hangs itself
-_LEAVE: Final = 1.5  # s that the system is kept waiting before it sleeps or ends the session
+_LOST: Final = 3.0  # s without a sign of life: the guardian hangs itself
 _START: Final = 30.0  # s to start Python and to connect
 _ANSWER: Final = 2.0  # s for an answer to a word
 _WORD: Final = 0.3  # s for the guardian's word to be read after this program was stopped
 _OFTEN: Final = 0.2  # s; blocks that are further apart need beats between them
-
 
 Outcome = Literal["", "zero", "unread", "failed"]
 
@@ -62,61 +32,6 @@ _DEEDS: Final[dict[Outcome, str]] = {
     "unread": "reset the output, but could not read back that it is at 0 V",
     "failed": "could NOT bring the output to 0 V so far",
 }
-
-
-@dataclass(frozen=True)
-class Target:
-    """What the guardian brings to 0 V.
-
-    Parameters
-    ----------
-    kind : "ni" or "file"
-        A module of a chassis; or, to try the guardian without hardware, a file that gets a line for each reset.
-    place : str
-        The physical output, such as ``"cDAQ1Mod2/ao0"``; the path of the file.
-    address : str, optional
-        ``host:port`` of a gRPC server.
-    channels : tuple of Channel
-        Which together tell what the output gives; none where nothing does.
-    between : float [ohm]
-        The resistance between the output and the place where the voltage is read.
-    """
-
-    kind: Literal["ni", "file"]
-    place: str
-    address: str | None = None
-    channels: tuple[Channel, ...] = ()
-    between: float = 0.0
-
-    @classmethod
-    def of(cls, rig: Rig) -> Target:
-        """The output of a rig."""
-        channels = tuple(rig[name] for name in channels_at_output(rig))
-        return cls("ni", rig.output.physical, rig.address, channels, resistance_between(rig))
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """What ``to_json`` gave."""
-        table = json.loads(text)
-        channels = (Channel(**{**one, "converter": Converter(**one["converter"])}) for one in table["channels"])
-        return cls(**{**table, "channels": tuple(channels)})
-
-    def to_json(self) -> str:
-        """For the command line of the guardian."""
-        return json.dumps(asdict(self))
-
-
-class Connection(Protocol):
-    """How the output is reached."""
-
-    def reset(self) -> None:
-        """Bring it to 0 V."""
-
-    def read(self) -> float:
-        """What it gives [V]. Raises IpmclabError, of code ``"output-unread"`` where that can never be told."""
-
-    def close(self) -> None:
-        """Let go."""
 
 
 class Guardian:
@@ -158,7 +73,7 @@ class Guardian:
         self.status = None if status is None else Path(status)
         self._silence = silence
         arguments = (self._target.to_json(), str(log or ""), str(status or ""))
-        command = python_child("ipmclab.rig.safety.guardian", *arguments)
+        command = python_child("ipmclab.rig.safety.guardian_process", *arguments)
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, **detached()
         )
@@ -376,291 +291,3 @@ class Guardian:
             where="guardian",
             repair="without it nothing is given out: see its log and the connection to the chassis, then record again",
         )
-
-
-class _FileConnection:
-    """Writes a line for each reset: a guardian to try."""
-
-    def __init__(self, path: str) -> None:
-        self._path = path
-
-    def reset(self) -> None:
-        """Write the line."""
-        try:
-            with open(self._path, "a", encoding="utf-8") as stream:  # a path that may be a pipe
-                stream.write(f"0 V at {time.time():.6f}\n")
-        except OSError as error:
-            raise IpmclabError(str(error), code="unwritable", where=self._path, repair="make its folder") from error
-
-    def read(self) -> float:
-        """What the last line says."""
-        try:
-            said = Path(self._path).read_text(encoding="utf-8").splitlines()[-1]
-            return float(said.split(" V at ")[0])
-        except (OSError, ValueError, IndexError) as error:
-            raise IpmclabError(str(error), code="unreadable", where=self._path, repair="see what it is") from error
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-def connect(target: Target) -> Connection:
-    """Reach what is to be guarded.
-
-    Raises
-    ------
-    InputError
-        An unknown kind of target.
-    IpmclabError
-        It cannot be reached.
-    """
-    if target.kind == "file":
-        return _FileConnection(target.place)
-    if target.kind == "ni":
-        from ipmclab.rig.ni import Resetter
-
-        output = Output(-10.0, 10.0, target.place)
-        rig = Rig("guarded", target.channels, target.between, "electrodes", output, bench="ni", address=target.address)
-        return Resetter(rig)
-    raise InputError(
-        f"unknown target {target.kind!r}", code="unknown-target", where="guardian", repair="use ni or file"
-    )
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    """What came of a reset or of a reading: why it failed, whether it always will, and what was read [V]."""
-
-    failure: str | None = None
-    is_final: bool = False
-    volts: float = math.nan
-
-
-class _Watch:
-    """What the guardian process does."""
-
-    def __init__(
-        self, target: Target, log: Path | None, tell: IO[str], connection: Connection, status: Path | None = None
-    ) -> None:
-        self._target = target
-        self._log = log
-        self._status = status
-        self._tell = tell
-        self._connection: Connection | None = connection
-        self._words: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._silence = SILENCE
-        self._armed = False
-        self._has_acted = False
-        self._deadline = 0.0
-        self._next_sign = 0.0
-
-    def hear(self, word: str | None) -> None:
-        """A word of the recorder; None when it is gone. From any thread, and from signal handlers."""
-        self._words.put(word)
-
-    def run(self) -> int:
-        """Watch until the recorder lets go, or is gone."""
-        self.say("ready")
-        while True:
-            try:
-                word = self._words.get(timeout=self._patience() if self._armed else None)
-            except queue.Empty:
-                self._sign()
-                if time.monotonic() >= self._deadline:
-                    self._look_again()
-                continue
-            if word is None:
-                if self._armed and not self._act("the recorder is gone"):
-                    return 1
-                self.log("the recorder has ended")
-                if self._status is not None and not self._has_acted:
-                    with suppress(OSError):
-                        self._status.unlink(missing_ok=True)
-                return 0
-            self._obey(word)
-
-    def _patience(self) -> float:
-        """How long to wait for the next word [s]."""
-        return max(0.0, min(self._deadline, self._next_sign) - time.monotonic())
-
-    def _look_again(self) -> None:
-        """Act on silence, unless a word waits that this process, held up itself, had no time to read."""
-        try:
-            word = self._words.get(timeout=_GRACE)
-        except queue.Empty:
-            self._act(f"the recorder was silent for {self._silence:g} s")
-        else:
-            if word is None:
-                self.hear(None)  # for the loop, which ends by it
-            else:
-                self._obey(word)
-
-    def _obey(self, word: str) -> None:
-        what, _, value = word.partition(" ")
-        if what == "arm":
-            self._silence, self._armed, self._has_acted = float(value), True, False
-            self.log("armed")
-            self.note("armed")
-            self.say("armed")
-        elif what == "disarm":
-            self._armed = False
-            self.log("disarmed")
-            self.note("disarmed")
-            self.say("disarmed")
-        elif what == "sleep" and self._armed:
-            self._act(SLEEP)
-        self._deadline = time.monotonic() + self._silence
-        if self._armed:
-            self._sign()
-
-    def _sign(self) -> None:
-        """Show the recorder that this process lives, now and then."""
-        now = time.monotonic()
-        if now >= self._next_sign:
-            self._next_sign = now + _ALIVE
-            self.say("alive")
-
-    def _act(self, why: str) -> bool:
-        """Bring the output to 0 V, and say whether 0 V was read back."""
-        self._armed, self._has_acted = False, True
-        self.say(f"acted {why}")
-        self.log(f"{why}: bringing the output {self._target.place} to 0 V")
-        begun, told = time.monotonic(), False
-        while True:
-            reset = self._attempt("reset")
-            seen = self._attempt("read") if reset.failure is None else reset
-            lasted = time.monotonic() - begun
-            if reset.failure is None and seen.failure is None and abs(seen.volts) <= TOLERANCE:
-                self.log(f"the output {self._target.place} is at 0 V, {lasted:.3f} s after that")
-                self.note("zero", why)
-                self.say("zero")
-                return True
-            failure = seen.failure or f"it was reset, but {seen.volts:.3g} V are still read"
-            if reset.failure is None and seen.failure is not None and (seen.is_final or lasted > LOUD):
-                self._leave_unread(failure)
-                return False
-            self.log(f"it failed: {failure}")
-            if lasted > LOUD and not told:
-                told = True
-                self.note("failed", f"{self._target.place}: {failure}")
-                self.shout(f"the output {self._target.place} could NOT be brought to 0 V so far: {failure}")
-                self.say(f"failed the output could not be brought to 0 V: {failure}")
-            if lasted > GIVE_UP:
-                self.shout(f"the output {self._target.place} could NOT be brought to 0 V: {failure}")
-                return False
-            time.sleep(_PAUSE if lasted < LOUD else 10.0 * _PAUSE)
-
-    def _leave_unread(self, reason: str) -> None:
-        """The output was reset, and what it gives cannot be read: that is all there is to say."""
-        self.note("unread", f"{self._target.place}: {reason}")
-        self.shout(f"the output {self._target.place} was reset, but could NOT be read back: {reason}")
-        self.say(f"unread {reason}")
-
-    def _attempt(self, what: Literal["reset", "read"]) -> _Attempt:
-        """Reset or read once. One that hangs is left behind, with its connection."""
-        done: queue.SimpleQueue[_Attempt] = queue.SimpleQueue()
-
-        def attempt() -> None:
-            try:
-                if self._connection is None:
-                    self._connection = connect(self._target)
-                if what == "reset":
-                    self._connection.reset()
-                    done.put(_Attempt())
-                else:
-                    done.put(_Attempt(volts=self._connection.read()))
-            except Exception as error:  # whatever it is, the next attempt is due
-                is_final = getattr(error, "code", "") == "output-unread"
-                done.put(_Attempt(f"{type(error).__name__}: {error}", is_final=is_final))
-
-        threading.Thread(target=attempt, daemon=True).start()
-        try:
-            return done.get(timeout=ATTEMPT_TIME)
-        except queue.Empty:
-            self._connection = None
-            return _Attempt(f"no answer within {ATTEMPT_TIME:g} s")
-
-    def say(self, text: str) -> None:
-        """To the recorder, which may be gone."""
-        with suppress(OSError, ValueError):
-            self._tell.write(f"{text}\n")
-            self._tell.flush()
-
-    def log(self, text: str) -> None:
-        """Into the log, with the time."""
-        if self._log is not None:
-            with suppress(OSError), self._log.open("a", encoding="utf-8") as stream:
-                stream.write(f"{datetime.now().astimezone().isoformat('T', 'milliseconds')} {text}\n")
-
-    def note(self, state: str, text: str = "") -> None:
-        """What this has come to, into its own file: whole at any moment."""
-        if self._status is None:
-            return
-        with suppress(OSError):
-            new = self._status.with_suffix(".new")
-            new.write_text(json.dumps({"state": state, "text": text, "time": time.time()}) + "\n", encoding="utf-8")
-            replace_file(new, self._status)
-
-    def shout(self, text: str) -> None:
-        """What somebody must do something about at once."""
-        text = f"SWITCH THE AMPLIFIER OFF, or take the strip off its leads: {text}"
-        self.log(text)
-        with suppress(OSError, ValueError):
-            sys.stderr.write(f"\aipmclab guardian: {text}\n")
-            sys.stderr.flush()
-
-
-def main(arguments: list[str]) -> int:
-    """The guardian process.
-
-    Parameters
-    ----------
-    arguments : list of str
-        The target as JSON, and the log.
-    """
-    for name in ("SIGINT", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    target = Target.from_json(arguments[0])
-    log, status = (Path(text) if text else None for text in (*arguments[1:3], "", "")[:2])
-    try:
-        connection = connect(target)
-    except IpmclabError as error:
-        with suppress(OSError):
-            sys.stdout.write(f"failed {error}\n")
-            sys.stdout.flush()
-        return 1
-    watch = _Watch(target, log, sys.stdout, connection, status)
-    signal.signal(signal.SIGTERM, _then(watch.hear))
-    threading.Thread(target=_read, args=(own_stdin(), watch.hear), daemon=True).start()
-    over = threading.Event()
-
-    def leave(why: str) -> None:
-        watch.hear("sleep" if why == SLEEP else None)
-        over.wait(_LEAVE)
-
-    with told_of_the_end(leave, last=True):
-        try:
-            return watch.run()
-        finally:
-            over.set()
-
-
-def _then(hear: Callable[[str | None], None]) -> Callable[[int, Any], None]:
-    """Asked to end, an armed guardian does what it would do if the recorder were gone."""
-    return lambda _number, _frame: hear(None)
-
-
-def _read(stream: IO[bytes], hear: Callable[[str | None], None]) -> None:
-    with suppress(OSError):
-        for line in iter(stream.readline, b""):
-            hear(line.decode(errors="replace").strip())
-    hear(None)
-
-
-if __name__ == "__main__":
-    import os
-
-    status = main(sys.argv[1:])
-    sys.stdout.flush()
-    os._exit(status)  # a reset that hangs in its thread must not hold the process
