@@ -19,18 +19,23 @@ if TYPE_CHECKING:
     from ipmclab.progress import Tell
 
 Free = Annotated[
-    list[str] | None,
-    typer.Option(metavar="NAMES", help="As in identify; of a fitted file, without it, what its fit had freed."),
+    list[str],
+    typer.Option(
+        metavar="NAMES",
+        default_factory=list,
+        show_default=False,
+        help="As in identify; of a fitted file, without it, what its fit had freed.",
+    ),
 ]
 
 
 def profile(
     actuator: ActuatorName,
     runs: RunFiles,
-    free: Free = None,
-    per_run: PerRun = None,
-    per_mounting: PerMounting = None,
-    prior: Prior = None,
+    free: Free,
+    per_run: PerRun,
+    per_mounting: PerMounting,
+    prior: Prior,
     as_json: Json = False,
 ) -> None:
     """Fit, then follow the likelihood's profile of every parameter to where its 95 % interval ends.
@@ -60,11 +65,11 @@ def profile(
 def bootstrap(
     actuator: ActuatorName,
     runs: RunFiles,
-    free: Free = None,
+    free: Free,
+    per_run: PerRun,
+    per_mounting: PerMounting,
+    prior: Prior,
     count: Annotated[int, typer.Option(help="How many fits, at least 40.")] = 200,
-    per_run: PerRun = None,
-    per_mounting: PerMounting = None,
-    prior: Prior = None,
     as_json: Json = False,
 ) -> None:
     """Fit, then fit again to readings drawn under the noise that was found, and see how the parameters scatter.
@@ -106,7 +111,7 @@ def bootstrap(
     print(f"{count} fits to drawn readings, {found.failed} of them failed")
 
 
-Lists = tuple[list[str] | None, list[str] | None, list[str] | None, list[str] | None]
+Lists = tuple[list[str], list[str], list[str], list[str]]
 
 
 def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, Tell], Fit]) -> Fit:
@@ -129,15 +134,7 @@ def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, T
         )
     loaded = read_runs(runs)
     with progress(f"fitting {model.name}") as tell:
-        fit = identify(
-            model,
-            loaded,
-            free=free,
-            per_run=per_run or [],
-            per_mounting=per_mounting or [],
-            prior=prior or [],
-            progress=tell,
-        )
+        fit = identify(model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell)
         return ask(fit, tell)
 
 

@@ -32,14 +32,19 @@ def choose(
             help="Actuators, or stages of --actuator (leak.cubic or branches=1,2,3); repeat it, or use commas.",
         ),
     ],
+    free: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAMES",
+            default_factory=list,
+            show_default=False,
+            help="As in identify; by default everything in the groups of a model's stages.",
+        ),
+    ],
+    per_run: PerRun,
     actuator: Annotated[
         str | None, typer.Option(metavar="ACTUATOR", help="The actuator that stages are added to.")
     ] = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAMES", help="As in identify; by default everything in the groups of a model's stages."),
-    ] = None,
-    per_run: PerRun = None,
     hold_out: Annotated[
         str | None,
         typer.Option(metavar="runs|blocks", help="Whole runs (the default for several), or blocks of time."),
@@ -82,8 +87,8 @@ def choose(
             loaded,
             models,
             actuator=actuator,
-            free=free or [],
-            per_run=per_run or [],
+            free=free,
+            per_run=per_run,
             held_out=hold_out,  # type: ignore[arg-type]
             blocks=blocks,
             folds=folds,

@@ -41,9 +41,9 @@ def identify(
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write.")],
-    per_run: PerRun = None,
-    per_mounting: PerMounting = None,
-    prior: Prior = None,
+    per_run: PerRun,
+    per_mounting: PerMounting,
+    prior: Prior,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -60,13 +60,7 @@ def identify(
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:
         fit = fit_of_runs(
-            model,
-            loaded,
-            free=free,
-            per_run=per_run or [],
-            per_mounting=per_mounting or [],
-            prior=prior or [],
-            progress=tell,
+            model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell
         )
         write_fit(fit, out, overwrite=force)
     if as_json:

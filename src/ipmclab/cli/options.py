@@ -26,15 +26,26 @@ ActuatorName = Annotated[
 RunFile = Annotated[Path, typer.Argument(metavar="RUN", help="A run (.nc).", show_default=False)]
 RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs (.nc).", show_default=False)]
 PerRun = Annotated[
-    list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each run has for itself.")
+    list[str],
+    typer.Option(
+        metavar="NAMES", default_factory=list, show_default=False, help="Free parameters that each run has for itself."
+    ),
 ]
 PerMounting = Annotated[
-    list[str] | None, typer.Option(metavar="NAMES", help="Free parameters that each mounting has for itself.")
-]
-Prior = Annotated[
-    list[str] | None,
+    list[str],
     typer.Option(
         metavar="NAMES",
+        default_factory=list,
+        show_default=False,
+        help="Free parameters that each mounting has for itself.",
+    ),
+]
+Prior = Annotated[
+    list[str],
+    typer.Option(
+        metavar="NAMES",
+        default_factory=list,
+        show_default=False,
         help="Free parameters whose value and standard uncertainty in the file count as known beforehand.",
     ),
 ]

@@ -30,9 +30,9 @@ def posterior(
     runs: RunFiles,
     free: Annotated[list[str], typer.Option(metavar="NAMES", help="As in identify; repeat it, or use commas.")],
     out: Annotated[Path, typer.Option(metavar="POSTERIOR.nc", help="The samples to write; ArviZ reads them.")],
-    per_run: PerRun = None,
-    per_mounting: PerMounting = None,
-    prior: Prior = None,
+    per_run: PerRun,
+    per_mounting: PerMounting,
+    prior: Prior,
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of all pairs.")
     ] = None,
@@ -58,15 +58,7 @@ def posterior(
     loaded = read_runs(runs)
     bayes_package("emcee")  # before the long work
     with progress(f"sampling {model.name}") as tell:
-        fit = identify(
-            model,
-            loaded,
-            free=free,
-            per_run=per_run or [],
-            per_mounting=per_mounting or [],
-            prior=prior or [],
-            progress=tell,
-        )
+        fit = identify(model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell)
         found = sample_posterior(fit, steps=steps, progress=tell)
         write_posterior(found, out, overwrite=force)
         if figure is not None:
