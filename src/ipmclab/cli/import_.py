@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import check_output
-from ipmclab.cli.options import Force, Json
+from ipmclab.cli.options import Force, Json, answers_in
 from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, read, with_unit
 from ipmclab.destination import target_of
 from ipmclab.errors import InputError
@@ -51,8 +51,9 @@ def import_(
     from ipmclab.quality.record import Record
     from ipmclab.store import load_import_map
 
+    answers = answers_in(answer or [], example="sampling_period='20 ms'")
     if template is not None:
-        _write_template(file, template, _answers(answer), force=force, as_json=as_json)
+        _write_template(file, template, answers, force=force, as_json=as_json)
         return
     if out is None:
         raise InputError(
@@ -62,7 +63,7 @@ def import_(
     import_map = None if map_file is None else load_import_map(map_file)
     guessed, own_map = None, out.with_suffix(".map.toml")
     if import_map is None:
-        guessed = _guess(file, own_map, _answers(answer), force=force)
+        guessed = _guess(file, own_map, answers, force=force)
         import_map = None if guessed is None else guessed.map
     with progress(f"importing {file.name}"):
         run = import_run(file, import_map)
@@ -125,18 +126,6 @@ def import_(
     if not period_known:
         print("The file does not hold its sampling period: every time constant scales with the one in the map.")
     print(f"wrote {out}" + (f" and {own_map}: see what was taken for what" if guessed is not None else ""))
-
-
-def _answers(given: list[str] | None) -> dict[str, str]:
-    answers = {}
-    for text in given or ():
-        key, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(
-                f"{text!r} is no answer", code="usage", where="--answer", repair="write --answer KEY=VALUE"
-            )
-        answers[key.strip()] = value.strip()
-    return answers
 
 
 def _write_template(file: Path, template: Path, answers: dict[str, str], *, force: bool, as_json: bool) -> None:

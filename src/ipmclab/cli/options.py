@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -87,6 +88,39 @@ def matching_files(word: str) -> list[str]:
     if word.startswith("-") or not any(mark in word for mark in "*?") or Path(word).exists():
         return [word]
     return sorted(glob.glob(word)) or [word]
+
+
+def answers_in(texts: Iterable[str], *, example: str) -> dict[str, str]:
+    """What values of ``--answer`` such as ``clamp=done`` say.
+
+    Parameters
+    ----------
+    texts : iterable of str
+    example : str
+        For the message.
+
+    Raises
+    ------
+    InputError
+        One has no ``=``.
+
+    Examples
+    --------
+    >>> answers_in(["sampling_period = 20 ms"], example="sampling_period='20 ms'")
+    {'sampling_period': '20 ms'}
+    """
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(
+                f"{text!r} has no '='",
+                code="usage",
+                where="--answer",
+                repair=f"write for example --answer {example}",
+            )
+        found[name.strip()] = value.strip()
+    return found
 
 
 def positive(text: str, quantity: Quantity, *, option: str) -> float:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli.options import Json
+from ipmclab.cli.options import Json, answers_in
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record_view import View, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
@@ -133,14 +133,7 @@ def _answers(pairs: list[str], file: Path | None) -> dict[str, str]:
                     f"{value!r} is not a text", code="bad-value", where=f"{file}: {name}", repair="write it in quotes"
                 )
             found[name] = value
-    for text in pairs:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(
-                f"{text!r} has no '='", code="usage", where="--answer", repair="write for example --answer clamp=done"
-            )
-        found[name.strip()] = value.strip()
-    return found
+    return found | answers_in(pairs, example="clamp=done")
 
 
 class _Terminal:
