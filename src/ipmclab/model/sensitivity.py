@@ -266,40 +266,54 @@ def _with_laws(
     rows: int,
     asked: Collection[str],
 ) -> Sensitivities:
-    from ipmclab.model.numerics.dense_laws_loop import dense_laws_tangents
+    from ipmclab.model.numerics.dense_laws_loop import LawTable, Readings, Steps
+    from ipmclab.model.numerics.tangents_loop import Later, Slopes, dense_laws_tangents
 
     n, count = len(state), len(stepped)
+    by_states = n if "states" in asked else 0
+    columns = count + by_states + 1
     laws = law_numbers(system, moves.at[4])
     ports = [at.law_ports for at in (system, *stepped) if at.law_ports is not None]
-    own, others = ports[0], ports[1:]
-    c, d = np.ascontiguousarray(system.c), np.ascontiguousarray(system.d[:, 0])
-    d_read = (
-        _slopes([at.c for at in stepped], c.shape),
-        _slopes([at.d[:, 0] for at in stepped], d.shape),
-        _slopes([at.reach for at in others], laws.reach.shape),
+    coefficients = [np.array([law.coefficients for law in at.laws]) for at in ports]
+    read = [np.hstack([at.d, at.c, port.reach]) for at, port in zip((system, *stepped), ports, strict=True)]
+    seen = [np.hstack([port.d, port.c, port.loop]) for port in ports]
+    by_step = np.concatenate([moves.by[1][:, :, None], moves.by[2][:, :, None], moves.by[0], moves.by[3]], axis=2)
+    by = Slopes(
+        step=_side_by_side(by_step, columns),
+        law_end=_side_by_side(moves.by[4], columns),
+        outputs=_side_by_side(_slopes(read[1:], read[0].shape), columns),
+        ports=_side_by_side(_slopes(seen[1:], seen[0].shape), columns),
+        coefficients=_widened(_slopes(coefficients[1:], laws.coefficients.shape), columns),
     )
-    d_ports = (
-        _slopes([at.c for at in others], own.c.shape),
-        _slopes([at.d[:, 0] for at in others], own.d[:, 0].shape),
-        _slopes([at.loop for at in others], own.loop.shape),
-    )
-    d_coefficients = _slopes(
-        [np.array([law.coefficients for law in at.laws]) for at in others], laws.coefficients.shape
-    )
-    flow = np.ascontiguousarray(system.a), np.ascontiguousarray(system.b[:, 0]), np.ascontiguousarray(own.drive)
-    by_states = n if "states" in asked else 0
+    constant, slope = moves.at[1][..., None], moves.at[2][..., None]
+    steps = Steps(np.concatenate([constant, slope, moves.at[0], moves.at[3]], axis=-1), moves.at[4], laws.drop)
+    readings = Readings(np.ascontiguousarray(read[0]), np.hstack(laws.ports[::-1]))
+    flow = np.hstack([system.b, system.a, ports[0].drive])
+    later = Later(line.durations, line.rate, line.reading_rate, line.arrives, line.leaves, flow)
     tangents = np.hstack([np.zeros((n, count)), np.eye(n)[:, :by_states], np.zeros((n, 1))])
-    values = np.empty((len(c), rows))
-    derivatives = np.empty((len(c), rows, count + by_states + 1))
-    along: list[Any] = [line.durations, line.interval, line.start, line.end, line.row, line.reading]
-    moving: list[Any] = [line.rate, line.reading_rate, line.arrives, line.leaves]
-    own_ports = laws.ports[0], np.ascontiguousarray(laws.ports[1][:, 0])
-    at_ports: list[Any] = [own_ports, d_ports, laws.forms, laws.coefficients, d_coefficients]
-    matrices: list[Any] = [moves.at, moves.by, laws.drop, *along, *moving, flow, (c, d, laws.reach), d_read, *at_ports]
-    check_solved(dense_laws_tangents(*[*matrices, state, tangents, values, derivatives]))
+    values, derivatives = np.empty((len(system.c), rows)), np.empty((len(system.c), rows, columns))
+    table = LawTable(laws.forms, laws.coefficients)
+    check_solved(
+        dense_laws_tangents(
+            steps, readings, table, by, line.course, later, np.ascontiguousarray(state), tangents, values, derivatives
+        )
+    )
     return Sensitivities(
         values=values,
         parameters=derivatives[:, :, :count],
         states=derivatives[:, :, count:-1] if by_states else np.zeros((*values.shape, n)),
         delay=derivatives[:, :, -1] if "delay" in asked else np.zeros_like(values),
     )
+
+
+def _widened(by: FloatArray, columns: int) -> FloatArray:
+    """Derivatives by parameters along the last axis, and 0 for initial states and delay behind them."""
+    wide = np.zeros((*by.shape[:-1], columns))
+    wide[..., : by.shape[-1]] = by
+    return wide
+
+
+def _side_by_side(by: FloatArray, columns: int) -> FloatArray:
+    """Derivatives of a matrix, shape (..., rows, entries, n_parameters), as (..., entries, rows * columns)."""
+    wide = np.moveaxis(_widened(by, columns), -3, -2)
+    return np.ascontiguousarray(wide).reshape(*wide.shape[:-2], -1)
