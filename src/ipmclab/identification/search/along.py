@@ -15,7 +15,7 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
 from ipmclab.identification.search.solve import Pinned, Solution, entry_errors, minimise, polish
-from ipmclab.identification.search.starts.start import fastest_rate, leak_shares, other_zeros
+from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.valleys import Place, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
@@ -26,6 +26,12 @@ from ipmclab.model.stages.leak import SLOW_TIME
 FloatArray = npt.NDArray[np.float64]
 
 _WEAK: Final = 0.2  # standard error of a logarithm from which other valleys are looked for
+_SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
+"""Parts of the steady current beside the other branches that the dc path is given, the slowest branch the rest."""
+
+_ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)  # times the Nyquist rate: zeros of a coupling that is too fast to be seen
+_EVALUATIONS: Final = 25
+_NEAR: Final = 1e-7  # of the cost: beside a threshold of 4 of chi-square nothing
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
@@ -41,32 +47,41 @@ def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, s
     found: list[Place] = []
     circuit = max((error for name, error in errors.items() if is_of_circuit(name)), default=0.0)
     if circuit > _WEAK and not set(SERIES) & set(names.actuator):
-        shares = leak_shares(actuator, values)
-        if set(shares[0]) <= set(names.shared):
-            found += held_at(problem, solution, DC, shares)
+        resistivity, permittivity = _slowest_branch(actuator.circuit.branches, values)
+        if {DC, resistivity, permittivity} <= set(names.shared):
+            both = 1.0 / values[DC] + 1.0 / values[resistivity]
+            found += held_at(problem, solution, DC, [1.0 / (share * both) for share in _SHARES])
     if {GAIN, ZERO} <= set(names.shared) and errors[ZERO] > _WEAK:
-        found += held_at(problem, solution, ZERO, other_zeros(values, problem.records))
-    slow = SLOW_TIME
-    if slow in names.shared and errors[slow] > _WEAK:
-        found += held_at(problem, solution, slow, [{slow: values[slow] * factor} for factor in _SLOWER])
+        fastest = fastest_rate(problem.records)
+        found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
+    if SLOW_TIME in names.shared and errors[SLOW_TIME] > _WEAK:
+        found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     if isinstance(problem.responder, CircuitResponder):
         found += branch_valley(problem, solution)
     return found
 
 
-def held_at(problem: Problem, solution: Solution, name: str, points: Sequence[Mapping[str, float]]) -> list[Place]:
+def _slowest_branch(branches: int, values: Mapping[str, float]) -> tuple[str, str]:
+    """Names of the resistivity and the permittivity of the branch with the largest time constant."""
+    every = [(f"circuit.branches.{i}.resistivity", f"circuit.branches.{i}.permittivity") for i in range(branches)]
+    return max(every, key=lambda names: values[names[0]] * values[names[1]])
+
+
+def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[float]) -> list[Place]:
+    """The best fits with one parameter held at some values [SI], each from the one beside it."""
     held = [unknown.name for unknown in problem.unknowns].index(name)
+    unknown, own = problem.unknowns[held], float(solution.theta[held])
+    entries = sorted(unknown.entry(unknown.inside(value)) for value in values)
     found = []
-    for point in points:
-        theta = solution.theta.copy()
-        for place, unknown in enumerate(problem.unknowns):
-            if unknown.base in point:
-                theta[place] = unknown.entry(unknown.inside(point[unknown.base]))
-        pinned, others = Pinned(problem, held, float(theta[held])), np.delete(theta, held)
-        best = polish(pinned, others) or minimise(pinned, others, evaluations=25)
-        full = np.insert(best.theta, held, theta[held])
-        errors = np.insert(entry_errors(best.evaluation), held, 0.0)
-        found.append(Place(replace(best, theta=full, evaluation=problem.evaluate(full)), errors))
+    for side in ([e for e in entries if e >= own], [e for e in reversed(entries) if e < own]):
+        beside = np.delete(solution.theta, held)
+        for entry in side:
+            pinned = Pinned(problem, held, entry)
+            best = polish(pinned, beside) or minimise(pinned, beside, evaluations=_EVALUATIONS, tolerance=_NEAR)
+            beside = best.theta
+            full = np.insert(beside, held, entry)
+            errors = np.insert(entry_errors(best.evaluation), held, 0.0)
+            found.append(Place(replace(best, theta=full, evaluation=problem.evaluate(full)), errors))
     return found
 
 
@@ -76,11 +91,7 @@ def nearest_zero(problem: Problem, solution: Solution) -> Solution:
     held = [unknown.name for unknown in problem.unknowns].index(name) if _has(problem, name) else -1
     if held < 0 or not _is_hidden(problem, solution, held):
         return solution
-    unknown = problem.unknowns[held]
-    wanted = unknown.inside(problem.base[name])
-    values = problem.values(solution.theta, problem.records[0].place)
-    level = values[GAIN] * values[name]
-    (place,) = held_at(problem, solution, name, [{name: wanted, GAIN: level / wanted}])
+    (place,) = held_at(problem, solution, name, [problem.base[name]])
     found = place.solution
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     spent = found.evaluations + solution.evaluations

@@ -30,11 +30,6 @@ _DIRECT_SHARES: Final = (0.5, 0.95, 0.1)
 _LEAK_STARTS: Final = 2
 """Leaks that are tried for each series resistance; one more where that is known."""
 
-_SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92, 0.96, 0.98, 0.995)
-
-_ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)
-"""Zeros of the coupling that are tried, in Nyquist rates."""
-
 
 @dataclass(frozen=True)
 class StartingPoint:
@@ -202,44 +197,6 @@ def _series_values(
             rest = max(series - values["circuit.sheet_resistance"] * squares, 0.01 * series)
             found.append({"circuit.contact_resistance": rest})
     return found
-
-
-def leak_shares(actuator: Actuator, values: Mapping[str, float]) -> list[dict[str, float]]:
-    """Circuits that differ in how the leak and the slowest branch share the current that remains.
-
-    Where a record is short for the slowest branch they all look alike.
-
-    Parameters
-    ----------
-    actuator : Actuator
-    values : mapping of name to float [SI]
-        Every parameter, at a solution.
-    """
-    slow = max(
-        range(actuator.circuit.branches),
-        key=lambda i: values[f"circuit.branches.{i}.resistivity"] * values[f"circuit.branches.{i}.permittivity"],
-    )
-    resistivity, permittivity = (values[f"circuit.branches.{slow}.{what}"] for what in ("resistivity", "permittivity"))
-    conductivity = 1.0 / values["circuit.dc_resistivity"] + 1.0 / resistivity
-    found = []
-    for share in _SHARES:
-        changed = 1.0 / ((1.0 - share) * conductivity)
-        found.append(
-            {
-                "circuit.dc_resistivity": 1.0 / (share * conductivity),
-                f"circuit.branches.{slow}.resistivity": changed,
-                # The slope with which the current begins to fall stays as it is.
-                f"circuit.branches.{slow}.permittivity": permittivity * (resistivity / changed) ** 2,
-            }
-        )
-    return found
-
-
-def other_zeros(values: Mapping[str, float], records: Sequence[PreparedRun]) -> list[dict[str, float]]:
-    """Couplings with the zero elsewhere and the same K_d Z_d: where the zero is too fast to be seen they look alike."""
-    level = values["coupling.gain"] * values["coupling.zero"]
-    nyquist = fastest_rate(records)
-    return [{"coupling.zero": part * nyquist, "coupling.gain": level / (part * nyquist)} for part in _ZEROS]
 
 
 def fastest_rate(records: Sequence[PreparedRun]) -> float:
