@@ -33,7 +33,7 @@ SEED: Final = 20261121
 Array = npt.NDArray[np.float64]
 
 _SIGNALS: Final = (
-    "step 1 V delay=1 s",
+    "step 1 V",
     "sine 1 V 0.5 Hz",
     "square 1 V 0.5 Hz",
     "prbs 1 V 0.2 s",
@@ -49,6 +49,8 @@ def draw(number: int) -> tuple[Run, str]:
     rows = int(generator.choice([2, 3, 5, 8, 13, 20, 40, 100, 300]))
     rate = float(generator.choice([5.0, 20.0, 100.0]))
     signal = str(generator.choice(_SIGNALS))
+    if signal.startswith("step"):
+        signal += f" delay={rows // 4 / rate:g} s"
     strip = ipmclab.load_actuator("friend-2")
     clean = ipmclab.simulate(strip, signal, duration=max(rows, 2) / rate, rate=rate)
     time, voltage = clean.time.copy(), clean.voltage.copy()
