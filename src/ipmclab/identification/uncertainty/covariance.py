@@ -172,13 +172,11 @@ def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tu
     """Singular values and directions of the Jacobian of the asked unknowns, the others averaged out."""
     triangle = evaluation.triangle[:, :-1]
     asked = int(np.count_nonzero(~nuisance))
-    if asked == len(nuisance) <= len(triangle):
+    if asked == len(nuisance):
         return evaluation.spectrum
     order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
     first = len(order) - asked
     # With the others in front, the lower right block is what is left of the asked ones.
     block = np.asarray(np.linalg.qr(triangle[:, order], mode="r"))[first:, first:]
-    # With fewer readings than unknowns the block has too few rows: the rest are zero.
-    block = np.vstack([block, np.zeros((max(0, asked - len(block)), asked))])
     _, singular, directions = np.linalg.svd(block)
     return singular, directions
