@@ -12,7 +12,7 @@ import scipy.signal
 from scipy.linalg import null_space, toeplitz
 from scipy.stats import multivariate_normal
 
-from ipmclab.identification.noise.columns import Columns, constants, steps_between, whitened
+from ipmclab.identification.noise.columns import Columns, constants, inverse, steps_between, whitened
 from ipmclab.identification.noise.likelihood import likelihood
 from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.noise.pieces import Shape
@@ -201,3 +201,26 @@ def test_a_long_run_covariance_is_one() -> None:
     found = long_run(np.column_stack([error, late, np.ones(2000)]), error)
     np.testing.assert_allclose(found, found.T, rtol=1e-12)
     assert np.linalg.eigvalsh(found).min() > 0.0
+
+
+def test_directions_that_the_constants_imitate_leave_every_number_finite() -> None:
+    """A trend, a direction that is the trend, and a residual that is made of both: nothing is left but rounding."""
+    time = STEP * np.arange(8.0)
+    trend = constants(time)
+    matrix = np.column_stack([trend, 0.3 + 2.0 * trend[:, 1], np.exp(-time), 1.3 - trend[:, 1]])
+    columns, others = Columns(matrix, steps_between(time, STEP)), np.diag([1e-9, 1e-9, 0.0])
+    for terms, entries in SHAPES:
+        found = likelihood(columns, others, terms, np.array(entries))
+        assert np.isfinite([found.deviance, found.criterion, found.variance]).all()
+        back = inverse((others + found.products)[:-1, :-1])
+        assert np.isfinite(back).all()
+        assert (np.linalg.eigvalsh(back) > 0.0).all()
+
+
+def test_the_inverse_of_normal_equations_is_their_inverse_whatever_the_units() -> None:
+    columns = np.random.default_rng(SEED).standard_normal((20, 4))
+    units = np.array([1e-9, 1.0, 1e6, 1e-3])
+    products = (columns * units).T @ (columns * units)
+    expected = np.linalg.inv(columns.T @ columns) / np.outer(units, units)
+    np.testing.assert_allclose(inverse(products), expected, rtol=1e-9)
+    np.testing.assert_array_equal(np.isfinite(inverse(np.ones((3, 3)))), True)

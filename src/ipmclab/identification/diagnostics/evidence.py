@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import CONSTANTS, Columns, constants, without
+from ipmclab.identification.noise.columns import CONSTANTS, Columns, constants, inverse, without
 from ipmclab.identification.noise.pieces import Key, Piece, directions_of
 from ipmclab.identification.noise.search import refine
 from ipmclab.identification.noise.shape import Shape
@@ -88,7 +88,7 @@ class Evidence:
         """Products of additions and residual beside what the fit can do, and of which there is anything left then."""
         total = self.rest + sum(_part(self.columns[key], shape) for key, shape in shapes.items())
         first = self.first
-        answer = np.linalg.solve(total[:first, :first], total[:first, first:])
+        answer = inverse(total[:first, :first]) @ total[:first, first:]
         left = total[first:, first:] - total[first:, :first] @ answer
         # What the fit can imitate to a millionth is nothing of its own.
         return left, left.diagonal()[:-1] > 1e-6 * total.diagonal()[first:-1]
@@ -126,7 +126,7 @@ class Evidence:
             logarithms[key] = columns[key].count * math.log(shape.variance) + logarithm
         total = rest + sum(parts.values())
         last = len(total) - 1
-        misfit = total[last, last] - total[last, :last] @ np.linalg.solve(total[:last, :last], total[:last, last])
+        misfit = total[last, last] - total[last, :last] @ inverse(total[:last, :last]) @ total[:last, last]
         return float(misfit) + sum(logarithms.values()), found
 
 

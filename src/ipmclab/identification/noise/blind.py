@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import CONSTANTS
+from ipmclab.identification.noise.columns import CONSTANTS, inverse
 from ipmclab.identification.noise.pieces import Key, Piece, System
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.statespace.terms import Terms
@@ -89,9 +89,9 @@ def _error_of_drift(system: System, piece: Piece, shape: Shape, every: FloatArra
     whole = products[:-1, :-1] / shape.variance
     whole[CONSTANTS:, CONSTANTS:] += every - own
     # Time runs from -1 to 1: over the record a slope of 1 is a drift of 2.
-    return 2.0 * float(np.sqrt(np.linalg.inv(whole)[1, 1]))
+    return 2.0 * float(np.sqrt(inverse(whole)[1, 1]))
 
 
 def _errors(directions: FloatArray, normal: FloatArray) -> FloatArray:
     """Standard errors of the unknowns under some normal equations."""
-    return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", directions, np.linalg.inv(normal), directions)))
+    return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", directions, inverse(normal), directions)))

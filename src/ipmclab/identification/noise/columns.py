@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.kernels import eliminate, whiten
+from ipmclab.identification.noise.kernels import ROUNDING, eliminate, whiten
 from ipmclab.statespace.terms import StateSpace, Terms, state_space
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,3 +83,12 @@ def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     left = products[np.ix_(kept, kept)]
     logarithm = eliminate(left, len(held))
     return left[len(held) :, len(held) :].copy(), float(logarithm)
+
+
+def inverse(products: FloatArray) -> FloatArray:
+    """Inverse of normal equations, by the eigenvalues of those of columns of length 1: none is below ``ROUNDING``."""
+    size = np.sqrt(products.diagonal())
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(products / np.outer(size, size))
+    turned = vectors / np.sqrt(np.maximum(values, ROUNDING)) / size[:, None]
+    return np.asarray(turned @ turned.T)

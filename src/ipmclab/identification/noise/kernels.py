@@ -14,6 +14,12 @@ IndexArray = npt.NDArray[np.int64]
 
 _STEADY = 1e-14
 
+ROUNDING = 1e-14
+"""Part of a column's square below which nothing is left of it beside other columns.
+
+Less is rounding, of either sign. The root is the part of a singular value at which a direction counts as not shown.
+"""
+
 
 @kernel
 def whiten(
@@ -127,23 +133,28 @@ def whiten(
 def eliminate(products: FloatArray, held: int) -> float:
     """Project the first ``held`` columns out of the products of all, in place.
 
-    Gaussian elimination without pivots, of a symmetric matrix; the last column, the residual's, may come next.
+    Gaussian elimination without pivots, of a symmetric matrix; the last column, the residual's, may come next. What
+    is left of a column is never less than ``ROUNDING`` of its square.
 
     Returns
     -------
     log_determinant : float
-        Of the products of the held columns; NaN where they are not independent.
+        Of the products of the held columns.
     """
     n, total = len(products), 0.0
+    least = np.empty(n)
+    for k in range(n):
+        least[k] = ROUNDING * products[k, k]
     for k in range(held):
         pivot = products[k, k]
-        if not pivot > 0.0:
-            return math.nan
+        if pivot == 0.0:
+            continue  # a column of zeros
         total += math.log(pivot)
         for i in range(k + 1, n):
             factor = products[i, k] / pivot
             for j in range(k + 1, n):
                 products[i, j] -= factor * products[k, j]
+            products[i, i] = max(products[i, i], least[i])
     return total
 
 
@@ -169,7 +180,7 @@ def restricted(own: FloatArray, others: FloatArray, freedom: float, variance: fl
     misfit : float
         Weighted squares that are left.
     log_determinant : float
-        Of the normal equations; NaN where they are singular.
+        Of the normal equations, of which no pivot is below ``ROUNDING`` of its square.
     """
     n = len(own) - 1
     total = np.empty((n + 1, n + 1))
@@ -187,9 +198,8 @@ def restricted(own: FloatArray, others: FloatArray, freedom: float, variance: fl
                 inverse[i, j] = 1.0 if i == j else 0.0
         logarithm = 0.0
         for k in range(n):
-            pivot = work[k, k]
-            if not pivot > 0.0:
-                return variance, math.nan, math.nan
+            pivot = max(work[k, k], ROUNDING * total[k, k])
+            work[k, k] = pivot
             logarithm += math.log(pivot)
             for i in range(n):
                 if i != k and work[i, k] != 0.0:

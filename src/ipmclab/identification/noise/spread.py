@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import without
+from ipmclab.identification.noise.columns import inverse, without
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.kernels import eliminate
 from ipmclab.identification.noise.pieces import Key, System
@@ -38,7 +38,7 @@ def spread_of_weighted(under: Correlated) -> tuple[FloatArray, FloatArray]:
     system = System(under.problem.plain, under.plain, [under.pieces[key] for key in under.shapes])
     parts = {key: system.part(key, shape) for key, shape in under.shapes.items()}
     directions = system.directions
-    middle = np.linalg.inv((system.rest + sum(parts.values()))[:-1, :-1])
+    middle = inverse((system.rest + sum(parts.values()))[:-1, :-1])
     variance = np.einsum("ij,jk,ik->i", directions, middle, directions)
     added = np.zeros((len(directions), len(directions)))
     unsure = np.zeros(len(directions))
@@ -47,7 +47,7 @@ def spread_of_weighted(under: Correlated) -> tuple[FloatArray, FloatArray]:
         covariance = _covariance(system, key, shape, others)
         sides = [_answers(system, key, shape, others, place) for place in range(len(covariance))]
         moved = np.stack([directions @ answer for answer, _ in sides])
-        changed = np.stack([np.einsum("ij,jk,ik->i", directions, inverse, directions) for _, inverse in sides])
+        changed = np.stack([np.einsum("ij,jk,ik->i", directions, across, directions) for _, across in sides])
         added += 2.0 * moved.T @ covariance @ moved
         unsure += np.einsum("ij,ik,kj->j", changed, covariance, changed)
     return added, np.maximum(2.0 * variance**2 / np.maximum(unsure, 1e-300), _FEWEST)
@@ -60,7 +60,7 @@ def _answers(system: System, key: Key, shape: Shape, others: FloatArray, place: 
     answers, inverses = [], []
     for side in (step, -step):
         total = others + system.part(key, _moved(shape, side))
-        inverses.append(np.linalg.inv(total[:-1, :-1]))
+        inverses.append(inverse(total[:-1, :-1]))
         answers.append(-inverses[-1] @ total[:-1, -1])
     return (answers[0] - answers[1]) / (2.0 * _STEP), (inverses[0] - inverses[1]) / (2.0 * _STEP)
 
