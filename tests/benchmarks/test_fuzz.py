@@ -10,11 +10,19 @@ from benchmarks.fuzz import calls, draw, fault, nan_in
 from ipmclab import InputError
 
 
-@pytest.mark.parametrize("number", [2, 4, 7, 11])
+@pytest.mark.parametrize("number", [2, 4, 7, 11, 112, 252, 309, 326, 415])
 def test_a_drawn_record_is_answered_or_refused(number: int) -> None:
     run, done = draw(number)
     found = {name: fault(call) for name, call in calls(run, number) if name in ("check", "measure", "identify")}
     assert found == {"check": None, "measure": None, "identify": None}, done
+
+
+@pytest.mark.parametrize("number", [164, 359, 584])
+def test_a_drawn_run_is_left_out_or_it_is_said_why_not(number: int) -> None:
+    """A run that the others do not reach: fewer readings than unknowns, no noise of its own, no output in common."""
+    run, done = draw(number)
+    found = {name: fault(call) for name, call in calls(run, number) if name == "leave_one_run_out"}
+    assert found == {"leave_one_run_out": None}, done
 
 
 def test_what_counts_as_a_fault() -> None:

@@ -89,6 +89,12 @@ def test_an_initial_state_against_lsim(hold: str, friend_2: Actuator) -> None:
     np.testing.assert_array_equal(named, values)
 
 
+def test_of_no_output_there_are_no_sensitivities(friend_2: Actuator) -> None:
+    found = sensitivities(friend_2, ["coupling.gain"], [0.0, 0.02, 0.04], [1.0, 1.0, 1.0], "zero", outputs=[])
+    assert found.values.shape == (0, 3)
+    assert found.parameters.shape == (0, 3, 1)
+
+
 def test_outputs_come_in_the_wanted_order(friend_2: Actuator) -> None:
     every = simulate_outputs(friend_2, TIME, rough(), "zero")
     chosen = simulate_outputs(friend_2, TIME, rough(), "zero", outputs=["force", "current"])

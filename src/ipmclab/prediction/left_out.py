@@ -16,7 +16,7 @@ from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.left_out import LeftOut
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.noise.pieces import Key
+from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
@@ -220,7 +220,9 @@ def _as_in_others(under: Correlated, key: Key, others: Problem) -> Correlated:
         return under
     unit, shape = max(theirs, key=lambda one: one[0] * one[1].variance)
     shapes[key] = replace(shape, variance=shape.variance * unit / noise[key] ** 2)
-    return replace(under, shapes=shapes)
+    # Of its own a run with few readings, or with readings that the fit meets exactly, shows no noise.
+    own = Piece.of(under.problem.record_at(key[0]), key[1], under.problem.unknowns)
+    return replace(under, shapes=shapes, pieces={key: own, **under.pieces})
 
 
 def _priors(problem: Problem) -> list[str]:

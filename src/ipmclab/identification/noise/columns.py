@@ -85,10 +85,19 @@ def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     return left[len(held) :, len(held) :].copy(), float(logarithm)
 
 
-def inverse(products: FloatArray) -> FloatArray:
-    """Inverse of normal equations, by the eigenvalues of those of columns of length 1: none is below ``ROUNDING``."""
+def root_of(products: FloatArray) -> tuple[FloatArray, float]:
+    """A root of the inverse of normal equations (root root' is that inverse), and their log determinant.
+
+    By the eigenvalues of those of columns of length 1, none of them taken to be below ``ROUNDING``.
+    """
     size = np.sqrt(products.diagonal())
     size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(products / np.outer(size, size))
-    turned = vectors / np.sqrt(np.maximum(values, ROUNDING)) / size[:, None]
-    return np.asarray(turned @ turned.T)
+    values = np.maximum(values, ROUNDING)
+    return vectors / np.sqrt(values) / size[:, None], float(np.sum(np.log(values)) + 2.0 * np.sum(np.log(size)))
+
+
+def inverse(products: FloatArray) -> FloatArray:
+    """Inverse of normal equations, as ``root_of`` has it."""
+    root, _ = root_of(products)
+    return np.asarray(root @ root.T)

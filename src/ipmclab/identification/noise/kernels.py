@@ -35,7 +35,8 @@ def whiten(
 
     The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by ``transition`` and driven by
     noise of covariance ``drive``. What the filter does not foresee of a column, over its standard deviation, is the
-    column multiplied by the inverse of the Cholesky factor of the noise's covariance.
+    column multiplied by the inverse of the Cholesky factor of the noise's covariance. No reading is foreseen better
+    than what drives the noise in the last step allows, however far rounding has moved the covariance of x.
 
     Parameters
     ----------
@@ -61,6 +62,10 @@ def whiten(
     along, gain = np.zeros(n), np.zeros(n)
     state, onward = np.zeros((n, width)), np.zeros((n, width))
     foreseen = np.empty(width)
+    least = reading
+    for i in range(n):
+        for j in range(n):
+            least += seen[i] * drive[i, j] * seen[j]
     variance, scale, logarithm, total = 1.0, 1.0, 0.0, 0.0
     steady = False
     for t in range(count):
@@ -90,6 +95,8 @@ def whiten(
                 for j in range(n):
                     along[i] += spread[i, j] * seen[j]
                 variance += seen[i] * along[i]
+            if ahead > 0:
+                variance = max(variance, least)
             for i in range(n):
                 gain[i] = along[i] / variance
             largest, change = 0.0, 0.0
@@ -159,14 +166,20 @@ def eliminate(products: FloatArray, held: int) -> float:
 
 
 @kernel
-def restricted(own: FloatArray, others: FloatArray, freedom: float, variance: float) -> tuple[float, float, float]:
+def restricted(
+    levels: FloatArray, own: FloatArray, others: FloatArray, freedom: float, variance: float
+) -> tuple[float, float, float]:
     """The scale of the noise of some readings, given what all others know of the same directions.
+
+    Both are given in directions that others know to a standard error of 1 each, square to each other for both.
 
     Parameters
     ----------
-    own, others : float array, shape (n + 1, n + 1)
-        Products of whitened directions and residual, the residual last: of these readings, in units of the scale
-        sought, and of all others.
+    levels : float array, shape (n,)
+        What these readings know of each direction, in units of the scale sought: squares of whitened columns.
+    own, others : float array, shape (n + 1,)
+        Products of the directions and the residual, and last the square of the residual: of these readings, in units of
+        the scale sought, and of all others.
     freedom : float
         Number of these readings, less the constants of their own.
     variance : float
@@ -180,52 +193,23 @@ def restricted(own: FloatArray, others: FloatArray, freedom: float, variance: fl
     misfit : float
         Weighted squares that are left.
     log_determinant : float
-        Of the normal equations, of which no pivot is below ``ROUNDING`` of its square.
+        Of the normal equations, in these directions.
     """
-    n = len(own) - 1
-    total = np.empty((n + 1, n + 1))
-    inverse = np.zeros((n, n))
-    answer = np.zeros(n)
-    logarithm = 0.0
+    n = len(levels)
+    misfit, logarithm = 0.0, 0.0
     for turn in range(40):
-        for i in range(n + 1):
-            for j in range(n + 1):
-                total[i, j] = others[i, j] + own[i, j] / variance
-        # Gauss and Jordan on the normal equations, with the identity beside them.
-        work = total.copy()
+        misfit, logarithm = others[n] + own[n] / variance, 0.0
+        missed, taken = own[n], 0.0
         for i in range(n):
-            for j in range(n):
-                inverse[i, j] = 1.0 if i == j else 0.0
-        logarithm = 0.0
-        for k in range(n):
-            pivot = max(work[k, k], ROUNDING * total[k, k])
-            work[k, k] = pivot
-            logarithm += math.log(pivot)
-            for i in range(n):
-                if i != k and work[i, k] != 0.0:
-                    factor = work[i, k] / pivot
-                    for j in range(n + 1):
-                        work[i, j] -= factor * work[k, j]
-                    for j in range(n):
-                        inverse[i, j] -= factor * inverse[k, j]
-            for j in range(n + 1):
-                work[k, j] /= pivot
-            for j in range(n):
-                inverse[k, j] /= pivot
-        missed, taken = own[n, n], 0.0
-        for i in range(n):
-            answer[i] = work[i, n]
-        for i in range(n):
-            missed -= 2.0 * answer[i] * own[i, n]
-            for j in range(n):
-                missed += answer[i] * own[i, j] * answer[j]
-                taken += inverse[i, j] * own[i, j]
+            total = 1.0 + levels[i] / variance
+            right = others[i] + own[i] / variance
+            answer = right / total
+            logarithm += math.log(total)
+            misfit -= right * answer
+            missed += answer * (answer * levels[i] - 2.0 * own[i])
+            taken += levels[i] / total
         found = max(missed / max(freedom - taken / variance, 1.0), 1e-12)
-        settled = abs(found - variance) < 1e-4 * found
-        misfit = total[n, n]
-        for i in range(n):
-            misfit -= answer[i] * total[i, n]
-        if settled or turn == 39:
+        if abs(found - variance) < 1e-4 * found or turn == 39:
             break
         variance = found
     return variance, misfit, logarithm

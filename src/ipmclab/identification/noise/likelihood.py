@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import Columns, without
+from ipmclab.identification.noise.columns import Columns, root_of, without
 from ipmclab.identification.noise.kernels import restricted
 from ipmclab.progress import tick
 from ipmclab.statespace.terms import Terms
@@ -57,7 +57,17 @@ def likelihood(
     tick()
     every, logarithm = columns.products(terms, entries)
     own, of_constants = without(every, terms)
-    variance, misfit, of_directions = restricted(own, others, float(columns.count - terms.constants), variance)
+    root, of_directions = root_of(others[:-1, :-1])
+    levels, turn = np.linalg.eigh(root.T @ own[:-1, :-1] @ root)
+    turned = (root @ turn).T
+    variance, misfit, more = restricted(
+        np.maximum(levels, 0.0),
+        np.append(turned @ own[:-1, -1], own[-1, -1]),
+        np.append(turned @ others[:-1, -1], others[-1, -1]),
+        float(columns.count - terms.constants),
+        variance,
+    )
+    of_directions += more
     full = columns.count * math.log(variance) + logarithm + misfit
     deviance = full - terms.constants * math.log(variance) + of_constants + of_directions
     if not math.isfinite(deviance):

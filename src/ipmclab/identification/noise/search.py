@@ -17,6 +17,7 @@ from ipmclab.statespace.terms import MOST_ORDER, Terms
 
 FloatArray = npt.NDArray[np.float64]
 
+_EACH: Final = 5  # readings for each lag, as for the test of the colour: with fewer a noise fits whatever there is
 _WALKS: Final = (0.003, 0.01, 0.03, 0.1, 0.4)
 _FADING: Final = (math.atanh(0.5), math.atanh(0.9), math.atanh(0.99))
 _WHITES: Final = (0.3, 1.0, 3.0)
@@ -98,7 +99,7 @@ def choose_terms(columns: Columns, others: FloatArray, allowed: tuple[bool, bool
     every = Terms(offset=allowed[0], trend=allowed[1])
     found = [search.refine(every, [np.zeros(0)])]
     partials = _partials(columns)
-    for order in range(1, MOST_ORDER + 1):
+    for order in range(1, min(MOST_ORDER, columns.count // _EACH) + 1):
         starts = [np.arctanh(partials[:order])] + ([np.append(found[-1].entries, 0.0)] if order > 1 else [])
         found.append(search.refine(replace(every, order=order), starts))
         if found[-1].criterion > found[-2].criterion:

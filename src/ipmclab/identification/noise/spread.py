@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import inverse, without
+from ipmclab.identification.noise.columns import inverse, root_of, without
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.noise.kernels import eliminate
 from ipmclab.identification.noise.pieces import Key, System
 from ipmclab.identification.noise.shape import Shape
 
@@ -142,6 +141,8 @@ def _deviance(system: System, key: Key, shape: Shape, others: FloatArray) -> flo
     every, logarithm = columns.products(shape.terms, shape.entries)
     own, of_constants = without(every, shape.terms)
     total = others + own / shape.variance
-    of_directions = float(eliminate(total, len(total) - 1))
+    root, of_directions = root_of(total[:-1, :-1])
+    right = total[:-1, -1] @ root
+    misfit = float(total[-1, -1] - right @ right)
     freedom = columns.count - shape.terms.constants
-    return freedom * math.log(shape.variance) + logarithm + of_constants + of_directions + float(total[-1, -1])
+    return freedom * math.log(shape.variance) + logarithm + of_constants + of_directions + misfit

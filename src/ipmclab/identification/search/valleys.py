@@ -83,7 +83,8 @@ class Rival:
         variance : float
             Cost of one reading: 1 where the noise is as it was taken to be.
         """
-        left = place.allowed - max(place.solution.evaluation.cost - least, 0.0) / max(variance, 1e-300)
+        variance = max(variance, 1e-300)  # what is open stays open, however well all readings are met
+        left = place.allowed - max(place.solution.evaluation.cost - least, 0.0) / variance
         if left < 0.0:
             return None
         # Within a place 95 % of its own, less towards the last one that is allowed.

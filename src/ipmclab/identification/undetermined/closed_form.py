@@ -114,9 +114,9 @@ def _over_frequencies(actuator: Actuator, names: Sequence[str], outputs: Sequenc
     """Of the transfer function along the imaginary axis, by each parameter [1/SI]; exact, by a complex step."""
     system = actuator.system
     poles = np.abs(np.linalg.eigvals(system.a))
-    slowest, fastest = float(poles.min(initial=np.inf)), float(poles.max(initial=0.0))
-    if not np.isfinite(slowest):
-        slowest = fastest = 1.0
+    # Beside the fastest a pole that rounding hides is none: it stands still for as long as floating point can tell.
+    poles = poles[poles > np.finfo(np.float64).eps * poles.max(initial=0.0)]
+    slowest, fastest = (float(poles.min()), float(poles.max())) if len(poles) else (1.0, 1.0)
     first, last = slowest / _EACH_SIDE, fastest * _EACH_SIDE
     omega = np.geomspace(first, last, math.ceil(_A_DECADE * math.log10(last / first)))
     chosen = choose_outputs(outputs)

@@ -74,7 +74,7 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
         generator[index, 0, :n, n : n + m] = inputs[index] / scales[:, None]
     generator[..., range(n, n + m), range(n + m, n + 2 * m)] = 1.0
     # An input is brought to about 1 by a power of two as well: its size costs neither squarings nor digits.
-    size = np.abs(generator[0, 0, :n, n : n + m]).max(axis=0)
+    size = np.abs(generator[0, 0, :n, n : n + m]).max(axis=0, initial=0.0)
     levels = np.exp2(np.round(np.log2(np.where(size > 0.0, size, 1.0))))
     generator[..., :n, n : n + m] /= levels
     # A jittering clock has as many durations as rows: one exponential serves all that lie close
