@@ -224,3 +224,13 @@ def test_the_inverse_of_normal_equations_is_their_inverse_whatever_the_units() -
     expected = np.linalg.inv(columns.T @ columns) / np.outer(units, units)
     np.testing.assert_allclose(inverse(products), expected, rtol=1e-9)
     np.testing.assert_array_equal(np.isfinite(inverse(np.ones((3, 3)))), True)
+
+
+def test_an_autoregression_has_at_most_one_lag_for_five_readings() -> None:
+    generator = np.random.default_rng(SEED)
+    for count in (4, 5, 9, 14):
+        matrix = np.column_stack([constants(np.arange(float(count))), np.cumsum(generator.standard_normal(count))])
+        columns = Columns(matrix, np.ones(count, dtype=np.int64))
+        found = choose_terms(columns, np.zeros((1, 1)), (True, True))
+        assert found.terms.order <= count // 5
+        assert math.isfinite(found.criterion)

@@ -35,8 +35,7 @@ def whiten(
 
     The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by ``transition`` and driven by
     noise of covariance ``drive``. What the filter does not foresee of a column, over its standard deviation, is the
-    column multiplied by the inverse of the Cholesky factor of the noise's covariance. No reading is foreseen better
-    than what drives the noise in the last step allows, however far rounding has moved the covariance of x.
+    column multiplied by the inverse of the Cholesky factor of the noise's covariance.
 
     Parameters
     ----------
@@ -62,10 +61,6 @@ def whiten(
     along, gain = np.zeros(n), np.zeros(n)
     state, onward = np.zeros((n, width)), np.zeros((n, width))
     foreseen = np.empty(width)
-    least = reading
-    for i in range(n):
-        for j in range(n):
-            least += seen[i] * drive[i, j] * seen[j]
     variance, scale, logarithm, total = 1.0, 1.0, 0.0, 0.0
     steady = False
     for t in range(count):
@@ -95,8 +90,6 @@ def whiten(
                 for j in range(n):
                     along[i] += spread[i, j] * seen[j]
                 variance += seen[i] * along[i]
-            if ahead > 0:
-                variance = max(variance, least)
             for i in range(n):
                 gain[i] = along[i] / variance
             largest, change = 0.0, 0.0
