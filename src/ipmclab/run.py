@@ -277,6 +277,8 @@ class Run(Shown):
     raw : mapping of channel, or ``"output"``, to float array, shape (n_time,) [V]
         What the converters read, before scaling and zeroing; what the output was told to give.
     metadata : RunMetadata
+    file : str
+        Name of the file that it was read from; empty for a run that was in none. It is no part of the content.
 
     Use ``Run.from_arrays`` for arrays of your own: it checks them.
     """
@@ -294,6 +296,7 @@ class Run(Shown):
     quality: Mapping[str, npt.NDArray[np.uint8]] = field(default_factory=dict)
     raw: Mapping[str, FloatArray] = field(default_factory=dict)
     metadata: RunMetadata = field(default_factory=RunMetadata)
+    file: str = ""
 
     def __post_init__(self) -> None:
         # A record is what was read: whoever wants other numbers makes another run of them.
@@ -373,6 +376,7 @@ class Run(Shown):
             quality={name: _flags(name, bits, columns) for name, bits in (quality or {}).items()},
             raw={name: _readings(f"{name}_raw", values, len(times)) for name, values in (raw or {}).items()},
             metadata=metadata or RunMetadata(),
+            file="",
             **columns,
         )
 
@@ -390,6 +394,11 @@ class Run(Shown):
             arrays["time_environment"] = self.time_environment
         arrays |= {f"{name}_quality": np.asarray(bits, dtype=np.uint8) for name, bits in self.quality.items()}
         return arrays | {f"{name}_raw": values for name, values in self.raw.items()}
+
+    @property
+    def name(self) -> str:
+        """What people know it by: its file, else the file that it was imported from, else its signal, else nothing."""
+        return self.file or self.metadata.source_file or self.metadata.signal or ""
 
     @cached_property
     def rate(self) -> float:

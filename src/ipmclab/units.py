@@ -38,6 +38,7 @@ _MULTIPLES: Final[dict[str, dict[str, float]]] = {
     "F/m": {"F/m": 1.0, "mF/m": 1e-3, "uF/m": 1e-6},
     "F": {"F": 1.0, "mF": 1e-3, "uF": 1e-6},
     "m/V/s": {"m/V/s": 1.0, "mm/V/s": 1e-3, "um/V/s": 1e-6, "nm/V/s": 1e-9},
+    "N/V": {"N/V": 1.0, "mN/V": 1e-3, "uN/V": 1e-6},
     "m/V": {"m/V": 1.0, "mm/V": 1e-3, "um/V": 1e-6, "nm/V": 1e-9},
     "1/s": {"1/s": 1.0, "rad/s": 1.0, "1/ms": 1e3},
     "1/s^2": {"1/s^2": 1.0, "rad^2/s^2": 1.0},
@@ -107,6 +108,8 @@ SQUARED_ANGULAR_RATE = Quantity("squared angular rate", "1/s^2", "1/s^2")
 DENSITY = Quantity("density", "kg/m^3", "kg/m^3", "ρ_m")
 MODULUS = Quantity("Young's modulus", "Pa", "MPa", "Y")
 STRAIN_COEFFICIENT = Quantity("coupling at rest", "m/V", "nm/V", "d(0)")
+DISPLACEMENT_PER_VOLT = Quantity("displacement per volt", "m/V", "mm/V")
+FORCE_PER_VOLT = Quantity("force per volt", "N/V", "mN/V")
 STIFFNESS = Quantity("stiffness", "N/m", "N/m", "k")
 MASS = Quantity("mass", "kg", "mg", "m")
 AREAL_MASS = Quantity("mass per area", "kg/m^2", "mg/cm^2")
@@ -144,6 +147,18 @@ _SPELLINGS = (
     ("³", "^3"),
     ("·", " "),
 )
+
+
+def significant(value: float, digits: int) -> str:
+    """A number with so many significant digits, without a power of ten where it has few places.
+
+    Examples
+    --------
+    >>> significant(1442.3, 3), significant(6.79e-9, 3)
+    ('1440', '6.79e-09')
+    """
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
 
 
 def spell_unit(unit: str) -> str:

@@ -10,25 +10,27 @@ import pytest
 import ipmclab
 from tests.cli.conftest import Command
 
+NAME = "step & one.nc"
+
 
 @pytest.fixture
 def step(tmp_path: Path) -> Path:
-    """A step of friend-2, 10 s, with a name that HTML must not take for its own."""
+    """A step of friend-2, 10 s, in a file whose name HTML must not take for its own."""
     clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V delay=1 s", duration=10.0, rate=25.0)
     noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(clean))
     run = ipmclab.Run.from_arrays(
         time=clean.time,
         voltage=clean.voltage,
         current=clean.current + noise,
-        metadata=ipmclab.RunMetadata(signal="step <1 V>", starts_from_rest=True),
+        metadata=ipmclab.RunMetadata(signal="step 1 V", starts_from_rest=True),
     )
-    return ipmclab.write_run(run, tmp_path / "step.nc") or tmp_path / "step.nc"
+    return ipmclab.write_run(run, tmp_path / NAME) or tmp_path / NAME
 
 
 def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Path) -> None:
     files = ("--out", "best.toml", "--report", "choice.html", "--plot", "choice.svg")
     models = ("--actuator", "friend-2", "--models", "branches=1,2", "--folds", "3")
-    outcome = command("choose", "step.nc", *models, *files, "--json")
+    outcome = command("choose", NAME, *models, *files, "--json")
     assert outcome.status == 0, outcome.err
     assert outcome.err == ""
     document = outcome.document
@@ -40,7 +42,7 @@ def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Pat
     assert fit.actuator.structure.branches == 2
     page = (tmp_path / "choice.html").read_text("utf-8")
     assert "branches=2 predicts best" in page
-    assert "step &lt;1 V&gt;" in page
+    assert "step &amp; one.nc" in page
     assert "<1 V>" not in page
     assert "http" not in page.replace("http://www.w3.org", "")
     assert (tmp_path / "choice.svg").stat().st_size > 1000
@@ -48,7 +50,7 @@ def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Pat
 
 def test_a_table_for_people(command: Command, step: Path) -> None:
     models = ("--models", "branches=1", "--models", "branches=2", "--models", "line.modes+leak.cubic", "--folds", "3")
-    outcome = command("choose", "step.nc", "--actuator", "friend-2", *models)
+    outcome = command("choose", NAME, "--actuator", "friend-2", *models)
     assert outcome.status == 0
     assert "preferred" in outcome.out
     assert "independent ones" in outcome.out
@@ -69,7 +71,7 @@ def test_a_table_for_people(command: Command, step: Path) -> None:
     ],
 )
 def test_bad_input_ends_with_2_and_says_what(command: Command, step: Path, words: tuple[str, ...], told: str) -> None:
-    outcome = command("choose", "step.nc", *words)
+    outcome = command("choose", NAME, *words)
     assert outcome.status == 2
     assert told in outcome.err
     assert "Traceback" not in outcome.err

@@ -37,7 +37,7 @@ def test_what_current_alone_leaves_open_is_never_a_number(command: Command, step
     assert document["undetermined"][0]["cures"] == [f"measure {SHEET}", "record force", "record displacement"]
     # Behind a series resistance that is too large there is no branch: it is bounded from above, and from there alone.
     assert document["profiles"][SHEET]["is_open"] == [True, False]
-    printed = command(*words, "--force")
+    printed = command(*words, "--force", "--details")
     assert printed.status == 0, printed.err
     said = " ".join(printed.out.split())
     assert "measure the sheet resistance (four probes), add a force run" in said
@@ -66,7 +66,7 @@ def test_what_current_alone_leaves_open_is_never_a_number(command: Command, step
 
 
 def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path) -> None:
-    outcome = command("identify", "friend-2", step.name, "--free", "electrical", "--out", "fitted.toml")
+    outcome = command("identify", "friend-2", step.name, "--free", "electrical", "--out", "fitted.toml", "--details")
     assert outcome.status == 0, outcome.err
     assert "collinearity" in outcome.out
     fit = read_fit(step.parent / "fitted.toml")

@@ -15,10 +15,10 @@ from tests.identification.many import FRIEND, mounted, noisy
 def test_a_voltage_beyond_what_the_model_holds_for_is_told(command: Command, tmp_path: Path) -> None:
     run = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 2 V", duration=10.0, rate=25.0)
     ipmclab.write_run(run, tmp_path / "step.nc")
-    outcome = command("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "fitted.toml")
+    outcome = command("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "fitted.toml", "--details")
     assert outcome.status == 0, outcome.err
     said = " ".join(outcome.out.split())
-    assert said.count("step 2 V: the voltage reaches 2 V, water decomposes above 1.23 V") == 1
+    assert said.count("step.nc: the voltage reaches 2 V, water decomposes above 1.23 V") == 1
     codes = [finding.code for finding in ipmclab.read_fit(tmp_path / "fitted.toml").findings]
     assert codes.count("above-electrolysis") == 1
 
@@ -31,7 +31,7 @@ def test_what_mountings_and_runs_say_of_each_other_is_told(command: Command, tmp
         names.append(f"run{number}.nc")
         run = noisy(generator, "square 1 V 0.1 Hz", strip=strip, mounting=f"strip-7-{number}")
         ipmclab.write_run(run, tmp_path / names[-1])
-    outcome = command("identify", "friend-2", *names, "--free", "electrical", "--out", "fitted.toml")
+    outcome = command("identify", "friend-2", *names, "--free", "electrical", "--out", "fitted.toml", "--details")
     assert outcome.status == 0, outcome.err
     said = " ".join(outcome.out.split())
     assert "next mounting" in said
@@ -49,7 +49,7 @@ def test_what_mountings_and_runs_say_of_each_other_is_told(command: Command, tmp
 
     outcome = command(
         "identify", "friend-2", names[0], "--free", "circuit.dc_resistivity", "--per-mounting",
-        "circuit.contact_resistance", "--out", "one.toml",
+        "circuit.contact_resistance", "--out", "one.toml", "--details",
     )  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert "circuit.contact_resistance[mounting strip-7-0]" in outcome.out
@@ -73,7 +73,7 @@ def test_what_is_left_stands_beside_the_residuals(command: Command, tmp_path: Pa
     noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(run))
     read = ipmclab.Run.from_arrays(time=run.time, voltage=run.voltage, current=run.current + noise)
     ipmclab.write_run(read, tmp_path / "step.nc")
-    words = ("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "fitted.toml", "--force")
+    words = ("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "fitted.toml", "--force", "--details")
     outcome = command(*words)
     assert "what is left" in outcome.out
     assert "white noise" in outcome.out

@@ -42,7 +42,7 @@ def test_warnings_of_a_validation_stand_in_json_too(command) -> None:
     assert done.err == ""
     (validation,) = done.document["validations"]
     (text,) = validation["warnings"]
-    assert text.startswith("step 2 V: the voltage reaches 2 V")
+    assert text.startswith("a.nc: the voltage reaches 2 V")
 
 
 def test_a_perfect_prediction_is_not_judged_by_its_rounding(command) -> None:

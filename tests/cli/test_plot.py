@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ipmclab.cli.plot import labels
+from ipmclab.cli.files import labels
 
 
 def test_runs_of_one_signal_are_told_apart_by_their_files(command, tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ipmclab import Run, identify, leave_one_run_out, load_actuator, profile, simulate, write_run
+from ipmclab.store.run_file import read_run
 from ipmclab.workflows.fitting import fit_of_runs
-from ipmclab.workflows.reading import read_named_run
 
 STRIP = load_actuator("friend-2")
 FREE = ["circuit.dc_resistivity"]
@@ -51,10 +51,12 @@ def test_one_run_is_left_out_of_nothing(runs: list[Run]) -> None:
     assert fit_of_runs(STRIP, runs[:1], free=FREE).left_out == ()
 
 
-def test_a_run_without_a_name_is_known_by_its_file(runs: list[Run], tmp_path: Path) -> None:
-    """One that says its signal keeps that."""
+def test_a_run_is_known_by_its_file(runs: list[Run], tmp_path: Path) -> None:
+    """Whatever it says of its signal: that is the name that its user gave it."""
     named = replace(runs[0], metadata=replace(runs[0].metadata, signal="step 1 V"))
     for name, run in {"bare.nc": runs[0], "named.nc": named}.items():
         write_run(run, tmp_path / name)
-    assert read_named_run(tmp_path / "bare.nc").metadata.source_file == "bare.nc"
-    assert read_named_run(tmp_path / "named.nc").metadata.source_file is None
+        again = read_run(tmp_path / name)
+        assert again.name == name
+        assert again.metadata == run.metadata
+    assert named.name == "step 1 V"

@@ -98,14 +98,14 @@ def demo(
     with progress("identifying the electrical parameters"):
         electrical = identify_actuator(strip, used, free="electrical")
     if not as_json:
-        print_fit(electrical, every_finding=False)
+        print_fit(electrical)
     with progress("identifying the coupling"):
         # The circuit stays free, so that one fit holds every parameter with its uncertainty.
         fit = identify_actuator(electrical.actuator, used, free="electrical,coupling")
         write_fit(fit, folder / "fitted.toml")
     say("")
     if not as_json:
-        print_fit(fit, every_finding=False)
+        print_fit(fit)
 
     say("\n4. Predicting runs that the model never saw: the square, and every displacement")
     with progress("predicting"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,17 +79,17 @@ def fit_or_actuator(name: str) -> Fit | Actuator:
 
 
 def read_runs(paths: Sequence[Path]) -> list[Run]:
-    """Read runs.
+    """Read runs, each known by its file.
 
     Raises
     ------
     InputError
         A file that is no run; for a foreign record the repair is the command that imports it.
     """
-    from ipmclab.workflows.reading import read_named_run
+    from ipmclab.store.run_file import read_run
 
     runs = []
-    for path in paths:
+    for path, label in zip(paths, labels(paths), strict=True):
         if path.suffix.lower() != ".nc" and path.is_file():
             name = path.name.partition(".")[0]
             if path.suffix.lower() == ".toml":
@@ -99,8 +100,20 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
                 where=str(path),
                 repair=f"import it first: ipmclab import {path} --map MAP.toml --out {path.with_name(name)}.nc",
             )
-        runs.append(read_named_run(path))
+        runs.append(replace(read_run(path), file=label))
     return runs
+
+
+def labels(paths: Sequence[Path]) -> list[str]:
+    """A name for each run in tables and figures: that of its file, with its folder where two files are called alike.
+
+    Examples
+    --------
+    >>> labels([Path("a/step.nc"), Path("sine.nc")])
+    ['step.nc', 'sine.nc']
+    """
+    names = [path.name for path in paths]
+    return [path.as_posix() if names.count(path.name) > 1 else path.name for path in paths]
 
 
 def _toml_for_a_run(path: Path) -> InputError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +10,7 @@ import typer
 from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, print_profiles
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
-from ipmclab.cli.options import ActuatorName, Force, Json, PerMounting, PerRun, Prior, RunFiles
+from ipmclab.cli.options import ActuatorName, Details, Force, Json, PerMounting, PerRun, Prior, RunFiles
 from ipmclab.cli.output import (
     finding_document,
     print_briefly,
@@ -45,6 +44,7 @@ def identify(
     per_mounting: PerMounting,
     prior: Prior,
     force: Force = False,
+    details: Details = False,
     as_json: Json = False,
 ) -> None:
     """Identify parameters of an actuator from one or more runs at once.
@@ -66,18 +66,26 @@ def identify(
     if as_json:
         print_json({"fit": fit_document(fit), "runs": runs, "out": out})
     else:
-        print_fit(fit)
+        print_fit(fit, details=details)
         print(f"wrote {out}")
 
 
-def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
-    """Print a fit: its parameters, what the data leave open, its noise, its findings (or the warnings alone)."""
+def print_fit(fit: Fit, *, details: bool = False) -> None:
+    """Print a fit: in short, or with all that is known of its parameters, its noise and its findings."""
+    if details:
+        print_details(fit)
+    else:
+        print(fit.summary())
+
+
+def print_details(fit: Fit) -> None:
+    """Print everything that a fit says."""
+    from ipmclab.fit.answer import digits_of, known_rows, verdict
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.remarks import remarks
     from ipmclab.quality.scale import CODE as UNIT_OFF
 
-    causes = [finding for finding in fit.findings if finding.code == UNIT_OFF]
-    print_briefly(causes)
+    print_briefly([finding for finding in fit.findings if finding.code == UNIT_OFF])
     known = fit.actuator.parameters()
     said = remarks(fit)
     next_known = any(parameter.interval_next_mounting for parameter in fit.parameters.values())
@@ -86,7 +94,7 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         base = known.get(name.partition("[")[0])
         factor = base.quantity.to_display(1.0) if base is not None else 1.0
         value, low, high = (factor * number for number in (parameter.value, *parameter.interval))
-        digits = _digits(value, high - low)
+        digits = digits_of(value, high - low)
         following = parameter.interval_next_mounting
         ends = [significant(factor * end, 3) for end in following] if following else ["-"]
         rows.append(
@@ -102,6 +110,11 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
         )
     intervals = ["95 % interval", *(["next mounting"] if next_known else [])]
     print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
+    if fit.known:
+        print_table(
+            ["known from these readings", "value", "95 % interval", "unit"],
+            [[row.name, row.value, row.interval, row.unit] for row in known_rows(fit)],
+        )
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
     print_profiles(fit)
@@ -121,16 +134,9 @@ def print_fit(fit: Fit, *, every_finding: bool = True) -> None:
     print_table(["run", "output", "residual", "samples", "what is left"], noise)
     print_many_runs(fit)
     print_paragraph(f"{'Converged' if fit.converged else 'Did not converge'}: {fit.message}")
-    shown = [finding for finding in fit.findings if every_finding or finding.severity != "info"]
+    print_paragraph(verdict(fit))
     # The sentences above say what is not determined.
-    print_briefly([finding for finding in shown if finding.code not in ("undetermined", UNIT_OFF)])
-
-
-def _digits(value: float, width: float) -> int:
-    """Significant digits of a value that show two digits of the width of its interval."""
-    if not (0.0 < width < math.inf) or value == 0.0:
-        return 4
-    return min(max(2 + math.ceil(math.log10(abs(value) / width)), 3), 12)
+    print_briefly([finding for finding in fit.findings if finding.code not in ("undetermined", UNIT_OFF)])
 
 
 def fit_document(fit: Fit) -> dict[str, Any]:
@@ -153,6 +159,11 @@ def fit_document(fit: Fit) -> dict[str, Any]:
             }
             for name, parameter in fit.parameters.items()
         },
+        "known": {
+            one.name: {"value": one.value, "unit": one.quantity.unit, "interval": one.interval, "words": one.words}
+            for one in fit.known
+        },
+        "summary": fit.summary(),
         "undetermined": [
             {"coefficients": direction.coefficients, "sentence": direction.sentence, "cures": direction.cures}
             for direction in fit.undetermined

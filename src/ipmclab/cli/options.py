@@ -14,6 +14,9 @@ from ipmclab.errors import InputError
 from ipmclab.units import Quantity, parse_number, parse_quantity
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document (SI units) instead of tables.")]
+Details = Annotated[
+    bool, typer.Option("--details", help="Print everything that is known, with every finding and its repair.")
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace the output file if it exists.")]
 ActuatorName = Annotated[
     str,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.units import Quantity
+from ipmclab.units import significant as significant
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -67,18 +68,6 @@ def read(value: float | None, quantity: Quantity, *, digits: int = 4) -> str:
     if value is None or not math.isfinite(value):
         return "-"
     return f"{significant(quantity.to_display(value), digits)} {quantity.display_unit}".strip()
-
-
-def significant(value: float, digits: int) -> str:
-    """A number with so many significant digits, without a power of ten where it has few places.
-
-    Examples
-    --------
-    >>> significant(1442.3, 3), significant(6.79e-9, 3)
-    ('1440', '6.79e-09')
-    """
-    text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
 
 
 def console(*, stderr: bool = False, width: int | None = None) -> Console:

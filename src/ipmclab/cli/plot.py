@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -31,20 +30,8 @@ def plot(
     with progress("drawing"):
         from ipmclab.reporting import plot as plot_runs
 
-        plot_runs(loaded, out, labels=labels(runs), overwrite=force)
+        plot_runs(loaded, out, overwrite=force)
     if as_json:
         print_json({"runs": runs, "out": out})
     else:
         print(f"wrote {out}")
-
-
-def labels(paths: Sequence[Path]) -> list[str]:
-    """A name for each run on a figure: that of its file, with its folder where two files are called alike.
-
-    Examples
-    --------
-    >>> labels([Path("a/step.nc"), Path("sine.nc")])
-    ['step.nc', 'sine.nc']
-    """
-    names = [path.name for path in paths]
-    return [path.as_posix() if names.count(path.name) > 1 else path.name for path in paths]

@@ -251,8 +251,7 @@ def facts_of_runs(runs: Sequence[Run]) -> tuple[Fact, ...]:
 
 def label_of(run: Run, place: int) -> str:
     """A run as messages name it."""
-    name = run.metadata.source_file or run.metadata.signal
-    return f"run {place} ({name})" if name else f"run {place}"
+    return f"run {place} ({run.name})" if run.name else f"run {place}"
 
 
 def _all_facts_of(run: Run, place: int) -> tuple[Fact, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -9,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.fit.known import Known
 from ipmclab.fit.left_out import LeftOut
 from ipmclab.fit.mountings import Mountings
 from ipmclab.fit.observation import Observation
@@ -128,6 +130,9 @@ class Fit(Shown):
         procedure.
     diagnoses : tuple of OutputDiagnosis
         What is left of each output of each run: noise, or what follows the voltage.
+    known : tuple of Known
+        Quantities that the readings determine, whatever they leave open of the parameters: resistances, time constants,
+        static gains, bandwidths, stiffness.
     estimate : object, optional
         The solved problem itself, for what may follow (``identification.solved`` knows what it is); None in a fit that
         was read from a file.
@@ -153,6 +158,7 @@ class Fit(Shown):
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     procedure: Mapping[str, Any] | None = None
     diagnoses: tuple[OutputDiagnosis, ...] = ()
+    known: tuple[Known, ...] = ()
     estimate: object | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
@@ -170,6 +176,28 @@ class Fit(Shown):
         return "\n".join(lines)
 
     __repr__ = __str__
+
+    def summary(self) -> str:
+        """The short answer: the parameters, what else is known, one verdict, and the findings that matter most.
+
+        Returns
+        -------
+        summary : str
+            Lines of at most 100 columns. ``findings``, ``undetermined`` and a report say all.
+
+        Examples
+        --------
+        >>> from ipmclab import identify, load_actuator, simulate
+        >>> strip = load_actuator("friend-2")
+        >>> fit = identify(strip, simulate(strip, "step 1 V", duration=40, rate=50), free="circuit.dc_resistivity")
+        >>> print(fit.summary())
+        parameter                  value     95 % interval  unit
+        circuit.dc_resistivity  43.4204...
+        This fit can be used to predict the current (residual ... % of its range in step 1 V); its parameter is...
+        """
+        # Found by its name when it is asked for, as what a notebook shows is: no value imports what words it.
+        said: str = importlib.import_module("ipmclab.fit.answer").summary_of(self)
+        return said
 
     @property
     def noise(self) -> tuple[Mapping[str, float], ...]:

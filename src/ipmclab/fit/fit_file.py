@@ -9,6 +9,7 @@ from typing import Any
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Direction, Fit, FittedParameter
 from ipmclab.fit.fit_table_check import BadTable, check_fit_table
+from ipmclab.fit.known import Known
 from ipmclab.fit.left_out import LeftOut
 from ipmclab.fit.mountings import Mountings
 from ipmclab.fit.observation import Observation
@@ -98,6 +99,7 @@ def fit_of(actuator: Actuator, *, where: str) -> Fit:
             mountings=Mountings.from_table(table["mountings"]) if "mountings" in table else None,
             left_out=tuple(LeftOut.from_table(entry) for entry in table.get("left_out", ())),
             diagnoses=tuple(OutputDiagnosis.from_table(entry) for entry in table.get("diagnoses", ())),
+            known=tuple(Known.from_table(entry) for entry in table.get("known", ())),
             procedure=table.get("procedure"),
             practical=Practical.from_table(table["practical"]) if "practical" in table else None,
             profiles={name: Profile.from_table(entry) for name, entry in table.get("profiles", {}).items()},

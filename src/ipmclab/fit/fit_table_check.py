@@ -19,7 +19,7 @@ _ROUNDING: Final = 1e-9  # of a value, by which its interval may miss it
 _ASYMMETRY: Final = 1e-5  # of two standard errors: the inverse of a nearly singular matrix is not quite symmetric
 _TEXTS: Final = ("message", "software_version")
 _TEXTS_OF_RUN: Final = ("label", "content_sha256", "hold", "start")
-_NUMBERS_OF_RUN: Final = ("initial_state", "offset", "drift", "noise", "samples")
+_NUMBERS_OF_RUN: Final = ("initial_state", "offset", "drift", "noise", "samples", "span")
 
 
 class BadTable(ValueError):

@@ -30,6 +30,8 @@ class Observation:
     offset, drift : mapping of output to float [SI unit, SI unit/s]
     noise : mapping of output to float [SI]
         Standard deviation of the residuals.
+    span : mapping of output to float [SI]
+        Largest less smallest of the readings that entered; of a file of an earlier version empty.
     samples : mapping of output to int
         Readings that entered the fit.
     series_resistance : float [ohm]
@@ -50,6 +52,7 @@ class Observation:
     drift: Mapping[str, float] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: Mapping[str, int] = field(default_factory=dict)
+    span: Mapping[str, float] = field(default_factory=dict)
     series_resistance: float = 0.0
     noise_model: Mapping[str, NoiseModel] = field(default_factory=dict)
     mounting: str = ""

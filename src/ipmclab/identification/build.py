@@ -24,6 +24,7 @@ from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.doubts import message, unexplained
 from ipmclab.identification.search.solve import Solution
+from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import Uncertainty, uncertainty
 from ipmclab.identification.uncertainty.interval import (
@@ -42,6 +43,7 @@ from ipmclab.identification.uncertainty.known_covariance import Table, covarianc
 from ipmclab.identification.uncertainty.noise_found import noise_findings
 from ipmclab.identification.uncertainty.relaxing import set_point_findings
 from ipmclab.identification.undetermined.diagnosis import direction_of_one, directions, names_it, relative_errors
+from ipmclab.identification.undetermined.known_quantities import Point, known_quantities
 from ipmclab.identification.undetermined.leaning import leaning_findings
 from ipmclab.identification.undetermined.practical import practical
 from ipmclab.model import Actuator
@@ -199,12 +201,24 @@ def build_fit(
         practical=practical(problem, solution, order),
         covariance=_covariance(asked, values, found, stated, problem.base, order),
         diagnoses=diagnoses,
+        known=known_quantities(actuator, _points(result, found, rivals, stated, exact)),
         estimate=result,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
     held = set_point_findings(fit)
     fit = replace(fit, findings=(*fit.findings, *held)) if held else fit
     return changed(fit)
+
+
+def _points(
+    result: Estimate, found: Uncertainty, rivals: Sequence[Rival], stated: Table, exact: Sequence[str]
+) -> list[Point]:
+    """The fit, and the one in which the stages that do not show may still be there."""
+    points = [Point(result.problem, result.solution.theta, found, stated, rivals)]
+    if result.beside is not None:
+        problem, solution = result.beside.problem, result.beside.solution
+        points.append(Point(problem, solution.theta, uncertainty(result.beside, stated, exact), stated))
+    return points
 
 
 def _beside_unseen(result: Estimate, stated: Table, exact: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -361,6 +375,7 @@ def _observation(
             for output in record.readings
         },
         samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
+        span={name: float(np.ptp(one.values[one.used])) for name, one in record.readings.items() if one.used.any()},
         series_resistance=record.series_resistance,
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
         mounting=record.run.metadata.mounting_id or "",

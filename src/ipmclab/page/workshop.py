@@ -225,7 +225,7 @@ class Workshop:
         InputError
             No such run, or a damaged one.
         """
-        from ipmclab.workflows.reading import read_named_run
+        from ipmclab.store.run_file import read_run
 
         path = self.run_path(key)
         about = path.stat()
@@ -234,7 +234,7 @@ class Workshop:
             if this in self._runs:
                 self._runs.move_to_end(this)
                 return self._runs[this]
-        run = read_named_run(path)
+        run = read_run(path)
         with self._lock:
             self._runs[this] = run
             while len(self._runs) > 1 and sum(len(one) for one in self._runs.values()) > _KEPT_ROWS:

@@ -97,7 +97,7 @@ def _name(record: Record, place: int) -> str:
     """A run as messages name it: its place, and what it says of its file and mounting."""
     about = record.run.metadata
     mounting = f"mounting {about.mounting_id}" if about.mounting_id else ""
-    told = ", ".join(filter(None, (about.source_file or about.signal, mounting)))
+    told = ", ".join(filter(None, (record.run.name, mounting)))
     return f"run {place} ({told})" if told else f"run {place}"
 
 

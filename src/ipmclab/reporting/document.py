@@ -133,6 +133,7 @@ def html(
         verdict=sentences,
         doubt=doubt,
         parameters=tables.parameter_rows(fit),
+        known=tables.known_rows(fit),
         undetermined=[direction.sentence for direction in fit.undetermined],
         correlations=tables.correlation_table(fit),
         profiles=profiles_part(fit),

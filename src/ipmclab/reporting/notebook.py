@@ -11,6 +11,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from ipmclab.choosing.choice import Choice
+from ipmclab.fit.answer import answer_of
 from ipmclab.fit.fit import Fit
 from ipmclab.forecasting.forecast_values import Forecast
 from ipmclab.model import Actuator, simulate
@@ -22,6 +23,7 @@ from ipmclab.reporting.figures.prediction import prediction_figure
 from ipmclab.reporting.figures.runs import runs_figure
 from ipmclab.reporting.style import style
 from ipmclab.reporting.svg import inline_svg, standalone_svg
+from ipmclab.reporting.wording import spelled_unit
 from ipmclab.run import Finding, Run
 from ipmclab.units import CHANNELS, Quantity
 
@@ -61,20 +63,21 @@ def _actuator(actuator: Actuator) -> str:
 
 @html_of.register
 def _fit(fit: Fit) -> str:
-    quantities = {name: one.quantity for name, one in fit.actuator.parameters().items()}
-    rows = []
-    for name, one in fit.parameters.items():
-        quantity = quantities.get(name)
-        cells = [_number(value, quantity) for value in (one.value, one.standard_error, *one.interval)]
-        unit = quantity.display_unit if quantity is not None else ""
-        rows.append([name, *cells, unit, "" if one.determined else "not determined"])
-    table = _table(["parameter", "value", "standard error", "95 % from", "to", "unit", ""], rows)
+    answer = answer_of(fit)
+    rows = [
+        [one.name, one.value, one.interval, spelled_unit(one.unit), one.remark]
+        for one in (*answer.parameters, *(answer.known if answer.shows_known else ()))
+    ]
+    lines = [[one.severity, one.text] for one in answer.findings]
+    more = f"<p>{escape(answer.more_in_words)}</p>" if answer.more else ""
     step = simulate(fit.actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
     told = f"{fit.actuator.name} under {_STEP}, as fitted"
     figure = runs_figure([step], [told], [()])
+    table = _table(["parameter", "value", "95 % interval", "unit", ""], rows)
+    findings = (_table(["severity", "finding"], lines) if lines else "") + more
     return _block(
         f"{fit.actuator.name}, fitted to {len(fit.observations)} run(s)",
-        table + _findings(fit.findings),
+        f"{table}<p>{escape(answer.verdict)}</p>{findings}",
         _svg(figure, told),
     )
 

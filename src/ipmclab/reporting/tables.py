@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ipmclab.fit.answer import quantity_of
 from ipmclab.identification.mountings.remarks import remarks
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.prediction.validate import Validation
@@ -23,7 +24,7 @@ from ipmclab.reporting.wording import (
     with_unit,
 )
 from ipmclab.run import Run
-from ipmclab.units import ANGLE, CHANNELS, TIME, Quantity
+from ipmclab.units import ANGLE, CHANNELS
 
 if TYPE_CHECKING:
     from ipmclab.fit.fit import Fit, FittedParameter
@@ -117,7 +118,7 @@ def parameter_rows(fit: Fit) -> list[ParameterRow]:
     rows = []
     said = remarks(fit)
     for name, one in fit.parameters.items():
-        quantity = _quantity(fit, name)
+        quantity = quantity_of(fit, name)
         shown: Callable[[float], float] = quantity.to_display if quantity else float
         unit = spelled_unit(quantity.display_unit if quantity else one.unit)
         rows.append(
@@ -130,6 +131,23 @@ def parameter_rows(fit: Fit) -> list[ParameterRow]:
                 remark=said[name],
                 determined=one.determined,
                 next_mounting=interval(*map(shown, one.interval_next_mounting)) if one.interval_next_mounting else "–",
+            )
+        )
+    return rows
+
+
+def known_rows(fit: Fit) -> list[ParameterRow]:
+    """The quantities that the readings determine, whatever they leave open of the parameters."""
+    rows = []
+    for one in fit.known:
+        shown = one.quantity.to_display
+        rows.append(
+            ParameterRow(
+                one.words,
+                "",
+                plain(shown(one.value)),
+                spelled_unit(one.quantity.display_unit),
+                interval=interval(*map(shown, one.interval)),
             )
         )
     return rows
@@ -334,15 +352,3 @@ def run_facts(run: Run) -> list[tuple[str, str]]:
 
 def _minutes(value: float | None) -> str | None:
     return None if value is None else f"{value:g} min"
-
-
-def _quantity(fit: Fit, name: str) -> Quantity | None:
-    """What a parameter of a fit is: of the actuator, shared or of one run, or of an observation."""
-    base = name.split("[")[0]
-    known = fit.actuator.parameters()
-    if base in known:
-        return known[base].quantity
-    if base == "observation.delay":
-        return TIME
-    output = base.rsplit(".", 1)[-1]
-    return CHANNELS.get(output) if base.startswith("observation.offset") else None

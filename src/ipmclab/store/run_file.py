@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -125,7 +126,7 @@ def read_run(path: str | os.PathLike[str]) -> Run:
             where=f"{where}: metadata_json",
             repair="the metadata were changed after they were written: take another copy of the file",
         )
-    return from_document(document, arrays, where=where)
+    return replace(from_document(document, arrays, where=where), file=source.name)
 
 
 def _check_signature(source: Path) -> None:

@@ -225,7 +225,7 @@ def _with_effective_voltage(run: Run, findings: Sequence[Finding]) -> Run:
 
 def label_of(run: Run, place: int) -> str:
     """A short name of a run for messages and tables."""
-    return run.metadata.source_file or run.metadata.signal or f"run {place}"
+    return run.name or f"run {place}"
 
 
 def disambiguated(records: Sequence[PreparedRun]) -> list[PreparedRun]:

@@ -24,6 +24,7 @@ _PARAMETERS: Final = {
     "next_mounting": "next mounting",
     "remark": "",
 }
+_KNOWN: Final = {"name": "known from these runs", "value": "value", "unit": "unit", "interval": "95 % interval"}
 _OUTPUTS: Final = {
     "run": "run",
     "output": "output",
@@ -105,6 +106,8 @@ class FitView:
                 for words, is_bad in known_in_words(told):
                     text(words).classes("lab-bad" if is_bad else "")
                 plain_table(_shown(told["parameters"]), told["parameters"], caption="Parameters")
+                if told.get("known"):
+                    plain_table(_KNOWN, told["known"], caption="What these runs determine")
                 self._build_keep(one)
             with card("Measured against model", place="measured"):
                 self._build_plot(one)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.workflows.reading import read_named_run
+from ipmclab.store.run_file import read_run
 
 if TYPE_CHECKING:
     from ipmclab.page.wire import FloatArray
@@ -21,14 +21,14 @@ _WHOLE: Final = 0.9
 
 
 def read_runs(paths: Sequence[str]) -> list[Run]:
-    """Read runs; one that says neither its source nor its signal is known by its file.
+    """Read runs.
 
     Raises
     ------
     InputError
         A file that is no run.
     """
-    return [read_named_run(path) for path in paths]
+    return [read_run(path) for path in paths]
 
 
 def finding_row(finding: Finding, run: Run | None = None) -> dict[str, Any]:

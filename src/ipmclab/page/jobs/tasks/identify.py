@@ -56,7 +56,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     from ipmclab.reporting.many_runs import left_out_rows
     from ipmclab.reporting.profiles import profiles_csv, profiles_part
     from ipmclab.reporting.svg import standalone_svg
-    from ipmclab.reporting.tables import fit_rows, fixed_rows, parameter_rows
+    from ipmclab.reporting.tables import fit_rows, fixed_rows, known_rows, parameter_rows
     from ipmclab.units import CHANNELS
 
     fitted = [fitted_outputs(fit, one, place) for place, one in enumerate(runs)]
@@ -77,6 +77,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "rank": fit.rank,
         "free": len(fit.parameters),
         "parameters": rows_of(parameter_rows(fit)),
+        "known": rows_of(known_rows(fit)),
         "fixed": rows_of(fixed_rows(fit.actuator, list(fit.parameters))),
         "averaged": sorted(averages(fit)),
         "next_mounting_unknown": why_unknown(fit),

@@ -1,0 +1,281 @@
+"""What a fit says in short: a table, one verdict, and the few findings that matter most."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from ipmclab.fit.in_brief import WIDTH, Brief, consequences_silent, in_brief, is_aside
+from ipmclab.units import CHANNELS, TIME, Quantity, significant
+
+if TYPE_CHECKING:
+    from ipmclab.fit.fit import Fit
+
+NOT_DETERMINED: Final = "not determined"
+
+_DOUBTS: Final = ("model-error", "model-incomplete", "stage-missing", "noise-not-described", "drift-not-excluded")
+_ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
+_SHOWN: Final = 3  # residuals that a sentence lists
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of a table, as people read it.
+
+    Parameters
+    ----------
+    name, value, interval, unit : str
+    remark : str
+        That it stands at its bound, or what was known beforehand.
+    determined : bool
+    """
+
+    name: str
+    value: str
+    interval: str
+    unit: str
+    remark: str = ""
+    determined: bool = True
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The short answer of a fit.
+
+    Parameters
+    ----------
+    parameters : tuple of Row
+    known : tuple of Row
+        What the readings determine; shown where some parameter is not determined.
+    verdict : str
+    findings : tuple of Brief
+    more : int
+        Findings that are not among them.
+    """
+
+    parameters: tuple[Row, ...]
+    known: tuple[Row, ...]
+    verdict: str
+    findings: tuple[Brief, ...]
+    more: int
+
+    @property
+    def shows_known(self) -> bool:
+        """Whether what is known stands in the short answer."""
+        return bool(self.known) and not all(row.determined for row in self.parameters)
+
+    @property
+    def more_in_words(self) -> str:
+        """How many findings are not among these, and where they stand."""
+        return f"{self.more} more finding{'s' if self.more > 1 else ''}: --details, or the report"
+
+    def __str__(self) -> str:
+        rows = list(self.parameters)
+        lines = _lines(rows, self.known if self.shows_known else ())
+        lines += textwrap.wrap(self.verdict, WIDTH)
+        lines += [str(one) for one in self.findings]
+        if self.more:
+            lines.append(self.more_in_words)
+        return "\n".join(lines)
+
+
+def answer_of(fit: Fit) -> Answer:
+    """The short answer of a fit."""
+    outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
+    labels = [one.label for one in fit.observations]
+    findings, more = in_brief(fit.findings, outputs, labels)
+    return Answer(parameter_rows(fit), known_rows(fit), verdict(fit), findings, more)
+
+
+def summary_of(fit: Fit) -> str:
+    """The short answer as text."""
+    return str(answer_of(fit))
+
+
+def parameter_rows(fit: Fit) -> tuple[Row, ...]:
+    """The free parameters, in the units that people read."""
+    rows = []
+    for name, one in fit.parameters.items():
+        row = _row(name, one.value, one.interval, quantity_of(fit, name), one.unit)
+        remark = "at its bound" if one.at_bound else "with its prior" if one.prior else ""
+        value = row.value if one.determined else NOT_DETERMINED
+        rows.append(Row(row.name, value, row.interval, row.unit, remark, one.determined))
+    return tuple(rows)
+
+
+def quantity_of(fit: Fit, name: str) -> Quantity | None:
+    """What a parameter of a fit is: of the actuator, shared or of one run, or of an observation."""
+    base = name.partition("[")[0]
+    known = fit.actuator.parameters()
+    if base in known:
+        return known[base].quantity
+    if base == "observation.delay":
+        return TIME
+    output = base.rsplit(".", 1)[-1]
+    return CHANNELS.get(output) if base.startswith("observation.offset") else None
+
+
+def known_rows(fit: Fit) -> tuple[Row, ...]:
+    """The quantities that the readings determine, in the units that people read."""
+    return tuple(_row(one.words, one.value, one.interval, one.quantity, one.quantity.unit) for one in fit.known)
+
+
+def _row(name: str, value: float, interval: tuple[float, float], quantity: Quantity | None, unit: str) -> Row:
+    shown = quantity.to_display if quantity is not None else float
+    low, high = shown(interval[0]), shown(interval[1])
+    is_open = math.isinf(low) or math.isinf(high)
+    digits = 3 if is_open else digits_of(shown(value), high - low)
+    return Row(
+        name,
+        significant(shown(value), digits),
+        interval_in_words(low, high, digits),
+        quantity.display_unit if quantity is not None else unit,
+    )
+
+
+def digits_of(value: float, width: float) -> int:
+    """Significant digits of a value that show two digits of the width of its interval."""
+    if not (0.0 < width < math.inf) or value == 0.0:
+        return 4
+    return min(max(2 + math.ceil(math.log10(abs(value) / width)), 3), 12)
+
+
+def interval_in_words(low: float, high: float, digits: int) -> str:
+    """An interval, an open one in words.
+
+    Examples
+    --------
+    >>> interval_in_words(612.0, 880.4, 3), interval_in_words(0.0, 2.34, 3), interval_in_words(287.3, math.inf, 3)
+    ('612 to 880', 'below 2.34', 'above 287')
+    >>> interval_in_words(0.0, math.inf, 3), interval_in_words(-math.inf, math.inf, 3)
+    ('any positive value', 'any value')
+    """
+    open_below = low == 0.0 or math.isinf(low)
+    if open_below and math.isinf(high):
+        return "any positive value" if low == 0.0 else "any value"
+    if math.isinf(high):
+        return f"above {significant(low, digits)}"
+    if open_below:
+        return f"below {significant(high, digits)}"
+    return f"{significant(low, digits)} to {significant(high, digits)}"
+
+
+def verdict(fit: Fit) -> str:
+    """Whether a fit can be used, for what, and how well it follows the readings: one sentence."""
+    outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
+    refused = _why_not(fit, outputs)
+    if refused:
+        return f"Do not use this fit: {refused}."
+    worst, followed = _followed(fit, outputs)
+    what = _listed(CHANNELS[name].name for name in outputs)
+    use = f"This fit can be used to predict the {what}"
+    if worst is not None and worst > _ROUGH:
+        use = f"This fit predicts the {what} only roughly"
+    return f"{use} ({followed}); {_of_parameters(fit)}."
+
+
+def _why_not(fit: Fit, outputs: Sequence[str]) -> str:
+    """Why a fit is of no use; empty where it is of some."""
+    codes = {finding.code: finding for finding in fit.findings}
+    if not fit.converged:
+        return "the search did not end at a best fit"
+    nothing = codes.get("model-explains-nothing")
+    lost = f"the model does not follow the {CHANNELS[nothing.channel or outputs[0]].name}" if nothing else ""
+    wrong = [
+        finding
+        for finding in consequences_silent(fit.findings, outputs)
+        if finding.severity == "error" and finding is not nothing and not is_aside(finding, outputs)
+    ]
+    if wrong:
+        which = sorted({CHANNELS[one.channel].name for one in wrong if one.channel in CHANNELS})
+        of = f" of the {_listed(which)}" if which else ""
+        _, followed = _followed(fit, outputs)
+        then = f"and {lost}" if lost else f"however well the curve follows it ({followed})"
+        return f"the record{of} is wrong, as the first finding says, {then}"
+    return lost
+
+
+def _of_parameters(fit: Fit) -> str:
+    """What may be said of the values."""
+    if any(finding.code == "mountings-differ" for finding in fit.findings):
+        return "its values are averages of mountings that differ: fit each mounting by itself"
+    unknown = sum(not one.determined for one in fit.parameters.values())
+    lacks = any(finding.code in _DOUBTS and finding.severity != "info" for finding in fit.findings)
+    count = len(fit.parameters)
+    if unknown == count:
+        told = "none of its parameters is determined" if count > 1 else "its parameter is not determined"
+    elif unknown:
+        told = f"{unknown} of its {count} parameters {'is' if unknown == 1 else 'are'} not determined"
+    else:
+        told = f"all {count} parameters are determined" if count > 1 else "its parameter is determined"
+    if lacks:
+        told += (
+            ", and the model lacks something: the values describe this model, not yet the strip"
+            if unknown
+            else ", but the model lacks something: they describe this model, not yet the strip"
+        )
+    return told
+
+
+def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
+    """The largest residual [percent of the range], and how far each output of each run is followed, in words."""
+    each = list(_residuals(fit))
+    parts = [percent for _, _, percent, _ in each if percent is not None]
+    worst = max(parts, default=None)
+    if len(each) <= _SHOWN:
+        runs = list(dict.fromkeys(label for label, _, _, _ in each))
+        told = [
+            f"{CHANNELS[output].name + ' ' if len(outputs) > 1 else ''}{words}{f' in {label}' if len(runs) > 1 else ''}"
+            for label, output, _, words in each
+        ]
+        where = f" in {runs[0]}" if len(runs) == 1 else ""
+        return worst, f"residual {', '.join(told)}{' of its range' if worst is not None else ''}{where}"
+    told = []
+    for output in outputs:
+        label, _, _, words = max(
+            (one for one in each if one[1] == output), key=lambda one: -1.0 if one[2] is None else one[2]
+        )
+        told.append(f"{CHANNELS[output].name} {words} in {label}")
+    return worst, f"residual at most {', '.join(told)}{' of its range' if worst is not None else ''}"
+
+
+def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None, str]]:
+    """Run, output, residual in percent of the range of what was read (None where a file does not say), in words."""
+    for observation in fit.observations:
+        for output, size in observation.noise.items():
+            span = observation.span.get(output, 0.0)
+            if span > 0.0:
+                percent = 100.0 * size / span
+                yield observation.label, output, percent, f"{significant(percent, 2)} %"
+            else:
+                quantity = CHANNELS[output]
+                words = f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
+                yield observation.label, output, None, words
+
+
+def _lines(rows: Sequence[Row], known: Sequence[Row]) -> list[str]:
+    """The table as lines; what is known stands below the parameters in the same columns."""
+    remarks = any(row.remark for row in rows)
+    head = ["parameter", "value", "95 % interval", "unit", *([""] if remarks else [])]
+
+    def cells(row: Row) -> list[str]:
+        return [row.name, row.value, row.interval, row.unit, *([row.remark] if remarks else [])]
+
+    table = [head, *map(cells, rows)]
+    second = [["known from these readings", *[""] * (len(head) - 1)], *map(cells, known)] if known else []
+    widths = [max(len(row[column]) for row in (*table, *second)) for column in range(len(head))]
+
+    def line(row: Sequence[str]) -> str:
+        name, value, interval, *rest = row
+        first = f"{name:<{widths[0]}}  {value:>{widths[1]}}  {interval:>{widths[2]}}"
+        return "  ".join([first, *(f"{cell:<{width}}" for cell, width in zip(rest, widths[3:], strict=True))]).rstrip()
+
+    return [line(row) for row in (*table, *second)]
+
+
+def _listed(items: Iterable[str]) -> str:
+    *most, last = list(items) or [""]
+    return f"{', '.join(most)} and {last}" if most else last

@@ -1,0 +1,199 @@
+"""Findings in one line each: causes before their consequences, and what follows from an impossible record silent."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ipmclab.run import Finding, Severity
+
+MOST: Final = 5
+"""Findings of a short answer."""
+
+WIDTH: Final = 100
+"""Columns of a line."""
+
+_SEVERITIES: Final[tuple[Severity, ...]] = ("error", "warning", "info")
+
+_READ: Final = ("current", "displacement", "force")
+
+_FAILED: Final = ("not-converged", "model-explains-nothing")
+_LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
+_UNSURE: Final = (
+    "at-bound",
+    "undetermined",
+    "drift-not-excluded",
+    "noise-not-described",
+    "noise-grows",
+    "exact-fixed-value",
+    "fixed-uncertainty",
+)
+_FOLLOWS: Final = {
+    **dict.fromkeys(_FAILED, 1),
+    **dict.fromkeys(_LACKING, 2),
+    **dict.fromkeys(_UNSURE, 3),
+}
+"""How far down the chain of causes what a fit finds stands; what a record shows stands before all of it."""
+
+_SILENT_BEFORE: Final = 3
+"""Levels that an error of the record itself explains; what is not known is asked of the user all the same."""
+
+_SHORTEST: Final = 0.4
+"""Part of a line that a clause fills which may stand for the whole message."""
+
+
+@dataclass(frozen=True)
+class Brief:
+    """A finding, or several of one kind, in one line.
+
+    Parameters
+    ----------
+    severity : "info", "warning" or "error"
+    code : str
+    text : str
+    """
+
+    severity: Severity
+    code: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.severity:<7}  {self.text}"
+
+
+def in_brief(
+    findings: Sequence[Finding], outputs: Collection[str] = (), labels: Sequence[str] = (), *, most: int = MOST
+) -> tuple[tuple[Brief, ...], int]:
+    """The most important warnings and errors in one line each, and how many findings are not said.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    outputs : collection of str
+        What was fitted: an error of another channel counts as a warning. Empty where all count alike.
+    labels : sequence of str
+        Of the runs: of a single one the label is not repeated in each line.
+    most : int
+
+    Returns
+    -------
+    lines : tuple of Brief
+    more : int
+
+    Examples
+    --------
+    >>> lost = Finding("contact-lost", "error", "step.nc: no current flows for 192 rows: the contact was open")
+    >>> follows = Finding("model-error", "warning", "step.nc: the model leaves 0.3 mA", channel="current")
+    >>> lines, more = in_brief([follows, lost], labels=["step.nc"])
+    >>> str(lines[0]), len(lines), more
+    ('error    no current flows for 192 rows: the contact was open', 1, 1)
+    """
+
+    def rank(one: Finding) -> tuple[int, int]:
+        lowered = one.severity == "error" and is_aside(one, outputs)
+        return _SEVERITIES.index(one.severity) + lowered, _FOLLOWS.get(one.code, 0)
+
+    told = sorted((one for one in consequences_silent(findings, outputs) if one.severity != "info"), key=rank)
+    groups: dict[tuple[str, str | None, str], list[Finding]] = {}
+    for one in told:
+        groups.setdefault((one.code, one.channel, _cure(one) if one.code == "undetermined" else ""), []).append(one)
+    chosen = list(groups.values())[:most]
+    lines = tuple(_line(members, outputs, labels) for members in chosen)
+    return lines, len(findings) - sum(map(len, chosen))
+
+
+def is_aside(finding: Finding, outputs: Collection[str]) -> bool:
+    """Whether a finding is about readings that did not enter the fit."""
+    return bool(outputs) and finding.channel in _READ and finding.channel not in outputs
+
+
+def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = ()) -> list[Finding]:
+    """The findings without those that follow from others among them.
+
+    Where the record of a channel cannot be right (an error that the record itself shows), what a model leaves of that
+    channel is no news. Nor are single shortcomings where the model explains nothing, or where the search did not end.
+    """
+    wrong = {
+        one.channel
+        for one in findings
+        if one.severity == "error" and one.code not in _FOLLOWS and not is_aside(one, outputs)
+    }
+    first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_SILENT_BEFORE)
+    named = {one.channel for one in findings if one.code in ("model-incomplete", "stage-missing")}
+
+    def follows(one: Finding) -> bool:
+        level = _FOLLOWS.get(one.code, 0)
+        if level > first:
+            return True
+        if one.code == "model-error" and one.channel in named:
+            return True
+        return 0 < level < _SILENT_BEFORE and one.code != "not-converged" and bool({one.channel, None} & wrong)
+
+    return [one for one in findings if not follows(one)]
+
+
+def _line(members: Sequence[Finding], outputs: Collection[str], labels: Sequence[str]) -> Brief:
+    one = members[0]
+    room = WIDTH - 9
+    if one.code == "undetermined":
+        names = list(dict.fromkeys(name for member in members for name in _named(member)))
+        cure = _cure(one) or "record longer, with other signals, or with less noise"
+        asked = f"to determine {_listed(names)}: "
+        return Brief(one.severity, one.code, asked + shortened(cure, room - len(asked)))
+    runs = {label for member in members for label in labels if member.message.startswith(f"{label}: ")}
+    text = one.message
+    if len(labels) == 1:
+        text = text.removeprefix(f"{labels[0]}: ")
+    many = f" ({len(runs)} runs alike)" if len(runs) > 1 else ""
+    aside = " (not in this fit)" if is_aside(one, outputs) else ""
+    return Brief(one.severity, one.code, shortened(text, room - len(many + aside)) + many + aside)
+
+
+def _named(finding: Finding) -> list[str]:
+    """The parameters of a direction, the most moved first."""
+    sizes = {name: abs(float(value)) for name, value in finding.values.items() if isinstance(value, int | float)}
+    largest = max(sizes.values(), default=0.0)
+    return sorted((name for name, size in sizes.items() if size > 0.3 * largest), key=lambda name: -sizes[name])
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) > 2:
+        return f"{', '.join(names[:1])} and {len(names) - 1} more"
+    return " and ".join(names)
+
+
+def _cure(finding: Finding) -> str:
+    """What would determine what is not: behind the last semicolon of the sentence."""
+    return finding.message.rpartition("; ")[2] if "; " in finding.message else ""
+
+
+def shortened(text: str, width: int) -> str:
+    """A text in one line: whole, else up to the last clause that fits, else up to the last word.
+
+    Examples
+    --------
+    >>> shortened("the voltage reaches 1.98 V, water decomposes above 1.23 V: the model has no leak, so it differs", 60)
+    'the voltage reaches 1.98 V, water decomposes above 1.23 V'
+    >>> shortened("one long clause without any end that goes on and on", 24)
+    'one long clause ...'
+    """
+    text = " ".join(text.split())
+    if len(text) <= width:
+        return text
+    for marks, least in (((". ", "; ", ": "), _SHORTEST), ((", ", " ("), _SHORTEST), ((". ", "; ", ": ", ", "), 0.0)):
+        ends = [place for mark in marks for place in _places(text, mark) if least * width <= place <= width]
+        if ends:
+            return text[: max(ends)]
+    return textwrap.shorten(text, width, placeholder=" ...")
+
+
+def _places(text: str, mark: str) -> list[int]:
+    """Where a mark ends a clause: not within brackets."""
+    found, start = [], 0
+    while (place := text.find(mark, start)) >= 0:
+        if text.count("(", 0, place) == text.count(")", 0, place):
+            found.append(place)
+        start = place + 1
+    return found

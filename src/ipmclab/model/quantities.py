@@ -1,0 +1,176 @@
+"""What readings tell of a strip whatever its parameters are called: resistances, time constants, static gains.
+
+Parameters may trade against each other; what follows from all of them together is then known all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.assemble import System
+from ipmclab.model.ports import OUTPUTS
+from ipmclab.model.stages.beam import resonance, tip_stiffness
+from ipmclab.units import (
+    CAPACITANCE,
+    DISPLACEMENT_PER_VOLT,
+    FORCE_PER_VOLT,
+    FREQUENCY,
+    RESISTANCE,
+    STIFFNESS,
+    STRAIN_COEFFICIENT,
+    TIME,
+    Quantity,
+)
+
+if TYPE_CHECKING:
+    from ipmclab.model.actuator import Actuator
+
+FloatArray = npt.NDArray[np.float64]
+
+_HALF_POWER: Final = math.sqrt(0.5)
+_GRID: Final = 120  # frequencies among which the first crossing is sought
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A quantity that follows from the parameters of a strip.
+
+    Parameters
+    ----------
+    words : str
+        What it is called in tables.
+    quantity : Quantity
+        Gives the units.
+    positive : bool
+        Whether it cannot be negative: its errors are then those of its logarithm.
+    """
+
+    words: str
+    quantity: Quantity
+    positive: bool = True
+
+
+DERIVED: Final[Mapping[str, Derived]] = {
+    "circuit.high_frequency_resistance": Derived("high-frequency resistance", RESISTANCE),
+    "circuit.dc_resistance": Derived("dc resistance", RESISTANCE),
+    "circuit.capacitance": Derived("charge stored per volt", CAPACITANCE),
+    "circuit.time_constants": Derived("time constant of the current", TIME),
+    "coupling.static": Derived("d(0)", STRAIN_COEFFICIENT),
+    "displacement.static_gain": Derived("static gain, displacement", DISPLACEMENT_PER_VOLT, positive=False),
+    "displacement.bandwidth": Derived("bandwidth, displacement", FREQUENCY),
+    "force.static_gain": Derived("static gain, force", FORCE_PER_VOLT, positive=False),
+    "force.bandwidth": Derived("bandwidth, force", FREQUENCY),
+    "beam.stiffness": Derived("stiffness at the sensing point", STIFFNESS),
+    "beam.resonance": Derived("resonance", FREQUENCY),
+}
+"""By name; of the time constants each has its number behind the name, the fastest 0."""
+
+
+def derived(name: str) -> Derived:
+    """What a quantity is, of the time constants each.
+
+    Examples
+    --------
+    >>> derived("circuit.time_constants.1").words
+    'time constant 2 of the current'
+    """
+    base, _, number = name.rpartition(".")
+    if not number.isdigit():
+        return DERIVED[name]
+    whole = DERIVED[base]
+    return Derived(whole.words.replace("constant", f"constant {int(number) + 1}"), whole.quantity, whole.positive)
+
+
+def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) -> dict[str, float]:
+    """What follows from the parameters of a strip [SI].
+
+    The electrical ones are those of the joined circuit as its clamp shows them: current over voltage is
+    Y(s) = I/V, the high-frequency resistance is 1/Y(∞), the dc resistance 1/Y(0), the charge stored per volt Y'(0) (the
+    area under the current after a step of 1 V, what flows for ever taken off), the time constants are one over its
+    poles. They are given of a lumped circuit without a leak: there they are the same at every voltage. The bandwidth is
+    the lowest frequency at which the answer to the voltage has fallen to 0.71 of that to a constant one.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    outputs : collection of str
+        What was read: of nothing else static gain and bandwidth are given.
+    highest : float [Hz]
+        Up to which a bandwidth is sought.
+
+    Returns
+    -------
+    quantities : dict of name to float [SI]
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> strip = load_actuator("friend-2")
+    >>> found = quantities_of(strip, ["current", "displacement"], highest=100.0)
+    >>> {name: float(f"{value:.4g}") for name, value in found.items() if name.startswith("circuit")}
+    {'circuit.high_frequency_resistance': 16.57, 'circuit.dc_resistance': 86.92, 'circuit.capacitance': 0.245,
+     'circuit.time_constants.0': 0.7519, 'circuit.time_constants.1': 15.76}
+    """
+    values = actuator.parameter_values
+    system = actuator.system
+    found: dict[str, float] = {}
+    if "current" in outputs and actuator.structure.is_lumped:
+        found |= _of_circuit(system)
+    if {"displacement", "force"} & set(outputs):
+        found["coupling.static"] = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
+        found["beam.stiffness"] = float(abs(tip_stiffness(values)))
+        found["beam.resonance"] = resonance(values).frequency
+    if system.law_ports is None:
+        for output in ("displacement", "force"):
+            if output in outputs:
+                found |= _of_motion(system, output, highest)
+    return found
+
+
+def _of_circuit(system: System) -> dict[str, float]:
+    own = [place for place, name in enumerate(system.states) if name.startswith("circuit.")]
+    a, b = system.a[np.ix_(own, own)], system.b[own, 0]
+    row = OUTPUTS.index("current")
+    c, d = system.c[row, own], system.d[row, 0]
+    charged = np.linalg.solve(a, b)
+    lags = np.sort(-1.0 / np.linalg.eigvals(a).real)
+    return {
+        "circuit.high_frequency_resistance": float(1.0 / d),
+        "circuit.dc_resistance": float(1.0 / (d - c @ charged)),
+        "circuit.capacitance": float(-c @ np.linalg.solve(a, charged)),
+        **{f"circuit.time_constants.{number}": float(lag) for number, lag in enumerate(lags)},
+    }
+
+
+def _of_motion(system: System, output: str, highest: float) -> dict[str, float]:
+    row = OUTPUTS.index(output)
+    b, c, d = system.b[:, 0], system.c[row], system.d[row, 0]
+
+    def answer(frequency: float) -> complex:
+        shifted = 2j * math.pi * frequency * np.eye(len(b)) - system.a
+        return complex(c @ np.linalg.solve(shifted, b) + d)
+
+    static = answer(0.0).real
+    found = {f"{output}.static_gain": static}
+    slowest = float(np.min(np.abs(np.linalg.eigvals(system.a)))) / (2.0 * math.pi)
+
+    if not 0.0 < slowest < highest:
+        return found
+
+    def above(logarithm: float) -> float:
+        return abs(answer(math.exp(logarithm))) - _HALF_POWER * abs(static)
+
+    for low, high in pairwise(np.linspace(math.log(0.01 * slowest), math.log(highest), _GRID)):
+        if above(high) < 0.0:
+            from scipy.optimize import brentq
+
+            found[f"{output}.bandwidth"] = math.exp(brentq(above, low, high, xtol=1e-12))
+            break
+    return found
