@@ -151,6 +151,32 @@ def print_briefly(findings: Sequence[Finding]) -> None:
         print("The report and --json have the full text of what is only noted (info).")
 
 
+def print_most_important(
+    findings: Sequence[Finding], *, details: bool, outputs: Sequence[str] = (), labels: Sequence[str] = ()
+) -> None:
+    """Print the findings that matter most in one line each, or with ``details`` every one in full.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    details : bool
+    outputs : sequence of str
+        What was fitted, where errors of other channels matter less.
+    labels : sequence of str
+        Of the runs.
+    """
+    from ipmclab.fit.in_brief import in_brief, more_in_words
+
+    if details:
+        print_briefly(findings)
+        return
+    lines, more = in_brief(findings, outputs, labels)
+    for line in lines:
+        print(line)
+    if more:
+        print(more_in_words(more))
+
+
 def print_findings(findings: Sequence[Finding], *, width: int = UNBOUNDED) -> None:
     """Print findings: severity, code and channel; what was seen; what to do.
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import actuator_files, check_output, read_runs
-from ipmclab.cli.options import ActuatorName, Force, Json, PerMounting, PerRun, Prior, RunFiles
+from ipmclab.cli.options import ActuatorName, Details, Force, Json, PerMounting, PerRun, Prior, RunFiles
 from ipmclab.cli.output import (
     finding_document,
-    print_briefly,
     print_json,
+    print_most_important,
     print_paragraph,
     print_table,
     progress,
@@ -38,6 +38,7 @@ def posterior(
     ] = None,
     steps: Annotated[int, typer.Option(help="Most steps of each walker.")] = 5000,
     force: Force = False,
+    details: Details = False,
     as_json: Json = False,
 ) -> None:
     """Fit, then draw samples of the parameters (extra bayes); nothing is given out unless the chains agree.
@@ -69,13 +70,13 @@ def posterior(
     if as_json:
         print_json({"posterior": posterior_document(found), "runs": runs, "out": out, "figure": figure})
         return
-    print_posterior(found)
+    print_posterior(found, details=details)
     for path in (out, figure):
         if path is not None:
             print(f"wrote {path}")
 
 
-def print_posterior(posterior: Posterior) -> None:
+def print_posterior(posterior: Posterior, *, details: bool = False) -> None:
     """Print a posterior: its parameters, and how the chains did."""
     from ipmclab.identification.mountings.remarks import AVERAGED
 
@@ -114,7 +115,7 @@ def print_posterior(posterior: Posterior) -> None:
             "What reaches its bound is ended by it, not by the runs: its interval says what was taken as possible"
             " beforehand."
         )
-    print_briefly(posterior.findings)
+    print_most_important(posterior.findings, details=details)
     print_paragraph(
         f"The chains agree after {posterior.steps} steps of each walker, of which the later half was kept; "
         f"{100.0 * posterior.accepted:.0f} % of the proposals were accepted."

@@ -11,12 +11,13 @@ import typer
 
 from ipmclab.cli.files import check_output
 from ipmclab.cli.identify import fit_document
-from ipmclab.cli.options import Force, Json
+from ipmclab.cli.options import Details, Force, Json
 from ipmclab.cli.output import (
     TEXT_WIDTH,
     finding_document,
     print_findings,
     print_json,
+    print_most_important,
     print_paragraph,
     print_table,
     progress,
@@ -38,6 +39,7 @@ def procedure(
     ] = None,
     template: Annotated[bool, typer.Option("--template", help="Write a procedure to fill in.")] = False,
     force: Force = False,
+    details: Details = False,
     as_json: Json = False,
 ) -> None:
     """Find the parameters of a strip step by step: four probes, dc, branches, mass, push, force; then all at once.
@@ -72,7 +74,7 @@ def procedure(
             _print_steps(steps)
         raise
     if not as_json:
-        _print(found)
+        _print(found, details=details)
     elif out is None:
         print_json(_document(found, out))
     for step, finding in found.impossible:
@@ -125,7 +127,7 @@ def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json
         print(f"wrote {out}; fill it in, then: ipmclab procedure {out}")
 
 
-def _print(found: Characterisation) -> None:
+def _print(found: Characterisation, *, details: bool) -> None:
     for number, step in enumerate(found.steps, start=1):
         _print_step(number, step)
     if found.impossible:
@@ -140,8 +142,10 @@ def _print(found: Characterisation) -> None:
         "All runs at once: each run counts once, and what was measured without them (sheet resistance, modulus) is "
         "known beforehand. ± is one standard uncertainty."
     )
-    told = [one for one in found.joint.fit.findings if one.severity != "info"]
-    print_findings([*found.joint.findings, *told])
+    fit = found.joint.fit
+    print_most_important(
+        [*found.joint.findings, *fit.findings], details=details, labels=[one.label for one in fit.observations]
+    )
 
 
 def _print_steps(steps: Mapping[str, Step]) -> None:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.files import read_runs
-from ipmclab.cli.options import ActuatorName, Json, RunFiles
+from ipmclab.cli.files import labels, read_runs
+from ipmclab.cli.options import ActuatorName, Details, Json, RunFiles
 from ipmclab.cli.output import (
     finding_document,
-    print_findings,
     print_json,
+    print_most_important,
     print_table,
     progress,
     read,
@@ -32,6 +32,7 @@ def validate(
     also: Annotated[
         list[str] | None, typer.Option(metavar="ACTUATOR", help="Another actuator beside it; may be repeated.")
     ] = None,
+    details: Details = False,
     as_json: Json = False,
 ) -> None:
     """Predict runs from their voltage alone and hold the prediction against what was measured.
@@ -50,13 +51,16 @@ def validate(
     if as_json:
         print_json({"validations": [validation_document(*each, runs) for each in zip(names, validations, strict=True)]})
     else:
-        print_validations(names, validations, runs)
+        print_validations(names, validations, runs, details=details)
 
 
-def print_validations(names: Sequence[str], validations: Sequence[Validation], runs: Sequence[Path]) -> None:
+def print_validations(
+    names: Sequence[str], validations: Sequence[Validation], runs: Sequence[Path], *, details: bool = False
+) -> None:
     """Print the scores of one or several actuators on the same runs, side by side."""
     places = [
-        (str(path), [validation.runs[index].scores for validation in validations]) for index, path in enumerate(runs)
+        (label, [validation.runs[index].scores for validation in validations])
+        for index, label in enumerate(labels(runs))
     ]
     if len(runs) > 1:
         places.append(("all runs", [validation.scores for validation in validations]))
@@ -80,7 +84,7 @@ def print_validations(names: Sequence[str], validations: Sequence[Validation], r
     for name, validation in zip(names, validations, strict=True):
         if validation.findings:
             print(f"{name}:")
-            print_findings(validation.findings)
+            print_most_important(validation.findings, details=details)
 
 
 def _warnings(validation: Validation) -> list[str]:

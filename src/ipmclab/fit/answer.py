@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from ipmclab.fit.in_brief import WIDTH, Brief, consequences_silent, in_brief, is_aside
+from ipmclab.fit.in_brief import IMPOSSIBLE, WIDTH, Brief, consequences_silent, in_brief, is_aside, more_in_words
 from ipmclab.units import CHANNELS, TIME, Quantity, significant
 
 if TYPE_CHECKING:
@@ -16,7 +16,14 @@ if TYPE_CHECKING:
 
 NOT_DETERMINED: Final = "not determined"
 
-_DOUBTS: Final = ("model-error", "model-incomplete", "stage-missing", "noise-not-described", "drift-not-excluded")
+_DOUBTS: Final = (
+    "model-error",
+    "model-incomplete",
+    "stage-missing",
+    "noise-not-described",
+    "drift-not-excluded",
+    *IMPOSSIBLE,
+)
 _ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
 _SHOWN: Final = 3  # residuals that a sentence lists
 
@@ -67,18 +74,13 @@ class Answer:
         """Whether what is known stands in the short answer."""
         return bool(self.known) and not all(row.determined for row in self.parameters)
 
-    @property
-    def more_in_words(self) -> str:
-        """How many findings are not among these, and where they stand."""
-        return f"{self.more} more finding{'s' if self.more > 1 else ''}: --details, or the report"
-
     def __str__(self) -> str:
         rows = list(self.parameters)
         lines = _lines(rows, self.known if self.shows_known else ())
         lines += textwrap.wrap(self.verdict, WIDTH)
         lines += [str(one) for one in self.findings]
         if self.more:
-            lines.append(self.more_in_words)
+            lines.append(more_in_words(self.more))
         return "\n".join(lines)
 
 
@@ -217,43 +219,43 @@ def _of_parameters(fit: Fit) -> str:
             if unknown
             else ", but the model lacks something: they describe this model, not yet the strip"
         )
+    elif unknown and fit.known:
+        told += ", but what stands below them is known"
     return told
 
 
 def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
     """The largest residual [percent of the range], and how far each output of each run is followed, in words."""
     each = list(_residuals(fit))
-    parts = [percent for _, _, percent, _ in each if percent is not None]
-    worst = max(parts, default=None)
-    if len(each) <= _SHOWN:
-        runs = list(dict.fromkeys(label for label, _, _, _ in each))
-        told = [
-            f"{CHANNELS[output].name + ' ' if len(outputs) > 1 else ''}{words}{f' in {label}' if len(runs) > 1 else ''}"
-            for label, output, _, words in each
-        ]
-        where = f" in {runs[0]}" if len(runs) == 1 else ""
-        return worst, f"residual {', '.join(told)}{' of its range' if worst is not None else ''}{where}"
-    told = []
-    for output in outputs:
-        label, _, _, words = max(
-            (one for one in each if one[1] == output), key=lambda one: -1.0 if one[2] is None else one[2]
-        )
-        told.append(f"{CHANNELS[output].name} {words} in {label}")
-    return worst, f"residual at most {', '.join(told)}{' of its range' if worst is not None else ''}"
+    worst = max((percent for _, _, percent in each if percent is not None), default=None)
+    if len(each) == 1:
+        ((label, output, percent),) = each
+        return worst, f"residual {_size(fit, label, output, percent)} in {label}"
+    largest = [max((one for one in each if one[1] == output), key=lambda one: one[2] or -1.0) for output in outputs]
+    shown = each if len(each) <= _SHOWN else largest
+    most = "at most " if len(each) > len(shown) else ""
+    told = [
+        f"{CHANNELS[output].name} {most}{_size(fit, label, output, percent)} in {label}"
+        for label, output, percent in shown
+    ]
+    return worst, f"residual: {', '.join(told)}"
 
 
-def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None, str]]:
-    """Run, output, residual in percent of the range of what was read (None where a file does not say), in words."""
+def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None]]:
+    """Run, output, and residual in percent of the range of what was read; None where a file does not say."""
     for observation in fit.observations:
         for output, size in observation.noise.items():
             span = observation.span.get(output, 0.0)
-            if span > 0.0:
-                percent = 100.0 * size / span
-                yield observation.label, output, percent, f"{significant(percent, 2)} %"
-            else:
-                quantity = CHANNELS[output]
-                words = f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
-                yield observation.label, output, None, words
+            yield observation.label, output, 100.0 * size / span if span > 0.0 else None
+
+
+def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
+    """A residual in words."""
+    if percent is not None:
+        return f"{significant(percent, 2)} % of the range"
+    size = next(one.noise[output] for one in fit.observations if one.label == label and output in one.noise)
+    quantity = CHANNELS[output]
+    return f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
 
 
 def _lines(rows: Sequence[Row], known: Sequence[Row]) -> list[str]:

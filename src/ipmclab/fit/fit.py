@@ -191,9 +191,11 @@ class Fit(Shown):
         >>> strip = load_actuator("friend-2")
         >>> fit = identify(strip, simulate(strip, "step 1 V", duration=40, rate=50), free="circuit.dc_resistivity")
         >>> print(fit.summary())
-        parameter                  value     95 % interval  unit
-        circuit.dc_resistivity  43.4204...
-        This fit can be used to predict the current (residual ... % of its range in step 1 V); its parameter is...
+        parameter                       value                   95 % interval  unit
+        circuit.dc_resistivity  43.42040816...
+        This fit can be used to predict the current (residual ...
+        parameter is determined.
+        2 more findings: --details, or the report
         """
         # Found by its name when it is asked for, as what a notebook shows is: no value imports what words it.
         said: str = importlib.import_module("ipmclab.fit.answer").summary_of(self)

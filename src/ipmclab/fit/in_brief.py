@@ -21,6 +21,19 @@ _READ: Final = ("current", "displacement", "force")
 
 _FAILED: Final = ("not-converged", "model-explains-nothing")
 _LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
+_CONTRADICTS: Final = (
+    "capacitance-out-of-range",
+    "density-against-mass",
+    "dry-mass-against-layers",
+    "motion-against-stiffness",
+    "push-against-motion",
+    "push-against-stiffness",
+    "resonance-against-motion",
+    "resonance-against-stiffness",
+    "sine-against-step",
+    "thickness-against-membrane",
+    "water-uptake",
+)
 _UNSURE: Final = (
     "at-bound",
     "undetermined",
@@ -32,7 +45,7 @@ _UNSURE: Final = (
 )
 _FOLLOWS: Final = {
     **dict.fromkeys(_FAILED, 1),
-    **dict.fromkeys(_LACKING, 2),
+    **dict.fromkeys((*_LACKING, *_CONTRADICTS), 2),
     **dict.fromkeys(_UNSURE, 3),
 }
 """How far down the chain of causes what a fit finds stands; what a record shows stands before all of it."""
@@ -40,8 +53,14 @@ _FOLLOWS: Final = {
 _SILENT_BEFORE: Final = 3
 """Levels that an error of the record itself explains; what is not known is asked of the user all the same."""
 
-_SHORTEST: Final = 0.4
-"""Part of a line that a clause fills which may stand for the whole message."""
+IMPOSSIBLE: Final = {"current-rises": "current", "peak-above-series-resistance": "current", "two-states": "current"}
+"""Warnings of readings that no strip with constant parameters gives, and their channel."""
+
+_OF_CURRENT: Final = ("capacitance-out-of-range", "sine-against-step")
+"""What follows from the current, though a finding names no channel."""
+
+_SHORTEST: Final = 0.6
+"""Part of a line that a clause fills before a shorter one is looked for."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +123,11 @@ def in_brief(
     return lines, len(findings) - sum(map(len, chosen))
 
 
+def more_in_words(more: int) -> str:
+    """How many findings are not among those in brief, and where they stand."""
+    return f"{more} more finding{'s' if more > 1 else ''}: --details, or the report"
+
+
 def is_aside(finding: Finding, outputs: Collection[str]) -> bool:
     """Whether a finding is about readings that did not enter the fit."""
     return bool(outputs) and finding.channel in _READ and finding.channel not in outputs
@@ -112,24 +136,22 @@ def is_aside(finding: Finding, outputs: Collection[str]) -> bool:
 def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = ()) -> list[Finding]:
     """The findings without those that follow from others among them.
 
-    Where the record of a channel cannot be right (an error that the record itself shows), what a model leaves of that
-    channel is no news. Nor are single shortcomings where the model explains nothing, or where the search did not end.
+    Where the record of a channel cannot be right (an error that the record itself shows, a current that no strip
+    draws), what a model leaves of that channel, and what its values contradict, is no news. Nor are single shortcomings
+    where the model explains nothing, or where the search did not end.
     """
-    wrong = {
-        one.channel
-        for one in findings
-        if one.severity == "error" and one.code not in _FOLLOWS and not is_aside(one, outputs)
-    }
+    of_record = [one for one in findings if one.code not in _FOLLOWS and not is_aside(one, outputs)]
+    wrong = {one.channel for one in of_record if one.severity == "error"}
+    wrong |= {IMPOSSIBLE[one.code] for one in of_record if one.code in IMPOSSIBLE}
     first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_SILENT_BEFORE)
     named = {one.channel for one in findings if one.code in ("model-incomplete", "stage-missing")}
 
     def follows(one: Finding) -> bool:
         level = _FOLLOWS.get(one.code, 0)
-        if level > first:
+        if level > first or (one.code == "model-error" and one.channel in named):
             return True
-        if one.code == "model-error" and one.channel in named:
-            return True
-        return 0 < level < _SILENT_BEFORE and one.code != "not-converged" and bool({one.channel, None} & wrong)
+        channel = "current" if one.code in _OF_CURRENT else one.channel
+        return 0 < level < _SILENT_BEFORE and one.code != "not-converged" and not wrong.isdisjoint({channel, None})
 
     return [one for one in findings if not follows(one)]
 
@@ -144,6 +166,10 @@ def _line(members: Sequence[Finding], outputs: Collection[str], labels: Sequence
         return Brief(one.severity, one.code, asked + shortened(cure, room - len(asked)))
     runs = {label for member in members for label in labels if member.message.startswith(f"{label}: ")}
     text = one.message
+    if one.code == "contact-lost" and one.samples:
+        # That is the cause; its message begins with what shows it.
+        label = next((f"{label}: " for label in labels if text.startswith(f"{label}: ")), "")
+        text = f"{label}the contact was open: at constant voltage no current flows from row {one.samples[0][0]} on"
     if len(labels) == 1:
         text = text.removeprefix(f"{labels[0]}: ")
     many = f" ({len(runs)} runs alike)" if len(runs) > 1 else ""
@@ -182,7 +208,8 @@ def shortened(text: str, width: int) -> str:
     text = " ".join(text.split())
     if len(text) <= width:
         return text
-    for marks, least in (((". ", "; ", ": "), _SHORTEST), ((", ", " ("), _SHORTEST), ((". ", "; ", ": ", ", "), 0.0)):
+    strong, weak = (". ", "; ", ": "), (", ", " (")
+    for marks, least in ((strong, _SHORTEST), (weak, _SHORTEST), (strong, 0.0), (weak, 0.0)):
         ends = [place for mark in marks for place in _places(text, mark) if least * width <= place <= width]
         if ends:
             return text[: max(ends)]

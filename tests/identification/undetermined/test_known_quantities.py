@@ -1,0 +1,153 @@
+"""What readings determine beside the parameters that they leave open: closed forms, and Monte-Carlo trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import Fit, Run, identify, load_actuator, read_fit, simulate, write_fit
+from ipmclab.model import Actuator
+from ipmclab.model.quantities import quantities_of
+from tests.identification.many import noisy
+
+STRIP = load_actuator("friend-2")
+SIMPLE = load_actuator("friend-2+branches=1")
+SHEET = "circuit.sheet_resistance"
+ELECTRICAL = {
+    "circuit.high_frequency_resistance",
+    "circuit.dc_resistance",
+    "circuit.capacitance",
+    "circuit.time_constants.0",
+    "circuit.time_constants.1",
+}
+TRIALS = 40
+LEAST = 34
+"""Of 40 intervals of 95 %: fewer hold the truth once in three hundred times."""
+
+
+def trials(strip: Actuator, free: Sequence[str], outputs: tuple[str, ...], duration: float) -> list[Fit]:
+    generator = np.random.default_rng(20261121)
+    found = []
+    for _ in range(TRIALS):
+        run = noisy(generator, "step 1 V delay=1 s", strip=strip, outputs=outputs, duration=duration, rate=20.0)
+        found.append(identify(strip, run, free=free))
+    return found
+
+
+def held(strip: Actuator, fits: Sequence[Fit], outputs: Sequence[str]) -> dict[str, int]:
+    """How many of the intervals of each quantity hold the truth."""
+    truth = quantities_of(strip, outputs, 10.0)
+    found = dict.fromkeys((one.name for fit in fits for one in fit.known), 0)
+    for fit in fits:
+        for one in fit.known:
+            found[one.name] += one.interval[0] <= truth[one.name] <= one.interval[1]
+    return found
+
+
+def test_the_quantities_of_the_circuit_are_what_its_current_shows() -> None:
+    """Against the current itself: its first value, its last one, and the area between."""
+    rate, duration = 200.0, 300.0
+    run = simulate(STRIP, "step 1 V", duration=duration, rate=rate)
+    assert run.current is not None
+    found = quantities_of(STRIP, ["current"], 10.0)
+    assert 1.0 / found["circuit.high_frequency_resistance"] == pytest.approx(run.current[0], rel=1e-9)
+    assert 1.0 / found["circuit.dc_resistance"] == pytest.approx(run.current[-1], rel=1e-6)
+    charge = float(np.trapezoid(run.current - run.current[-1], run.time))
+    assert found["circuit.capacitance"] == pytest.approx(charge, rel=1e-4)
+    late = (run.time > 20.0) & (run.time < 60.0)
+    slope = np.polyfit(run.time[late], np.log(run.current[late] - run.current[-1]), 1)[0]
+    assert found["circuit.time_constants.1"] == pytest.approx(-1.0 / slope, rel=1e-4)
+
+
+def test_the_static_gain_and_the_bandwidth_are_those_of_the_frequency_response() -> None:
+    found = quantities_of(STRIP, ["displacement", "force"], 10.0)
+    for output in ("displacement", "force"):
+        frequency = found[f"{output}.bandwidth"]
+        static, there = STRIP.frequency_response([0.0, frequency], [output])[0]
+        assert found[f"{output}.static_gain"] == pytest.approx(static.real, rel=1e-12)
+        assert abs(there) / abs(static) == pytest.approx(math.sqrt(0.5), rel=1e-9)
+    # One end of the beam's line over the other (Friend, eqs 4.7 and 4.9).
+    ratio = found["force.static_gain"] / found["displacement.static_gain"]
+    assert found["beam.stiffness"] == pytest.approx(ratio, rel=1e-9)
+    assert "displacement.bandwidth" not in quantities_of(STRIP, ["displacement"], 0.01)
+
+
+def test_the_circuit_is_known_where_none_of_its_parameters_is() -> None:
+    """Current alone leaves the series resistance open, and with it all four parameters."""
+    fits = trials(SIMPLE, ["electrical", SHEET], ("current",), 10.0)
+    assert not any(one.determined for fit in fits for one in fit.parameters.values())
+    found = held(SIMPLE, fits, ["current"])
+    assert set(found) == ELECTRICAL - {"circuit.time_constants.1"}
+    assert min(found.values()) >= LEAST
+
+
+def test_the_circuit_is_known_where_all_of_its_parameters_are() -> None:
+    fits = trials(STRIP, ["electrical"], ("current",), 40.0)
+    assert all(one.determined for fit in fits for one in fit.parameters.values())
+    found = held(STRIP, fits, ["current"])
+    assert set(found) == ELECTRICAL
+    assert min(found.values()) >= LEAST
+
+
+def test_the_size_of_the_motion_is_known_where_gain_and_zero_are_not() -> None:
+    """The zero lies beyond the Nyquist rate: gain and zero show as one product."""
+    fits = trials(STRIP, ["coupling.gain", "coupling.zero", "coupling.p2"], ("force",), 8.0)
+    assert not any(fit.parameters["coupling.gain"].determined for fit in fits)
+    found = held(STRIP, fits, ["force"])
+    assert set(found) == {"coupling.static", "force.static_gain", "force.bandwidth"}
+    assert min(found.values()) >= LEAST
+
+
+def test_what_is_open_is_not_called_known() -> None:
+    """Of force alone with its modulus free, only the product of d and the modulus shows."""
+    run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("force",), duration=15.0, rate=20.0)
+    fit = identify(STRIP, run, free=["coupling", "beam.modulus"])
+    names = {one.name for one in fit.known}
+    assert "force.static_gain" in names
+    assert names.isdisjoint({"coupling.static", "beam.stiffness", "beam.resonance"})
+
+
+def test_both_read_give_the_stiffness() -> None:
+    outputs = ("displacement", "force")
+    run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=outputs, duration=15.0, rate=20.0)
+    fit = identify(STRIP, run, free=["coupling", "beam.modulus"])
+    found = {one.name: one for one in fit.known}
+    truth = quantities_of(STRIP, outputs, 10.0)
+    for name in ("coupling.static", "beam.stiffness"):
+        low, high = found[name].interval
+        assert abs(found[name].value - truth[name]) < high - low  # 3.9 standard errors
+        assert high / low < 1.05
+
+
+def test_a_stated_uncertainty_is_passed_on() -> None:
+    """Through the branches and beside them: what the current shows is the same for every sheet resistance."""
+    run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("current",), duration=40.0, rate=20.0)
+    exact = {one.name: one for one in identify(STRIP, run).known}
+    stated = replace(STRIP, standard_uncertainties={SHEET: 0.05})
+    found = {one.name: one for one in identify(stated, run).known}
+    for name in ELECTRICAL:
+        assert found[name].interval == pytest.approx(exact[name].interval, rel=2e-3)
+
+
+def test_each_run_with_a_contact_of_its_own_has_its_own(tmp_path: Path) -> None:
+    generator = np.random.default_rng(20261121)
+    contacts = (0.0, 4.0)
+    runs: list[Run] = []
+    for contact in contacts:
+        strip = STRIP.replace(**{"circuit.contact_resistance": contact})
+        runs.append(noisy(generator, "step 1 V delay=1 s", strip=strip, rate=50.0))
+    fit = identify(STRIP, runs, free="electrical", per_run="circuit.contact_resistance")
+    found = {one.name: one for one in fit.known}
+    for place, contact in enumerate(contacts):
+        strip = STRIP.replace(**{"circuit.contact_resistance": contact})
+        one = found[f"circuit.high_frequency_resistance[{place}]"]
+        truth = quantities_of(strip, ["current"], 25.0)["circuit.high_frequency_resistance"]
+        assert one.interval[0] <= truth <= one.interval[1]
+        assert one.words == f"high-frequency resistance[{place}]"
+    write_fit(fit, tmp_path / "fitted.toml")
+    assert read_fit(tmp_path / "fitted.toml").known == fit.known
