@@ -31,7 +31,7 @@ def capacitance_out_of_range(known: Known) -> list[Finding]:
     return [
         conflict(
             CODE,
-            f"the branches together hold {found}; strips in the literature have {low.number} to {high.number} (open "
+            f"the branches together hold {found}; known strips have {low.number} to {high.number} (open "
             f"records of four strips 120 to 180 F/m^2): {how_sure(sigmas)}" + known.taken(of),
             "record the current of a 0.1 V step for a minute and integrate it: at 0.1 V there is no leak that could "
             "pass for charge",

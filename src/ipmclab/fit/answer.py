@@ -25,6 +25,7 @@ _DOUBTS: Final = (
     *IMPOSSIBLE,
 )
 _ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
+_NO_BREAK: Final = "\u00a0"
 _SHOWN: Final = 3  # residuals that a sentence lists
 
 
@@ -77,7 +78,10 @@ class Answer:
     def __str__(self) -> str:
         rows = list(self.parameters)
         lines = _lines(rows, self.known if self.shows_known else ())
-        lines += textwrap.wrap(self.verdict, WIDTH)
+        # A number stays beside its percent sign.
+        lines += [
+            line.replace(_NO_BREAK, " ") for line in textwrap.wrap(self.verdict.replace(" %", f"{_NO_BREAK}%"), WIDTH)
+        ]
         lines += [str(one) for one in self.findings]
         if self.more:
             lines.append(more_in_words(self.more))
@@ -230,15 +234,15 @@ def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
     worst = max((percent for _, _, percent in each if percent is not None), default=None)
     if len(each) == 1:
         ((label, output, percent),) = each
-        return worst, f"residual {_size(fit, label, output, percent)} in {label}"
+        return worst, f"residual {_size(fit, label, output, percent)}{' of the range' if worst else ''} in {label}"
     largest = [max((one for one in each if one[1] == output), key=lambda one: one[2] or -1.0) for output in outputs]
     shown = each if len(each) <= _SHOWN else largest
     most = "at most " if len(each) > len(shown) else ""
-    told = [
-        f"{CHANNELS[output].name} {most}{_size(fit, label, output, percent)} in {label}"
-        for label, output, percent in shown
-    ]
-    return worst, f"residual: {', '.join(told)}"
+    told = []
+    for output in outputs:
+        own = [f"{_size(fit, label, output, percent)} in {label}" for label, of, percent in shown if of == output]
+        told.append(f"{CHANNELS[output].name + ' ' if len(outputs) > 1 else ''}{most}{', '.join(own)}")
+    return worst, f"residual{', relative to the range' if worst else ''}: {'; '.join(told)}"
 
 
 def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None]]:
@@ -252,7 +256,7 @@ def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None]]:
 def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
     """A residual in words."""
     if percent is not None:
-        return f"{significant(percent, 2)} % of the range"
+        return f"{significant(percent, 2)} %"
     size = next(one.noise[output] for one in fit.observations if one.label == label and output in one.noise)
     quantity = CHANNELS[output]
     return f"{significant(quantity.to_display(size), 3)} {quantity.display_unit}"
