@@ -91,9 +91,11 @@ def test_several_runs_and_outputs_go_by_their_names() -> None:
     runs = [noisy(generator, signal, outputs=("current", "force")) for signal in ("step 1 V", "sine 1 V 0.2 Hz")]
     fit = identify(FRIEND, runs, free="circuit.dc_resistivity,coupling.p2", labels=["a.nc", "b.nc"])
     said = answer_of(fit).verdict
-    assert said.startswith("This fit can be used to predict the current and force (residual: current at most 0.")
-    assert "force at most 0." in said
-    assert ".nc" in said
+    assert said.startswith(
+        "This fit can be used to predict the current and force (residual, relative to the range: current"
+    )
+    assert "current at most 0.22 % in a.nc; force at most 0.11 % in a.nc)" in said
+    assert said.endswith("both parameters are determined.")
 
 
 def test_a_residual_is_said_in_units_where_the_file_is_older(good: Fit, tmp_path: Path) -> None:

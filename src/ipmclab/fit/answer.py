@@ -26,6 +26,7 @@ _DOUBTS: Final = (
 )
 _ROUGH: Final = 15.0  # percent of the range, from which nobody calls a curve followed
 _NO_BREAK: Final = "\u00a0"
+_ALL: Final = {2: "both"}
 _SHOWN: Final = 3  # residuals that a sentence lists
 
 
@@ -216,7 +217,11 @@ def _of_parameters(fit: Fit) -> str:
     elif unknown:
         told = f"{unknown} of its {count} parameters {'is' if unknown == 1 else 'are'} not determined"
     else:
-        told = f"all {count} parameters are determined" if count > 1 else "its parameter is determined"
+        told = (
+            "its parameter is determined"
+            if count == 1
+            else f"{_ALL.get(count, f'all {count}')} parameters are determined"
+        )
     if lacks:
         told += (
             ", and the model lacks something: the values describe this model, not yet the strip"
