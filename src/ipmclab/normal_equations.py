@@ -1,7 +1,7 @@
-"""Normal equations that may be singular, solved with a stated rank: nothing finite can make them fail.
+"""Normal equations that may be singular, solved with the rank that rounding leaves: no finite ones fail.
 
-Columns are compared at length 1. A direction whose eigenvalue is below ``rank`` times the largest is one of which the
-equations say nothing: the answer does not move along it.
+Columns are compared at length 1. A direction whose eigenvalue is below ``ROUNDING`` times the largest is one of which
+the equations say nothing: the answer does not move along it.
 """
 
 from __future__ import annotations
@@ -20,15 +20,13 @@ _LEAST: Final = 1e-30  # of the largest diagonal element: a column as small as t
 _TINY: Final = 1e-200
 
 
-def pseudo_inverse(matrix: FloatArray, *, rank: float = ROUNDING) -> FloatArray:
+def pseudo_inverse(matrix: FloatArray) -> FloatArray:
     """The pseudo-inverse of a symmetric matrix without negative eigenvalues.
 
     Parameters
     ----------
     matrix : float array, shape (n, n)
         Finite.
-    rank : float
-        Part of the largest eigenvalue, at columns of length 1, below which an eigenvalue counts as zero.
 
     Examples
     --------
@@ -38,7 +36,7 @@ def pseudo_inverse(matrix: FloatArray, *, rank: float = ROUNDING) -> FloatArray:
     """
     scale = lengths(matrix.diagonal())
     values, vectors = np.linalg.eigh(matrix / (scale[:, None] * scale))
-    kept = values > rank * values.max(initial=0.0)
+    kept = values > ROUNDING * values.max(initial=0.0)
     turned = vectors[:, kept] / scale[:, None]
     return np.asarray((turned / values[kept]) @ turned.T)
 

@@ -10,7 +10,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.run import Run
 
 
-def need_actuator(given: Any, *, where: str = "actuator") -> None:
+def need_actuator(given: Any) -> None:
     """Refuse what is no actuator.
 
     Raises
@@ -27,7 +27,9 @@ def need_actuator(given: Any, *, where: str = "actuator") -> None:
     """
     if isinstance(given, Actuator):
         return
-    raise _other(given, "an actuator", "load_actuator", "one that load_actuator read, or the actuator of a fit", where)
+    raise _other(
+        given, "an actuator", "load_actuator", "one that load_actuator read, or the actuator of a fit", "actuator"
+    )
 
 
 def need_run(given: Any, *, where: str = "run") -> None:

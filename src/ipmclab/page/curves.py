@@ -91,19 +91,16 @@ class Panel:
         }
 
 
-def run_panels(runs: Mapping[str, Run], channels: Sequence[str] | None = None) -> list[Panel]:
+def run_panels(runs: Mapping[str, Run]) -> list[Panel]:
     """The channels of one run, or of several over each other, one panel a channel.
 
     Parameters
     ----------
     runs : mapping of label to Run
         Their colours and styles follow their order.
-    channels : sequence of str, optional
-        All that any of them has without it.
     """
-    wanted = channels or [name for name in CHANNELS if any(name in run.channels for run in runs.values())]
     panels = []
-    for name in wanted:
+    for name in CHANNELS:
         series = [
             Series(f"{name}.{place}", label, _times(run, name), run.channels[name], place % 8, _STYLES[place % 3])
             for place, (label, run) in enumerate(runs.items())

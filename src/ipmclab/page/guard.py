@@ -67,11 +67,9 @@ class Guard:
     settings : Settings
     port : int
         Where it really listens.
-    also : tuple of str
-        Further host names, for tests.
     """
 
-    def __init__(self, app: App, settings: Settings, port: int, also: tuple[str, ...] = ()) -> None:
+    def __init__(self, app: App, settings: Settings, port: int) -> None:
         self.app = app
         self._door = None if settings.token is None else Door(settings.token)
         self._unclaimed: dict[tuple[str, str], str] = {}
@@ -79,8 +77,8 @@ class Guard:
         scheme = "http" if settings.certificate is None else "https"
         names = {"127.0.0.1", "localhost", "[::1]", bracketed(settings.host)} if settings.is_local else set()
         hosts = {f"{name}:{port}" for name in names}
-        self._origins = {f"{scheme}://{host}" for host in hosts} | {f"http://{name}" for name in also}
-        self._hosts = hosts | set(also)
+        self._origins = {f"{scheme}://{host}" for host in hosts}
+        self._hosts = hosts
         if settings.origin is not None:
             parts = urlsplit(settings.origin)
             self._hosts.add(parts.netloc)

@@ -183,11 +183,6 @@ class Workshop:
         known = self.catalogue()
         return known.query(RunQuery(laboratory=known.laboratory)) if known.exists else []
 
-    def run_keys(self) -> list[str]:
-        """The paths below the folder of all runs that can be read, the newest first."""
-        rows = reversed(self.rows())
-        return [row.path for row in rows if row.path and not row.problem and row.state != "recording"]
-
     def look_again(self) -> Job:
         """Bring the catalogue up to date with the files, in a worker."""
         arguments = {"folder": str(self.lab.root)}

@@ -75,7 +75,7 @@ class Solution:
     evaluations: int
 
 
-def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None, *, steps: int = 12) -> Solution | None:
+def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None) -> Solution | None:
     """Gauss-Newton steps from a point near the minimum; None where they leave the bounds or do not lower the cost.
 
     Along directions of which the readings say nothing the step is zero.
@@ -86,15 +86,13 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None,
     theta : float array, shape (n_unknown,)
     here : Evaluation, optional
         At ``theta``, where it is known already.
-    steps : int
-        Limit of evaluations.
     """
     if not _is_inside(problem, theta):
         return None
     spent = 0
     if here is None:
         here, spent = problem.evaluate(theta), 1
-    for _ in range(steps):
+    for _ in range(_MOST_STEPS):
         step, expected = _gauss_newton(here)
         if expected <= max(NEGLIGIBLE, 1e-12 * here.cost):
             return Solution(theta, here, True, _REASONS[1], spent)

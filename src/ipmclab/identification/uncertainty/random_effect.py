@@ -8,6 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import NORMAL_95
+
 FloatArray = npt.NDArray[np.float64]
 
 FEWEST: Final = 3
@@ -40,9 +42,7 @@ class RandomEffect:
     next_one: tuple[float, float] | None
 
 
-def random_effect(
-    values: npt.ArrayLike, errors: npt.ArrayLike, *, common: float = 0.0, level: float = 0.95
-) -> RandomEffect:
+def random_effect(values: npt.ArrayLike, errors: npt.ArrayLike, *, common: float = 0.0) -> RandomEffect:
     """The group behind some estimates, and its next member.
 
     With weights 1/(errors^2 + t) the weighted squares Q(t) about the weighted mean follow chi-square with one degree
@@ -63,8 +63,6 @@ def random_effect(
         At least two estimates with the standard errors that are independent from one to the next.
     common : float
         Standard error that all estimates share.
-    level : float
-        Probability of the interval.
 
     Examples
     --------
@@ -73,7 +71,7 @@ def random_effect(
     (2.333, 1.528, [-5.26, 9.92])
     """
     from scipy.optimize import brentq
-    from scipy.special import chdtrc, ndtri
+    from scipy.special import chdtrc
 
     y, own = np.asarray(values, dtype=np.float64), np.asarray(errors, dtype=np.float64)
     freedom = len(y) - 1
@@ -81,7 +79,7 @@ def random_effect(
     scale = float(max(np.ptp(y), own.max()))
     if scale <= rounding:
         alone = float(y[0])
-        reach = float(ndtri(0.5 + 0.5 * level)) * common
+        reach = NORMAL_95 * common
         return RandomEffect(alone, 0.0, 1.0, (alone - reach, alone + reach) if len(y) >= FEWEST else None)
     # In units of what they show, from the first of them: squares then stay numbers whatever the estimates are.
     beyond, within = (y - y[0]) / scale, np.square(own / scale)
@@ -99,7 +97,7 @@ def random_effect(
         share, means, deviations = _next_one(beyond, within, ends)
         unit = max(scale, common)
         deviations = np.hypot(deviations * (scale / unit), common / unit)
-        low, high = _quantiles(share, means * (scale / unit), deviations, level)
+        low, high = _quantiles(share, means * (scale / unit), deviations)
         next_one = float(y[0]) + unit * low, float(y[0]) + unit * high
     return RandomEffect(float(y[0]) + scale * mean, scale * float(np.sqrt(variance)), p_value, next_one)
 
@@ -133,8 +131,8 @@ def _next_one(
     return share, means, np.sqrt(nodes + errors)
 
 
-def _quantiles(share: FloatArray, means: FloatArray, deviations: FloatArray, level: float) -> tuple[float, float]:
-    """Between which a mixture of normal distributions lies with a probability."""
+def _quantiles(share: FloatArray, means: FloatArray, deviations: FloatArray) -> tuple[float, float]:
+    """Between which a mixture of normal distributions lies with a probability of 95 %."""
     from scipy.optimize import brentq
     from scipy.special import ndtr
 
@@ -144,7 +142,5 @@ def _quantiles(share: FloatArray, means: FloatArray, deviations: FloatArray, lev
     reach = 40.0 * float(deviations.max())
     bracket = float(means.min()) - reach, float(means.max()) + reach
     near = 1e-9 * float(share @ deviations)
-    low, high = (
-        float(brentq(missing, *bracket, args=(part,), xtol=near)) for part in (0.5 - 0.5 * level, 0.5 + 0.5 * level)
-    )
+    low, high = (float(brentq(missing, *bracket, args=(part,), xtol=near)) for part in (0.025, 0.975))
     return low, high

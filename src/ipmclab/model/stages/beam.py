@@ -24,25 +24,6 @@ def natural_frequency(values: Values) -> complex:
     return GAMMA**2 * stiffness**0.5 / values["geometry.free_length"] ** 2
 
 
-def modulus_ratio(values: Values, s: complex) -> complex:
-    """Y(s)/Y_c, the modulus at one s as a part of its static value (Friend, eq. 4.10); 1 for a constant modulus.
-
-    Examples
-    --------
-    >>> from ipmclab import load_actuator
-    >>> strip = load_actuator("friend-2+viscoelastic")
-    >>> modulus_ratio(strip.parameter_values, 0.0), modulus_ratio(strip.parameter_values, 1e9j).real.__round__(6)
-    (1.0, 1.3)
-    """
-    found: complex = 1.0
-    for i in range(_modes(values)):
-        name = f"viscoelastic.{i}"
-        rate, damping = values[f"{name}.frequency"], values[f"{name}.damping_ratio"]
-        moving = s * s + 2.0 * damping * rate * s
-        found = found + values[f"{name}.amplitude"] * moving / (moving + rate * rate)
-    return found
-
-
 def tip_stiffness(values: Values) -> complex:
     """The strip's own stiffness at the sensing point [N/m], that of a cantilever: w h^3 Y/(4 L_s^3) = F_blocked/d_free.
 
