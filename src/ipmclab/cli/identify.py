@@ -112,8 +112,8 @@ def print_details(fit: Fit) -> None:
     print_table(["parameter", "value", *intervals, "unit", "collinearity", ""], rows)
     if fit.known:
         print_table(
-            ["known from these readings", "value", "95 % interval", "unit"],
-            [[row.name, row.value, row.interval, row.unit] for row in known_rows(fit)],
+            ["known from these readings", "value", "95 % interval", "unit", ""],
+            [[row.name, row.value, row.interval, row.unit, row.remark] for row in known_rows(fit)],
         )
     for direction in fit.undetermined:
         print_paragraph(f"Not determined: {direction.sentence}")
@@ -160,7 +160,13 @@ def fit_document(fit: Fit) -> dict[str, Any]:
             for name, parameter in fit.parameters.items()
         },
         "known": {
-            one.name: {"value": one.value, "unit": one.quantity.unit, "interval": one.interval, "words": one.words}
+            one.name: {
+                "value": one.value,
+                "unit": one.quantity.unit,
+                "interval": one.interval,
+                "words": one.words,
+                "leans": one.leans,
+            }
             for one in fit.known
         },
         "summary": fit.summary(),

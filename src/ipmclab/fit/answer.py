@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from ipmclab.fit.in_brief import IMPOSSIBLE, WIDTH, Brief, consequences_silent, in_brief, is_aside, more_in_words
@@ -38,7 +38,7 @@ class Row:
     ----------
     name, value, interval, unit : str
     remark : str
-        That it stands at its bound, or what was known beforehand.
+        That it stands at its bound, what was known beforehand, or on which fixed value it leans.
     determined : bool
     """
 
@@ -127,7 +127,12 @@ def quantity_of(fit: Fit, name: str) -> Quantity | None:
 
 def known_rows(fit: Fit) -> tuple[Row, ...]:
     """The quantities that the readings determine, in the units that people read."""
-    return tuple(_row(one.words, one.value, one.interval, one.quantity, one.quantity.unit) for one in fit.known)
+    rows = []
+    for one in fit.known:
+        row = _row(one.words, one.value, one.interval, one.quantity, one.quantity.unit)
+        fixed = one.leans[0].rpartition(".")[2].replace("_", " ") if one.leans else ""
+        rows.append(replace(row, remark=f"needs {fixed}" if fixed else ""))
+    return tuple(rows)
 
 
 def _row(name: str, value: float, interval: tuple[float, float], quantity: Quantity | None, unit: str) -> Row:
@@ -269,7 +274,7 @@ def _size(fit: Fit, label: str, output: str, percent: float | None) -> str:
 
 def _lines(rows: Sequence[Row], known: Sequence[Row]) -> list[str]:
     """The table as lines; what is known stands below the parameters in the same columns."""
-    remarks = any(row.remark for row in rows)
+    remarks = any(row.remark for row in (*rows, *known))
     head = ["parameter", "value", "95 % interval", "unit", *([""] if remarks else [])]
 
     def cells(row: Row) -> list[str]:

@@ -21,11 +21,14 @@ class Known:
     value : float [SI]
     interval : pair of float [SI]
         95 %.
+    leans : tuple of str
+        Fixed parameters taken as exact of which 1 % moves it farther than its interval reaches, the hardest first.
     """
 
     name: str
     value: float
     interval: tuple[float, float]
+    leans: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -40,7 +43,7 @@ class Known:
 
     def to_table(self) -> dict[str, Any]:
         """In the types that TOML has."""
-        return {"name": self.name, "value": self.value, "interval": list(self.interval)}
+        return {"name": self.name, "value": self.value, "interval": list(self.interval), "leans": list(self.leans)}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Known:
@@ -52,7 +55,7 @@ class Known:
             No such quantity, or an interval that does not hold the value.
         """
         low, high = map(float, table["interval"])
-        found = cls(str(table["name"]), float(table["value"]), (low, high))
+        found = cls(str(table["name"]), float(table["value"]), (low, high), tuple(map(str, table.get("leans", ()))))
         try:
             derived(found.name.partition("[")[0])
         except KeyError:

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from ipmclab import Fit, Run, identify, load_actuator, read_fit, simulate, write_fit
+from ipmclab.fit.known import Known
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import quantities_of
 from tests.identification.many import noisy
 
 STRIP = load_actuator("friend-2")
 SIMPLE = load_actuator("friend-2+branches=1")
+THICKNESS = "geometry.thickness"
 SHEET = "circuit.sheet_resistance"
 ELECTRICAL = {
     "circuit.high_frequency_resistance",
@@ -122,6 +124,23 @@ def test_both_read_give_the_stiffness() -> None:
         low, high = found[name].interval
         assert abs(found[name].value - truth[name]) < high - low  # 3.9 standard errors
         assert high / low < 1.05
+
+
+def test_what_needs_a_fixed_value_says_so() -> None:
+    """Against a fit with a thickness 1 % larger: that is what its uncertainty of 1 % is worth."""
+    run = noisy(np.random.default_rng(1), "step 1 V delay=1 s", outputs=("displacement",), duration=15.0, rate=20.0)
+
+    def static(strip: Actuator) -> Known:
+        return {one.name: one for one in identify(strip, run, free="coupling").known}["coupling.static"]
+
+    exact = static(STRIP)
+    assert exact.leans[0] == THICKNESS
+    stated = static(replace(STRIP, standard_uncertainties={THICKNESS: 0.01 * STRIP[THICKNESS]}))
+    assert THICKNESS not in stated.leans
+    moved = math.log(static(STRIP.replace(**{THICKNESS: 1.01 * STRIP[THICKNESS]})).value / exact.value)
+    assert moved > 0.015
+    low, high = stated.interval
+    assert math.log(high / low) == pytest.approx(2.0 * 1.96 * moved, rel=0.05)
 
 
 def test_a_stated_uncertainty_is_passed_on() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,6 +24,7 @@ from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import derived, quantities_of
+from ipmclab.ties import largest_first
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -81,7 +82,7 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
         if all(abs(one.value - first) <= _SAME * abs(first) for one in several):
             told.append(several[0])
         else:
-            told += [Known(f"{name}[{place}]", one.value, one.interval) for place, one in enumerate(several)]
+            told += [replace(one, name=f"{name}[{place}]") for place, one in enumerate(several)]
     return tuple(told)
 
 
@@ -91,13 +92,13 @@ def _of_run(actuator: Actuator, points: Sequence[Point], record: PreparedRun) ->
     outputs = tuple(record.readings)
     each = [_intervals(actuator, point, record.place, outputs, highest) for point in points]
     known = []
-    for name, (value, low, high) in each[0].items():
+    for name, one in each[0].items():
         if any(name not in other for other in each):
             continue
-        low = min(low, *(other[name][1] for other in each))
-        high = max(high, *(other[name][2] for other in each))
-        if _is_narrow(name, value, low, high):
-            known.append(Known(name, value, (low, high)))
+        low = min(other[name].interval[0] for other in each)
+        high = max(other[name].interval[1] for other in each)
+        if _is_narrow(name, one.value, low, high):
+            known.append(replace(one, interval=(low, high)))
     return known
 
 
@@ -109,8 +110,8 @@ def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
 
 def _intervals(
     actuator: Actuator, point: Point, place: int, outputs: Sequence[str], highest: float
-) -> dict[str, tuple[float, float, float]]:
-    """Value and 95 % interval of each quantity in one run that moves with what is free, and with nothing unknown."""
+) -> dict[str, Known]:
+    """Each quantity of one run that moves with what is free, and with nothing about which the readings say nothing."""
     problem, found = point.problem, point.found
     asked = [number for number, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
 
@@ -134,15 +135,18 @@ def _intervals(
     here = at(point.theta)
     columns = [(at(moved(entry, _STEP)), at(moved(entry, -_STEP)), 2.0 * _STEP) for entry in asked]
     held = [name for name in point.stated if base.get(name)]
+    exact = [name for name in found.leverage if name not in point.stated and base.get(name)]
     columns += [
         (at(point.theta, **{name: base[name] + step}), at(point.theta, **{name: base[name] - step}), 2.0 * step)
-        for name in held
+        for name in (*held, *exact)
         for step in [_STEP * abs(base[name])]
     ]
     others = [at(_vector(problem, point.theta, rival)) for rival in point.rivals]
     every = [here, *others, *(side for above, below, _ in columns for side in (above, below))]
     # A leverage is the change of each entry for 1 % of a fixed value.
-    slopes = np.array([found.leverage[name] / (0.01 * abs(base[name])) for name in held]).reshape(len(held), len(asked))
+    sizes = np.array([abs(base[name]) for name in (*held, *exact)])
+    slopes = np.array([found.leverage[name] / (0.01 * abs(base[name])) for name in (*held, *exact)])
+    slopes = slopes.reshape(len(sizes), len(asked))
     together = np.array([[point.stated[one][other] for other in held] for one in held]).reshape(len(held), len(held))
     told = {}
     for name, value in here.items():
@@ -153,15 +157,18 @@ def _intervals(
         free, direct = slope[: len(asked)], slope[len(asked) :]
         if np.all(np.abs(free) <= _FELT * scale) or np.any(np.abs(found.null @ free) > _MOVED * scale):
             continue
-        crossed = 2.0 * float(free @ slopes.T @ together @ direct)
-        variance = float(free @ found.covariance @ free) + crossed + float(direct @ together @ direct)
+        stated = direct[: len(held)]
+        crossed = 2.0 * float(free @ slopes[: len(held)].T @ together @ stated)
+        variance = float(free @ found.covariance @ free) + crossed + float(stated @ together @ stated)
         freedom = float(np.min(found.freedom[np.abs(free) > _MOVED * scale], initial=math.inf))
         few = wider_for_few(freedom) if math.isfinite(freedom) else 1.0
         reach = NORMAL_95 * few * math.sqrt(max(variance, 0.0))
         each = [value, *(one[name] for one in others)]
-        ends = (value, min(each) - reach, max(each) + reach)
-        told[name] = tuple(_off_scale(name, end) for end in ends)
-    return {name: (value, low, high) for name, (value, low, high) in told.items()}
+        ends = _off_scale(name, min(each) - reach), _off_scale(name, max(each) + reach)
+        moves = np.abs(0.01 * sizes * (slopes @ free + direct))[len(held) :]
+        leans = [exact[k] for k in largest_first(moves) if moves[k] > max(reach, _MOVED * scale)]
+        told[name] = Known(name, _off_scale(name, value), ends, tuple(leans))
+    return told
 
 
 def _vector(problem: Problem, theta: FloatArray, rival: Rival) -> FloatArray:

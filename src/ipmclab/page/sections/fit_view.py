@@ -24,7 +24,13 @@ _PARAMETERS: Final = {
     "next_mounting": "next mounting",
     "remark": "",
 }
-_KNOWN: Final = {"name": "known from these runs", "value": "value", "unit": "unit", "interval": "95 % interval"}
+_KNOWN: Final = {
+    "name": "known from these runs",
+    "value": "value",
+    "unit": "unit",
+    "interval": "95 % interval",
+    "remark": "",
+}
 _OUTPUTS: Final = {
     "run": "run",
     "output": "output",
