@@ -50,8 +50,8 @@ _FOLLOWS: Final = {
 }
 """How far down the chain of causes what a fit finds stands; what a record shows stands before all of it."""
 
-_SILENT_BEFORE: Final = 3
-"""Levels that an error of the record itself explains; what is not known is asked of the user all the same."""
+_UNKNOWN: Final = 3
+"""The level of what is not known: nobody asks how to know more from a record that cannot be right."""
 
 IMPOSSIBLE: Final = {"current-rises": "current", "peak-above-series-resistance": "current", "two-states": "current"}
 """Warnings of readings that no strip with constant parameters gives, and their channel."""
@@ -137,21 +137,23 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
     """The findings without those that follow from others among them.
 
     Where the record of a channel cannot be right (an error that the record itself shows, a current that no strip
-    draws), what a model leaves of that channel, and what its values contradict, is no news. Nor are single shortcomings
-    where the model explains nothing, or where the search did not end.
+    draws), what a model leaves of that channel, and what its values contradict, is no news; nor is what an error leaves
+    open. Nor are single shortcomings where the model explains nothing, or where the search did not end.
     """
     of_record = [one for one in findings if one.code not in _FOLLOWS and not is_aside(one, outputs)]
-    wrong = {one.channel for one in of_record if one.severity == "error"}
-    wrong |= {IMPOSSIBLE[one.code] for one in of_record if one.code in IMPOSSIBLE}
-    first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_SILENT_BEFORE)
+    broken = {one.channel for one in of_record if one.severity == "error"}
+    wrong = broken | {IMPOSSIBLE[one.code] for one in of_record if one.code in IMPOSSIBLE}
+    first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_UNKNOWN)
     named = {one.channel for one in findings if one.code in ("model-incomplete", "stage-missing")}
 
     def follows(one: Finding) -> bool:
         level = _FOLLOWS.get(one.code, 0)
         if level > first or (one.code == "model-error" and one.channel in named):
             return True
+        if level == _UNKNOWN:
+            return bool(broken)
         channel = "current" if one.code in _OF_CURRENT else one.channel
-        return 0 < level < _SILENT_BEFORE and one.code != "not-converged" and not wrong.isdisjoint({channel, None})
+        return level > 0 and one.code != "not-converged" and not wrong.isdisjoint({channel, None})
 
     return [one for one in findings if not follows(one)]
 
