@@ -14,6 +14,9 @@ from ipmclab.units import CHANNELS, TIME, Quantity, significant
 if TYPE_CHECKING:
     from ipmclab.fit.fit import Fit
 
+REFUSED: Final = "Do not use this fit"
+"""How the verdict on a fit that is of no use begins."""
+
 NOT_DETERMINED: Final = "not determined"
 
 _DOUBTS: Final = (
@@ -180,7 +183,7 @@ def verdict(fit: Fit) -> str:
     outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
     refused = _why_not(fit, outputs)
     if refused:
-        return f"Do not use this fit: {refused}."
+        return f"{REFUSED}: {refused}."
     worst, followed = _followed(fit, outputs)
     what = _listed(CHANNELS[name].name for name in outputs)
     use = f"This fit can be used to predict the {what}"

@@ -14,6 +14,8 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from ipmclab.errors import InputError
+from ipmclab.fit.answer import REFUSED
+from ipmclab.fit.answer import verdict as verdict_of
 from ipmclab.identification.mountings.remarks import averages
 from ipmclab.model.validity import CODES as VALIDITY_CODES
 from ipmclab.model.validity import SMALL_BENDING
@@ -195,7 +197,7 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
     sentences : list of str
     doubt : bool
     """
-    sentences: list[str] = []
+    sentences = [verdict_of(fit)]
     scored: list[tuple[str, float]] = []
     bad: list[tuple[str, float]] = []
     if not fit.converged:
@@ -236,7 +238,9 @@ def verdict(fit: Fit, validations: Sequence[Validation]) -> tuple[list[str], boo
     if bounds:
         sentences.append(f"At a bound: {_listed(bounds)}; such a value is a limit, not an estimate.")
     sentences += _holding(fit)
-    return sentences, bool(not fit.converged or open_ones or averaged or bounds or bad or not scored)
+    return sentences, bool(
+        not fit.converged or sentences[0].startswith(REFUSED) or open_ones or averaged or bounds or bad or not scored
+    )
 
 
 def _holding(fit: Fit) -> Iterator[str]:

@@ -9,6 +9,7 @@ from urllib.parse import urlencode
 from nicegui import ui
 
 from ipmclab.errors import IpmclabError
+from ipmclab.fit.answer import REFUSED
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.sections.kept import Kept
@@ -197,7 +198,7 @@ def _build_jumps(places: Mapping[str, str]) -> None:
 def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:
     """What a fit knows, sentence by sentence, and whether each calls for caution."""
     open_ones = [row["name"] for row in told["parameters"] if not row["determined"]]
-    found: list[tuple[str, bool]] = []
+    found = [(told["verdict"], told["verdict"].startswith(REFUSED))]
     if not told["converged"]:
         found.append((f"It did not converge: {told['message']}. These numbers are not a model.", True))
     if open_ones:

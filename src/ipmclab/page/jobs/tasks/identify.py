@@ -48,6 +48,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     """A fit as the page shows it; arrays ``RUN.OUTPUT.measured``, ``.model``, ``.residual`` and ``.time``."""
+    from ipmclab.fit.answer import verdict
     from ipmclab.fit.output_diagnosis import WORDS
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.identification.mountings.remarks import averages
@@ -74,6 +75,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "actuator": fit.actuator.name,
         "converged": fit.converged,
         "message": fit.message,
+        "verdict": verdict(fit),
         "rank": fit.rank,
         "free": len(fit.parameters),
         "parameters": rows_of(parameter_rows(fit)),
