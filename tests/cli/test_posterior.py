@@ -51,7 +51,7 @@ def test_mountings_are_told_as_in_identify(command, tmp_path: Path) -> None:
         write_run(run, tmp_path / f"{mounting}.nc")
         names.append(f"{mounting}.nc")
     words = ("--free", "circuit.dc_resistivity", "--out", "posterior.nc", "--force")
-    told = command("posterior", "friend-2", *names, *words)
+    told = command("posterior", "friend-2", *names, *words, "--details")
     assert told.status == 0
     assert "next mounting" in told.out.splitlines()[0]
     assert "average of mountings that differ" in told.out

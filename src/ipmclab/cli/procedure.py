@@ -142,10 +142,7 @@ def _print(found: Characterisation, *, details: bool) -> None:
         "All runs at once: each run counts once, and what was measured without them (sheet resistance, modulus) is "
         "known beforehand. ± is one standard uncertainty."
     )
-    fit = found.joint.fit
-    print_most_important(
-        [*found.joint.findings, *fit.findings], details=details, labels=[one.label for one in fit.observations]
-    )
+    print_most_important([*found.joint.findings, *found.joint.fit.findings], details=details)
 
 
 def _print_steps(steps: Mapping[str, Step]) -> None:

@@ -104,6 +104,8 @@ def _of_run(actuator: Actuator, points: Sequence[Point], record: PreparedRun) ->
 
 def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
     """Whether it is known as well as a parameter that is called determined."""
+    if value == 0.0 or not math.isfinite(high - low) or (derived(name).positive and low <= 0.0):
+        return False  # a logarithm that went beyond all numbers
     half = 0.5 * (math.log(high / low) if derived(name).positive else (high - low) / abs(value))
     return half <= NORMAL_95 * DETERMINED
 
