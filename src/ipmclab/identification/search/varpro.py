@@ -233,7 +233,9 @@ def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) ->
         curvature = moved - mixed.T @ inverse @ mixed
         gradient = chosen.T @ products[slope_rows, 0] - mixed.T @ linear
         sizes = np.maximum(curvature.diagonal(), _IMITATED * moved.diagonal())
-        return float(products[0, 0] - linear @ right), linear, curvature, gradient, sizes
+        # Not y'y less what is explained: where large residues cancel, rounding would leave less than nothing.
+        left = table.rows[0] - linear @ table.rows[linear_rows]
+        return float(left @ left), linear, curvature, gradient, sizes
 
     position = np.log(-poles)
     cost, linear, curvature, gradient, sizes = measure(position)
@@ -259,4 +261,4 @@ def _descend(table: _Table, series: Sequence[SearchedRun], poles: FloatArray) ->
                 break
             damping = max(damping * 10.0, 1e-4)
     order = np.argsort(-position)
-    return PoleFit(-np.exp(position[order]), linear[first::width][order], linear[:first], max(cost, 0.0))
+    return PoleFit(-np.exp(position[order]), linear[first::width][order], linear[:first], cost)

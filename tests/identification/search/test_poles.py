@@ -1,0 +1,47 @@
+"""Poles and residues from the currents alone, where large residues nearly cancel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ipmclab import Run, load_actuator, simulate
+from ipmclab.identification.problem.record import prepare
+from ipmclab.identification.search.starts.start_circuit import current_series, find_circuit
+from ipmclab.identification.search.varpro import search_poles
+
+LEAKS = load_actuator("friend-2+leak.cubic").replace(
+    **{
+        "circuit.sheet_resistance": 2.041,
+        "circuit.dc_resistivity": 15.7,
+        "circuit.branches.0.resistivity": 0.3756,
+        "circuit.branches.0.permittivity": 0.2735,
+        "circuit.branches.1.resistivity": 36.53,
+        "circuit.branches.1.permittivity": 0.5581,
+        "leak.cubic.cubic": 7.66,
+    }
+)
+
+
+def a_leaking_strip() -> Run:
+    """Ten rows a second, rounded to 0.1 mA, of a strip that two branches do not describe; the hold is not known."""
+    clean = simulate(LEAKS, "step 1.829 V delay=5 s", duration=40.0, rate=10.0)
+    assert clean.current is not None
+    current = np.round(clean.current, 4)
+    return Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, hold="unknown")
+
+
+def test_a_cost_is_that_of_the_residuals_where_residues_cancel() -> None:
+    record = prepare(a_leaking_strip(), 0, ["current"], ())
+    found = {}
+    for quarter in range(-12, 13):
+        series = current_series([record], {0: 0.25 * quarter * record.period})
+        found[quarter] = search_poles(series, 2, series[0].drive.present[None], tries=1).cost
+    # With the edge a row early the answer would have to come before it: only residues of any size imitate that.
+    assert max(found[quarter] for quarter in range(-3, 1)) < 1e3
+    assert min(cost for quarter, cost in found.items() if quarter < -3 or quarter > 0) > 1e5
+
+
+def test_the_edge_is_located_within_its_row() -> None:
+    record = prepare(a_leaking_strip(), 0, ["current"], ())
+    delay = find_circuit([record], 2, None).delays[0]
+    assert -0.1 <= delay.value <= 0.0
