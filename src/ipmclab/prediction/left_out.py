@@ -22,7 +22,7 @@ from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.solve import STRUCTURAL, entry_errors, minimise, polish
+from ipmclab.identification.search.solve import STRUCTURAL, descend, entry_errors
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
 from ipmclab.identification.uncertainty.random_effect import FEWEST
@@ -113,7 +113,7 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     whole, theta = result.problem, result.solution.theta
     others, kept = _problem_without(whole, record.place)
     begin = theta[kept]
-    solution = polish(others, begin) or minimise(others, begin, evaluations=_EVALUATIONS)
+    solution = descend(others, begin, evaluations=_EVALUATIONS)
     here, before = solution.evaluation, result.solution.evaluation
     order = Order(whole.values(theta, whole.records[0].place))
     errors, were = entry_errors(here), entry_errors(before)[kept]
@@ -319,7 +319,7 @@ def _found_on_itself(
     as_theirs[held] = theirs.theta[[place_in_others[columns[place]] for place in held]]
     alone = _Held(problem, as_theirs, moved)
     begin = as_theirs[moved]
-    solution = polish(alone, begin) or minimise(alone, begin, evaluations=_EVALUATIONS)
+    solution = descend(alone, begin, evaluations=_EVALUATIONS)
     jacobian = problem.evaluate(alone.full(solution.theta)).jacobian
     # At the minimum J_o' (J_o d_own + J_h d_held) = 0.
     answer = -np.linalg.lstsq(jacobian[:, moved], jacobian[:, held], rcond=STRUCTURAL)[0]

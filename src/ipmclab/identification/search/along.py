@@ -14,7 +14,7 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
-from ipmclab.identification.search.solve import Pinned, Solution, entry_errors, minimise, polish
+from ipmclab.identification.search.solve import Pinned, Solution, descend, entry_errors
 from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.valleys import Place, branch_valley
 from ipmclab.model import Actuator
@@ -77,11 +77,10 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
         beside = np.delete(solution.theta, held)
         for entry in side:
             pinned = Pinned(problem, held, entry)
-            best = polish(pinned, beside) or minimise(pinned, beside, evaluations=_EVALUATIONS, tolerance=_NEAR)
+            best = descend(pinned, beside, evaluations=_EVALUATIONS, tolerance=_NEAR)
             beside = best.theta
-            full = np.insert(beside, held, entry)
             errors = np.insert(entry_errors(best.evaluation), held, 0.0)
-            found.append(Place(replace(best, theta=full, evaluation=problem.evaluate(full)), errors))
+            found.append(Place(pinned.in_full(best), errors))
     return found
 
 

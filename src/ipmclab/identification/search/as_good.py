@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.descent import SHORTLY, minimum
-from ipmclab.identification.search.solve import Solution, polish
+from ipmclab.identification.search.descent import SHORTLY, minimum_near
+from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Place, Rival
 
 FloatArray = npt.NDArray[np.float64]
@@ -52,7 +52,7 @@ def still_rivals(
             found.append(rival)
             continue
         theta = rival.vector_in(problem, solution.theta)
-        other = polish(problem, theta) or minimum(problem, theta, evaluations=SHORTLY)
+        other = minimum_near(problem, theta, evaluations=SHORTLY)
         if np.abs(other.theta - solution.theta).max(initial=0.0) < _SAME:
             continue
         times = inflation(other.evaluation.residual - solution.evaluation.residual)

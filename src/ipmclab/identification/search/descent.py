@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.solve import SETTLED, Solution, minimise, polish, settled
+from ipmclab.identification.search.solve import SETTLED, Solution, descend, minimise, settled
 from ipmclab.identification.search.weights import found_noise
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,14 +28,24 @@ _WEIGHED_AGAIN: Final = 6  # times, each of which leaves of a difference of the 
 
 def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) -> Solution:
     """The minimum from a point, as near to it as readings can tell where each evaluation is costly."""
-    costly = not isinstance(problem.responder, CircuitResponder)
-    return minimise(problem, theta, evaluations=evaluations, tolerance=_COSTLY if costly else _CHEAP)
+    return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem))
+
+
+def minimum_near(
+    problem: Problem, theta: FloatArray, here: Evaluation | None = None, *, evaluations: int = LONGEST
+) -> Solution:
+    """The same from a point that is near it, by Gauss-Newton steps where these get there."""
+    return descend(problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem))
 
 
 def minimum_beside(problem: Problem, near: Solution) -> Solution:
-    """The minimum beside a point."""
-    found = polish(problem, near.theta, near.evaluation) or minimum(problem, near.theta)
+    """The minimum beside a point, with what it took to come there."""
+    found = minimum_near(problem, near.theta, near.evaluation)
     return replace(found, evaluations=found.evaluations + near.evaluations)
+
+
+def _tolerance(problem: Problem) -> float:
+    return _CHEAP if isinstance(problem.responder, CircuitResponder) else _COSTLY
 
 
 def to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem, Solution]]:
@@ -68,7 +78,7 @@ def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
             break
         weighed = problem.with_noise(noise)
         here = problem.weighed(solution.theta, solution.evaluation, noise)
-        again = polish(weighed, solution.theta, here) or minimum(weighed, solution.theta)
+        again = minimum_near(weighed, solution.theta, here)
         spent = again.evaluations + solution.evaluations
         problem, solution = weighed, replace(again, converged=again.converged and solution.converged, evaluations=spent)
     for _ in range(_WEIGHED_AGAIN):

@@ -15,10 +15,10 @@ from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.thin import thinned
 from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
-from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, to_the_end, weigh
+from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
 from ipmclab.identification.search.doublet import COUPLING, without_doublet
 from ipmclab.identification.search.pose import entries_at, problem_at
-from ipmclab.identification.search.solve import Solution, polish
+from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.model import Actuator
@@ -80,7 +80,8 @@ def _search(
         stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
         problem = problem_at(actuator, parameters, names, records, point, noise)
         theta = entries_at(problem, point)
-        solution = (polish(problem, theta) if point.exact else None) or minimum(problem, theta, evaluations=shortly)
+        find = minimum_near if point.exact else minimum
+        solution = find(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
         if not explore and solution.converged and at_floor(problem, solution):
             break

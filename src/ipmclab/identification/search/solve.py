@@ -54,11 +54,23 @@ class Pinned:
     def __init__(self, problem: Solvable, place: int, entry: float) -> None:
         self._problem, self._place, self._entry = problem, place, entry
         self.lower, self.upper = np.delete(problem.lower, place), np.delete(problem.upper, place)
+        self._latest: tuple[bytes, Evaluation] | None = None
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
-        full = self._problem.evaluate(np.insert(theta, self._place, self._entry))
+        full = self._whole(np.insert(theta, self._place, self._entry))
         return Evaluation(np.delete(full.rows, self._place, axis=0), full.beforehand)
+
+    def in_full(self, solution: Solution) -> Solution:
+        """A solution as a point of the problem, with the entry that was held."""
+        theta = np.insert(solution.theta, self._place, self._entry)
+        return replace(solution, theta=theta, evaluation=self._whole(theta))
+
+    def _whole(self, theta: FloatArray) -> Evaluation:
+        """The problem there; a search mostly ends where it was last."""
+        if self._latest is None or self._latest[0] != theta.tobytes():
+            self._latest = theta.tobytes(), self._problem.evaluate(theta)
+        return self._latest[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +252,32 @@ def least_seen(here: Evaluation, largest: float) -> float:
     return max(STRUCTURAL * max(best, _SHARP), rounding)
 
 
-def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, tolerance: float = 1e-10) -> Solution:
+def descend(
+    problem: Solvable,
+    theta: FloatArray,
+    here: Evaluation | None = None,
+    *,
+    evaluations: int = 300,
+    tolerance: float = 1e-10,
+) -> Solution:
+    """The minimum by Gauss-Newton steps where these get there, else by ``minimise``, from a point that may be known."""
+    spent = 0
+    if here is None and _is_inside(problem, theta):
+        here, spent = problem.evaluate(theta), 1
+    near = polish(problem, theta, here)
+    if near is not None:
+        return replace(near, evaluations=near.evaluations + spent)
+    return minimise(problem, theta, here, evaluations=evaluations, tolerance=tolerance)
+
+
+def minimise(
+    problem: Solvable,
+    theta: FloatArray,
+    here: Evaluation | None = None,
+    *,
+    evaluations: int = 300,
+    tolerance: float = 1e-10,
+) -> Solution:
     """Trust-region reflective least squares with the exact Jacobian (SciPy's TRF).
 
     Parameters
@@ -248,6 +285,8 @@ def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, to
     problem : Solvable
     theta : float array, shape (n_unknown,)
         Where the search starts; it is moved inside the bounds.
+    here : Evaluation, optional
+        At ``theta``, where it is known already.
     evaluations : int
         Limit of model evaluations.
     tolerance : float
@@ -257,7 +296,7 @@ def minimise(problem: Solvable, theta: FloatArray, *, evaluations: int = 300, to
     """
     from scipy.optimize import least_squares
 
-    kept: dict[bytes, Evaluation] = {}
+    kept: dict[bytes, Evaluation] = {} if here is None else {theta.tobytes(): here}
 
     def at(point: FloatArray) -> Evaluation:
         key = point.tobytes()

@@ -18,7 +18,7 @@ from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
-from ipmclab.identification.search.solve import minimise, polish
+from ipmclab.identification.search.solve import descend
 from ipmclab.identification.solved import solved
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, stage, telling, tick
@@ -150,9 +150,9 @@ def _draws(
     for _ in range(count):
         noise = np.where(silent, 0.0, correlated.drawn(generator))
         drawn = Drawn(problem, here, noise)
-        best = polish(drawn, solution.theta, drawn.shifted(here)) or minimise(drawn, solution.theta, tolerance=_NEAR)
+        best = descend(drawn, solution.theta, drawn.shifted(here), tolerance=_NEAR)
         for start in starts:
-            other = polish(drawn, start) or minimise(drawn, start, evaluations=40, tolerance=_NEAR)
+            other = descend(drawn, start, evaluations=40, tolerance=_NEAR)
             best = other if other.evaluation.cost < best.evaluation.cost else best
         found.append(best.theta if best.converged else None)
         tick()

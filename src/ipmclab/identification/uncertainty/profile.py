@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
-from ipmclab.identification.search.solve import STRUCTURAL, Pinned, Solution, minimise, polish
+from ipmclab.identification.search.solve import STRUCTURAL, Pinned, Solution, descend
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -194,9 +194,9 @@ def held_at(
         theta, cost, here = _followed(problem, place, entry, warm, _SETTLED * threshold)
     if here is None:
         pinned, others = Pinned(problem, place, entry), np.delete(warm.theta, place)
-        found = polish(pinned, others) or minimise(pinned, others, evaluations=60, tolerance=_NEAR)
-        theta = np.insert(found.theta, place, entry)
-        here, cost = problem.evaluate(theta), found.evaluation.cost
+        found = descend(pinned, others, evaluations=60, tolerance=_NEAR)
+        whole = pinned.in_full(found)
+        theta, here, cost = whole.theta, whole.evaluation, found.evaluation.cost
     spared = problem.spared(theta) - problem.spared(solution.theta)
     excess = cost - spared - solution.evaluation.cost
     return Point(entry, float(np.sqrt(max(excess, 0.0))), theta, here) if np.isfinite(excess) else None
