@@ -82,10 +82,9 @@ class Answer:
     def __str__(self) -> str:
         rows = list(self.parameters)
         lines = _lines(rows, self.known if self.shows_known else ())
-        # A number stays beside its percent sign.
-        lines += [
-            line.replace(_NO_BREAK, " ") for line in textwrap.wrap(self.verdict.replace(" %", f"{_NO_BREAK}%"), WIDTH)
-        ]
+        # A number stays beside its percent sign, and the name of a file whole.
+        bound = self.verdict.replace(" %", f"{_NO_BREAK}%")
+        lines += [line.replace(_NO_BREAK, " ") for line in textwrap.wrap(bound, WIDTH, break_on_hyphens=False)]
         lines += [str(one) for one in self.findings]
         if self.more:
             lines.append(more_in_words(self.more))

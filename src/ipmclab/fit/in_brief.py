@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -21,19 +22,21 @@ _READ: Final = ("current", "displacement", "force")
 
 _FAILED: Final = ("not-converged", "model-explains-nothing")
 _LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
-_CONTRADICTS: Final = (
-    "capacitance-out-of-range",
-    "density-against-mass",
-    "dry-mass-against-layers",
-    "motion-against-stiffness",
-    "push-against-motion",
-    "push-against-stiffness",
-    "resonance-against-motion",
-    "resonance-against-stiffness",
-    "sine-against-step",
-    "thickness-against-membrane",
-    "water-uptake",
-)
+_CONTRADICTS: Final = {
+    "capacitance-out-of-range": "",
+    "density-against-mass": "mass and density contradict the thickness of the model",
+    "dry-mass-against-layers": "the dry mass contradicts that of membrane and plating",
+    "motion-against-stiffness": "force over displacement contradicts the stiffness of the model",
+    "push-against-motion": "the push contradicts force over displacement",
+    "push-against-stiffness": "the push contradicts the stiffness of the model",
+    "resonance-against-motion": "the ring of the flick contradicts force over displacement",
+    "resonance-against-stiffness": "the ring of the flick contradicts the stiffness of the model",
+    "sine-against-step": "the current under the sine contradicts that under the step",
+    "thickness-against-membrane": "the thickness of the model contradicts the data sheet of the membrane",
+    "water-uptake": "the mass of the water contradicts the data sheet of the membrane",
+}
+"""Facts that contradict each other, in fewer words than their messages."""
+
 _UNSURE: Final = (
     "at-bound",
     "undetermined",
@@ -61,6 +64,11 @@ _OF_CURRENT: Final = ("capacitance-out-of-range", "sine-against-step")
 
 _SHORTEST: Final = 0.6
 """Part of a line that a clause fills before a shorter one is looked for."""
+
+_LEAST: Final = 0.3
+"""Part of a line that a clause fills at least: less says nothing."""
+
+_BRACKETS: Final = re.compile(r" \([^()]*\)")
 
 
 @dataclass(frozen=True)
@@ -167,16 +175,25 @@ def _line(members: Sequence[Finding], outputs: Collection[str], labels: Sequence
         asked = f"to determine {_listed(names)}: "
         return Brief(one.severity, one.code, asked + shortened(cure, room - len(asked)))
     runs = {label for member in members for label in labels if member.message.startswith(f"{label}: ")}
-    text = one.message
-    if one.code == "contact-lost" and one.samples:
-        # That is the cause; its message begins with what shows it.
-        label = next((f"{label}: " for label in labels if text.startswith(f"{label}: ")), "")
-        text = f"{label}the contact was open: at constant voltage no current flows from row {one.samples[0][0]} on"
-    if len(labels) == 1:
-        text = text.removeprefix(f"{labels[0]}: ")
-    many = f" ({len(runs)} runs alike)" if len(runs) > 1 else ""
-    aside = " (not in this fit)" if is_aside(one, outputs) else ""
-    return Brief(one.severity, one.code, shortened(text, room - len(many + aside)) + many + aside)
+    label = next((f"{label}: " for label in labels if one.message.startswith(f"{label}: ")), "")
+    text = one.message.removeprefix(label)
+    text = _plain(one) or text
+    before = label if len(labels) > 1 else ""
+    after = f" ({len(runs)} runs alike)" if len(runs) > 1 else ""
+    after += " (not in this fit)" if is_aside(one, outputs) else ""
+    return Brief(one.severity, one.code, before + shortened(text, room - len(before + after)) + after)
+
+
+def _plain(finding: Finding) -> str:
+    """What some findings say in fewer words, where the first clause of the message is not the point; else nothing."""
+    if finding.code == "contact-lost" and finding.samples:
+        return f"the contact was open: at constant voltage no current flows from row {finding.samples[0][0]} on"
+    if finding.code == "zero-not-shown":
+        return f"the zero of the {finding.channel} does not show: the voltage is on from the first row"
+    words, sigmas = _CONTRADICTS.get(finding.code), finding.values.get("sigmas")
+    if not words or not isinstance(sigmas, int | float):
+        return ""
+    return f"{words}, by {sigmas:.2g} standard uncertainties"
 
 
 def _named(finding: Finding) -> list[str]:
@@ -198,20 +215,25 @@ def _cure(finding: Finding) -> str:
 
 
 def shortened(text: str, width: int) -> str:
-    """A text in one line: whole, else up to the last clause that fits, else up to the last word.
+    """A text in one line: whole, else without its brackets, up to the last clause that fits, else to the last word.
 
     Examples
     --------
     >>> shortened("the voltage reaches 1.98 V, water decomposes above 1.23 V: the model has no leak, so it differs", 60)
     'the voltage reaches 1.98 V, water decomposes above 1.23 V'
+    >>> shortened("it draws 3 mA (2 mA is what the sheet says), so it leaks", 30)
+    'it draws 3 mA, so it leaks'
     >>> shortened("one long clause without any end that goes on and on", 24)
     'one long clause ...'
     """
     text = " ".join(text.split())
     if len(text) <= width:
         return text
-    strong, weak = (". ", "; ", ": "), (", ", " (")
-    for marks, least in ((strong, _SHORTEST), (weak, _SHORTEST), (strong, 0.0), (weak, 0.0)):
+    text = _BRACKETS.sub("", text)
+    if len(text) <= width:
+        return text
+    strong, weak = (". ", "; ", ": "), (", ",)
+    for marks, least in ((strong, _SHORTEST), (weak, _SHORTEST), (strong, _LEAST), (weak, _LEAST)):
         ends = [place for mark in marks for place in _places(text, mark) if least * width <= place <= width]
         if ends:
             return text[: max(ends)]
@@ -219,10 +241,5 @@ def shortened(text: str, width: int) -> str:
 
 
 def _places(text: str, mark: str) -> list[int]:
-    """Where a mark ends a clause: not within brackets."""
-    found, start = [], 0
-    while (place := text.find(mark, start)) >= 0:
-        if text.count("(", 0, place) == text.count(")", 0, place):
-            found.append(place)
-        start = place + 1
-    return found
+    """Where a mark ends a clause."""
+    return [found.start() for found in re.finditer(re.escape(mark), text)]
