@@ -72,25 +72,23 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
     -------
     known : tuple of Known
     """
-    found: dict[str, list[Known]] = {}
+    found: dict[str, dict[int, Known]] = {}
     for record in points[0].problem.records:
         for one in _of_run(actuator, points, record):
-            found.setdefault(one.name, []).append(one)
+            found.setdefault(one.name, {})[record.place] = one
     told = []
-    for name, several in found.items():
-        first = several[0].value
-        if all(abs(one.value - first) <= _SAME * abs(first) for one in several):
-            told.append(several[0])
+    for name, of_runs in found.items():
+        first = next(iter(of_runs.values()))
+        if all(abs(one.value - first.value) <= _SAME * abs(first.value) for one in of_runs.values()):
+            told.append(first)
         else:
-            told += [replace(one, name=f"{name}[{place}]") for place, one in enumerate(several)]
+            told += [replace(one, name=f"{name}[{place}]") for place, one in of_runs.items()]
     return tuple(told)
 
 
 def _of_run(actuator: Actuator, points: Sequence[Point], record: PreparedRun) -> list[Known]:
     """What is known of one run: its own parameters are in it."""
-    highest = 0.5 * record.run.rate
-    outputs = tuple(record.readings)
-    each = [_intervals(actuator, point, record.place, outputs, highest) for point in points]
+    each = [_known_at(point, _Seen(actuator, point.problem, record)) for point in points]
     known = []
     for name, one in each[0].items():
         if any(name not in other for other in each):
@@ -110,66 +108,88 @@ def _is_narrow(name: str, value: float, low: float, high: float) -> bool:
     return half <= NORMAL_95 * DETERMINED
 
 
-def _intervals(
-    actuator: Actuator, point: Point, place: int, outputs: Sequence[str], highest: float
-) -> dict[str, Known]:
-    """Each quantity of one run that moves with what is free, and with nothing about which the readings say nothing."""
-    problem, found = point.problem, point.found
-    asked = [number for number, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The quantities that one run shows, each on the scale of its errors: a logarithm, or the value itself."""
 
-    def at(theta: FloatArray, **fixed: float) -> dict[str, float]:
-        values = {**problem.values(theta, place), **fixed}
-        strip = Actuator(actuator.name, {name: values[name] for name in actuator.parameter_values})
-        told = quantities_of(strip, outputs, highest)
+    actuator: Actuator
+    problem: Problem
+    record: PreparedRun
+
+    def at(self, theta: FloatArray, **fixed: float) -> dict[str, float]:
+        """For a vector, and for other fixed values."""
+        values = {**self.problem.values(theta, self.record.place), **fixed}
+        strip = Actuator(self.actuator.name, {name: values[name] for name in self.actuator.parameter_values})
+        told = quantities_of(strip, tuple(self.record.readings), 0.5 * self.record.run.rate)
         # A capacitance of rounding alone, a resistance of none: no logarithm.
         return {
-            name: _on_scale(name, value)
+            name: math.log(value) if derived(name).positive else value
             for name, value in told.items()
             if math.isfinite(value) and (value > 0.0 or not derived(name).positive)
         }
 
-    def moved(entry: int, by: float) -> FloatArray:
-        theta = point.theta.copy()
-        theta[entry] += by
-        return theta
+    def along(self, theta: FloatArray, entry: int) -> _Sides:
+        """On both sides of an entry, no farther than its bounds."""
+        unknown = self.problem.unknowns[entry]
+        ends = [unknown.entry(unknown.value(float(theta[entry]) + step)) for step in (-_STEP, _STEP)]
+        below, above = (self.at(np.where(np.arange(len(theta)) == entry, end, theta)) for end in ends)
+        return _Sides(below, above, ends[1] - ends[0])
 
-    base = problem.values(point.theta, place)
-    here = at(point.theta)
-    columns = [(at(moved(entry, _STEP)), at(moved(entry, -_STEP)), 2.0 * _STEP) for entry in asked]
-    held = [name for name in point.stated if base.get(name)]
+    def along_fixed(self, theta: FloatArray, name: str, value: float) -> _Sides:
+        """On both sides of a fixed value [1/SI]."""
+        step = _STEP * abs(value)
+        below, above = (self.at(theta, **{name: value + sign * step}) for sign in (-1.0, 1.0))
+        return _Sides(below, above, 2.0 * step)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """Quantities on both sides of a parameter, and how far these are apart."""
+
+    below: dict[str, float]
+    above: dict[str, float]
+    width: float
+
+    def slope(self, name: str) -> float:
+        """Derivative of a quantity; NaN where it does not exist on both sides."""
+        return (self.above.get(name, math.nan) - self.below.get(name, math.nan)) / self.width
+
+
+def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
+    """Each quantity of one run that moves with what is free, and with nothing about which the readings say nothing."""
+    problem, found, theta = point.problem, point.found, point.theta
+    base = problem.values(theta, seen.record.place)
+    stated = [name for name in point.stated if base.get(name)]
     exact = [name for name in found.leverage if name not in point.stated and base.get(name)]
-    columns += [
-        (at(point.theta, **{name: base[name] + step}), at(point.theta, **{name: base[name] - step}), 2.0 * step)
-        for name in (*held, *exact)
-        for step in [_STEP * abs(base[name])]
-    ]
-    others = [at(_vector(problem, point.theta, rival)) for rival in point.rivals]
-    every = [here, *others, *(side for above, below, _ in columns for side in (above, below))]
+    held = (*stated, *exact)
+    sides = [seen.along(theta, place) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    of_held = [seen.along_fixed(theta, name, base[name]) for name in held]
+    others = [seen.at(_vector(problem, theta, rival)) for rival in point.rivals]
     # A leverage is the change of each entry for 1 % of a fixed value.
-    sizes = np.array([abs(base[name]) for name in (*held, *exact)])
-    slopes = np.array([found.leverage[name] / (0.01 * abs(base[name])) for name in (*held, *exact)])
-    slopes = slopes.reshape(len(sizes), len(asked))
-    together = np.array([[point.stated[one][other] for other in held] for one in held]).reshape(len(held), len(held))
+    sizes = np.array([0.01 * abs(base[name]) for name in held])
+    follows = np.array([found.leverage[name] for name in held]).reshape(len(held), len(sides)) / sizes[:, None]
+    together = np.array([[point.stated[one][other] for other in stated] for one in stated])
+    together = together.reshape(len(stated), len(stated))
     told = {}
-    for name, value in here.items():
-        if any(name not in one for one in every):
-            continue
+    for name, value in seen.at(theta).items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
-        slope = np.array([(above[name] - below[name]) / width for above, below, width in columns])
-        free, direct = slope[: len(asked)], slope[len(asked) :]
+        free = np.array([one.slope(name) for one in sides])
+        direct = np.array([one.slope(name) for one in of_held])
+        each = [value, *(one.get(name, math.nan) for one in others)]
+        if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, each)):
+            continue
         if np.all(np.abs(free) <= _FELT * scale) or np.any(np.abs(found.null @ free) > _MOVED * scale):
             continue
-        stated = direct[: len(held)]
-        crossed = 2.0 * float(free @ slopes[: len(held)].T @ together @ stated)
-        variance = float(free @ found.covariance @ free) + crossed + float(stated @ together @ stated)
+        of_stated = direct[: len(stated)]
+        crossed = 2.0 * float(free @ follows[: len(stated)].T @ together @ of_stated)
+        variance = float(free @ found.covariance @ free) + crossed + float(of_stated @ together @ of_stated)
         freedom = float(np.min(found.freedom[np.abs(free) > _MOVED * scale], initial=math.inf))
         few = wider_for_few(freedom) if math.isfinite(freedom) else 1.0
         reach = NORMAL_95 * few * math.sqrt(max(variance, 0.0))
-        each = [value, *(one[name] for one in others)]
-        ends = _off_scale(name, min(each) - reach), _off_scale(name, max(each) + reach)
-        moves = np.abs(0.01 * sizes * (slopes @ free + direct))[len(held) :]
-        leans = [exact[k] for k in largest_first(moves) if moves[k] > max(reach, _MOVED * scale)]
-        told[name] = Known(name, _off_scale(name, value), ends, tuple(leans))
+        moves = np.abs(sizes * (follows @ free + direct))[len(stated) :]
+        leans = tuple(exact[k] for k in largest_first(moves) if moves[k] > max(reach, _MOVED * scale))
+        ends = _value(name, min(each) - reach), _value(name, max(each) + reach)
+        told[name] = Known(name, _value(name, value), ends, leans)
     return told
 
 
@@ -179,9 +199,5 @@ def _vector(problem: Problem, theta: FloatArray, rival: Rival) -> FloatArray:
     return np.array([rival.entries.get(unknown.name, float(entry)) for unknown, entry in pairs])
 
 
-def _on_scale(name: str, value: float) -> float:
-    return math.log(value) if derived(name).positive else value
-
-
-def _off_scale(name: str, value: float) -> float:
-    return math.exp(min(value, 700.0)) if derived(name).positive else value
+def _value(name: str, on_scale: float) -> float:
+    return math.exp(min(on_scale, 700.0)) if derived(name).positive else on_scale
