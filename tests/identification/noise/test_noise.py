@@ -13,7 +13,7 @@ from scipy.linalg import null_space, toeplitz
 from scipy.stats import multivariate_normal
 
 from ipmclab.identification.noise.columns import Columns, constants, inverse, steps_between, whitened
-from ipmclab.identification.noise.likelihood import likelihood
+from ipmclab.identification.noise.likelihood import Others, likelihood
 from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.noise.pieces import Shape
 from ipmclab.identification.noise.screen import needs_search
@@ -97,7 +97,7 @@ def test_likelihood_is_that_of_the_contrasts(terms: Terms, entries: tuple[float,
         return -2.0 * float(multivariate_normal(cov=inside).logpdf(left))
 
     nothing = np.diag([1e-12, 1e-12, 1e-12, 0.0])
-    found = likelihood(columns, nothing, terms, np.array(entries))
+    found = likelihood(columns, Others(nothing), terms, np.array(entries))
     # The density of the contrasts lacks log det X'X and has n - p times log 2 pi more.
     constant = np.linalg.slogdet(design.T @ design)[1] - len(left) * math.log(2.0 * math.pi)
     assert found.deviance == pytest.approx(minus_twice(found.variance) + constant, abs=1e-5)
@@ -110,7 +110,7 @@ def test_other_readings_count_in_the_likelihood_as_if_all_were_one() -> None:
     time, columns = readings(gaps=True)
     generator = np.random.default_rng(SEED + 1)
     more = generator.standard_normal((25, 4))
-    found = likelihood(columns, more.T @ more, terms, np.array(entries))
+    found = likelihood(columns, Others(more.T @ more), terms, np.array(entries))
     covariance = dense(terms, entries, time) * found.variance
     design = np.block([[columns.matrix[:, [0, 2, 3, 4]]], [np.zeros((25, 1)), more[:, :3]]])
     both = np.block([[covariance, np.zeros((40, 25))], [np.zeros((25, 40)), np.eye(25)]])
@@ -210,7 +210,7 @@ def test_directions_that_the_constants_imitate_leave_every_number_finite() -> No
     matrix = np.column_stack([trend, 0.3 + 2.0 * trend[:, 1], np.exp(-time), 1.3 - trend[:, 1]])
     columns, others = Columns(matrix, steps_between(time, STEP)), np.diag([1e-9, 1e-9, 0.0])
     for terms, entries in SHAPES:
-        found = likelihood(columns, others, terms, np.array(entries))
+        found = likelihood(columns, Others(others), terms, np.array(entries))
         assert np.isfinite([found.deviance, found.criterion, found.variance]).all()
         back = inverse((others + found.products)[:-1, :-1])
         assert np.isfinite(back).all()

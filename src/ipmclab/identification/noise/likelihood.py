@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -39,16 +40,33 @@ class Likelihood:
     products: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Others:
+    """What all other readings add to the normal equations, weighted by their own noise.
+
+    Parameters
+    ----------
+    products : float array, shape (n_directions + 1, n_directions + 1)
+        Residual last.
+    """
+
+    products: FloatArray
+
+    @cached_property
+    def root(self) -> tuple[FloatArray, float]:
+        """A root of the inverse of those of the directions, and their log determinant: the same at every noise."""
+        return root_of(self.products[:-1, :-1])
+
+
 def likelihood(
-    columns: Columns, others: FloatArray, terms: Terms, entries: FloatArray, variance: float = 1.0
+    columns: Columns, others: Others, terms: Terms, entries: FloatArray, variance: float = 1.0
 ) -> Likelihood:
     """The likelihood at a shape of the noise.
 
     Parameters
     ----------
     columns : Columns
-    others : float array, shape (n_directions + 1, n_directions + 1)
-        What all other readings add to the normal equations, weighted by their own noise.
+    others : Others
     terms : Terms
     entries : float array, shape (terms.shapes,)
     variance : float
@@ -57,13 +75,13 @@ def likelihood(
     tick()
     every, logarithm = columns.products(terms, entries)
     own, of_constants = without(every, terms)
-    root, of_directions = root_of(others[:-1, :-1])
+    root, of_directions = others.root
     levels, turn = np.linalg.eigh(root.T @ own[:-1, :-1] @ root)
     turned = (root @ turn).T
     variance, misfit, more = restricted(
         np.maximum(levels, 0.0),
         np.append(turned @ own[:-1, -1], own[-1, -1]),
-        np.append(turned @ others[:-1, -1], others[-1, -1]),
+        np.append(turned @ others.products[:-1, -1], others.products[-1, -1]),
         float(columns.count - terms.constants),
         variance,
     )

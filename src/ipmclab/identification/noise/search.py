@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.columns import CONSTANTS, Columns
-from ipmclab.identification.noise.likelihood import Likelihood, likelihood
+from ipmclab.identification.noise.likelihood import Likelihood, Others, likelihood
 from ipmclab.statespace.terms import MOST_ORDER, Terms
 
 FloatArray = npt.NDArray[np.float64]
@@ -54,6 +54,10 @@ def refine(columns: Columns, others: FloatArray, terms: Terms, starts: Iterable[
     terms : Terms
     starts : iterable of float array, shape (terms.shapes,)
     """
+    return _refine(columns, Others(others), terms, starts)
+
+
+def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[FloatArray]) -> Found:
     tried = [(likelihood(columns, others, terms, start), start) for start in starts]
     first, entries = min(tried, key=lambda pair: pair[0].deviance)
     if not terms.shapes or not math.isfinite(first.deviance):
@@ -126,12 +130,12 @@ class _Search:
     """Tries terms on one output of one run."""
 
     def __init__(self, columns: Columns, others: FloatArray) -> None:
-        self.columns, self.others = columns, others
+        self.columns, self.others = columns, Others(others)
         self.penalty = math.log(columns.count)
 
     def refine(self, terms: Terms, starts: Iterable[FloatArray]) -> Found:
         """Terms at their best."""
-        return refine(self.columns, self.others, terms, starts)
+        return _refine(self.columns, self.others, terms, starts)
 
     def if_promising(self, terms: Terms, starts: Iterable[FloatArray], base: Found) -> list[Found]:
         """Terms at their best, if some start is nearly as likely as what there is."""
