@@ -17,12 +17,15 @@ def test_a_drawn_record_is_answered_or_refused(number: int) -> None:
     assert found == {"check": None, "measure": None, "identify": None}, done
 
 
-@pytest.mark.parametrize("number", [164, 359, 584])
-def test_a_drawn_run_is_left_out_or_it_is_said_why_not(number: int) -> None:
-    """A run that the others do not reach: fewer readings than unknowns, no noise of its own, no output in common."""
+@pytest.mark.parametrize(
+    ("number", "function"),
+    [(164, "leave_one_run_out"), (359, "leave_one_run_out"), (584, "leave_one_run_out"), (752, "choose")],
+)
+def test_a_drawn_record_goes_through_a_function_more(number: int, function: str) -> None:
+    """Fewer readings than unknowns, no noise of its own, no output in common, readings that are met exactly."""
     run, done = draw(number)
-    found = {name: fault(call) for name, call in calls(run, number) if name == "leave_one_run_out"}
-    assert found == {"leave_one_run_out": None}, done
+    found = {name: fault(call) for name, call in calls(run, number) if name in ("identify", function)}
+    assert found == {"identify": None, function: None}, done
 
 
 def test_what_counts_as_a_fault() -> None:

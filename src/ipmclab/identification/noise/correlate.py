@@ -127,11 +127,12 @@ class Correlated:
 
     @property
     def deviation(self) -> dict[Key, float]:
-        """Of the residuals, zero and slope taken out [SI]."""
+        """Of the residuals, zero and slope taken out [SI]; never nothing, for others divide by it."""
         found = {}
         for key in self.shapes:
             rows = self.left(key)[self.pieces[key].inside]
-            found[key] = self.problem.noise[key] * float(np.sqrt(np.mean(rows * rows)))
+            own = self.problem.noise[key] * float(np.sqrt(np.mean(rows * rows)))
+            found[key] = max(own, self.problem.floors[key])
         return found
 
     def left(self, key: Key) -> FloatArray:
