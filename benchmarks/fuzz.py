@@ -1,8 +1,8 @@
 """Whether anything but an answer or a refusal comes of a record: drawn records through every function that fits.
 
-Run ``python -m benchmarks.fuzz [--records 2000] [--first 0] [--record]``. A record is a simulated one that is made
-short, constant, tiny, huge, quantised, gappy or uneven, often several of these at once. Every record goes through
-``check``, ``measure``, ``identify`` and ``validate``; one function more, in turn, sees it too: ``choose``,
+Run ``python -m benchmarks.fuzz [--records 2000] [--first 0] [--minutes 60] [--record]``. A record is a simulated one
+that is made short, constant, tiny, huge, quantised, gappy or uneven, often several of these at once. Every record goes
+through ``check``, ``measure``, ``identify`` and ``validate``; one function more, in turn, sees it too: ``choose``,
 ``forecast``, ``follow_procedure``, ``profile``, ``bootstrap``, ``leave_one_run_out``, ``sample_posterior``,
 ``identifiability``. What comes back must be an answer without a nan given as a value, or a refusal that says what
 to do instead; an exception of another kind, or a warning, is a fault. Seed 20261121.
@@ -18,6 +18,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from time import monotonic
 from typing import Any, Final
 
 import numpy as np
@@ -225,11 +226,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=2000)
     parser.add_argument("--first", type=int, default=0, help="the number of the first record")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="after which no record is drawn")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/fuzz.md")
     options = parser.parse_args()
     asked: Counter[str] = Counter()
     wrong: dict[str, list[str]] = {}
+    end = monotonic() + 60.0 * options.minutes
+    last = options.first - 1
     for number in range(options.first, options.first + options.records):
+        if monotonic() > end:
+            break
+        last = number
         run, done = draw(number)
         for name, call in calls(run, number):
             asked[name] += 1
@@ -237,8 +244,12 @@ def main() -> None:
             if found:
                 wrong.setdefault(name, []).append(f"record {number} ({done}): {found}")
                 print(f"{name}: {wrong[name][-1]}", flush=True)
-    lines = [f"{options.records} records.", "", "| function | records | faults |", "|---|---|---|"]
+    drawn = last + 1 - options.first
+    lines = [f"{drawn} records, number {options.first} to {last}; asked were {options.records}.", ""]
+    lines += ["| function | records | faults |", "|---|---|---|"]
     lines += [f"| {name} | {count} | {len(wrong.get(name, ()))} |" for name, count in asked.items()]
+    told = [f"* {name}: {one}" for name, faults in wrong.items() for one in faults]
+    lines += ["", "## Faults", "", *(told or ["None."])]
     finish("fuzz", "Drawn records: an answer or a refusal", "\n".join(lines), [], record=options.record, gate=False)
 
 
