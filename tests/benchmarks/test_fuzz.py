@@ -10,7 +10,7 @@ from benchmarks.fuzz import calls, draw, fault, nan_in
 from ipmclab import InputError
 
 
-@pytest.mark.parametrize("number", [2, 4, 7, 11, 112, 252, 309, 326, 415])
+@pytest.mark.parametrize("number", [2, 4, 7, 11, 112, 252, 309, 326, 415, 828, 894])
 def test_a_drawn_record_is_answered_or_refused(number: int) -> None:
     run, done = draw(number)
     found = {name: fault(call) for name, call in calls(run, number) if name in ("check", "measure", "identify")}
