@@ -84,7 +84,7 @@ def print_validations(
     for name, validation in zip(names, validations, strict=True):
         if validation.findings:
             print(f"{name}:")
-            print_most_important(validation.findings, details=details)
+            print_most_important(validation.findings, details=details, labels=[one.label for one in validation.runs])
 
 
 def _warnings(validation: Validation) -> list[str]:

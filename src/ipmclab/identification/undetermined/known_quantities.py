@@ -73,8 +73,14 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
     known : tuple of Known
     """
     found: dict[str, dict[int, Known]] = {}
+    alike: dict[tuple[object, ...], list[Known]] = {}
+    unknowns = [one for one in points[0].problem.unknowns if one.base in actuator.parameter_values]
     for record in points[0].problem.records:
-        for one in _of_run(actuator, points, record):
+        own = tuple(one.name for one in unknowns if one.belongs_to(record.place))
+        key = own, tuple(record.readings), record.run.rate
+        if key not in alike:
+            alike[key] = _of_run(actuator, points, record)
+        for one in alike[key]:
             found.setdefault(one.name, {})[record.place] = one
     told = []
     for name, of_runs in found.items():
