@@ -30,6 +30,7 @@ from ipmclab import IpmclabError, Run
 from ipmclab.measurement.uncertain import exact
 from ipmclab.procedure.procedure import Procedure
 
+SOURCES = ("src/ipmclab",)
 SEED: Final = 20261121
 Array = npt.NDArray[np.float64]
 
