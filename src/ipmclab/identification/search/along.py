@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -19,7 +19,7 @@ from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.valleys import Place, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
-from ipmclab.model.stages.circuit import DC, SERIES
+from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
 from ipmclab.model.stages.coupling import GAIN, ZERO
 from ipmclab.model.stages.leak import SLOW_TIME
 
@@ -47,7 +47,7 @@ def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, s
     found: list[Place] = []
     circuit = max((error for name, error in errors.items() if is_of_circuit(name)), default=0.0)
     if circuit > _WEAK and not set(SERIES) & set(names.actuator):
-        resistivity, permittivity = _slowest_branch(actuator.circuit.branches, values)
+        resistivity, permittivity = slowest_branch(actuator.circuit.branches, values)
         if {DC, resistivity, permittivity} <= set(names.shared):
             both = 1.0 / values[DC] + 1.0 / values[resistivity]
             found += held_at(problem, solution, DC, [1.0 / (share * both) for share in _SHARES])
@@ -59,12 +59,6 @@ def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, s
     if isinstance(problem.responder, CircuitResponder):
         found += branch_valley(problem, solution)
     return found
-
-
-def _slowest_branch(branches: int, values: Mapping[str, float]) -> tuple[str, str]:
-    """Names of the resistivity and the permittivity of the branch with the largest time constant."""
-    every = [(f"circuit.branches.{i}.resistivity", f"circuit.branches.{i}.permittivity") for i in range(branches)]
-    return max(every, key=lambda names: values[names[0]] * values[names[1]])
 
 
 def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[float]) -> list[Place]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -172,6 +172,19 @@ class Circuit:
             resistance=geometry.electrodes(values, length),
         )
         return ladder([contact(values, self.branches, leak=self.leak, along=along), node], {})
+
+
+def slowest_branch(branches: int, values: Mapping[str, float]) -> tuple[str, str]:
+    """Names of the resistivity and the permittivity of the branch with the largest time constant.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> slowest_branch(2, load_actuator("friend-2").parameter_values)
+    ('circuit.branches.1.resistivity', 'circuit.branches.1.permittivity')
+    """
+    every = [(f"circuit.branches.{i}.resistivity", f"circuit.branches.{i}.permittivity") for i in range(branches)]
+    return max(every, key=lambda names: values[names[0]] * values[names[1]])
 
 
 def contact(values: Values, branches: int, *, leak: bool, along: bool = False) -> Node:
