@@ -7,6 +7,9 @@ import pytest
 
 from benchmarks.recovery import CASES, SEED, records_of, truth_of
 from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.identification.search.along import held_at
+from ipmclab.identification.search.solve import Pinned, minimise
+from ipmclab.identification.solved import solved
 from ipmclab.identification.undetermined.diagnosis import names_it
 from ipmclab.model.variants import with_stages
 
@@ -82,3 +85,23 @@ def test_where_a_drift_cannot_be_excluded_what_is_determined_covers() -> None:
     # 40 seeds held 103 of 105; below 90 % the intervals would be wrong by more than chance (two standard deviations).
     assert len(inside) > 40
     assert np.mean(inside) > 0.9
+
+
+def test_along_a_valley_no_other_start_ends_lower() -> None:
+    friend = load_actuator("friend-2")
+    clean = simulate(friend, "step 1 V delay=0.5 s", duration=4.0, rate=20.0)
+    assert clean.current is not None
+    current = clean.current + 1e-4 * np.random.default_rng(3).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=clean.hold, current=current)
+    estimate = solved(identify(friend, run))
+    problem, solution = estimate.problem, estimate.solution
+    name = "circuit.dc_resistivity"
+    column = [unknown.name for unknown in problem.unknowns].index(name)
+    values = [friend[name] * factor for factor in (0.1, 0.3, 1.0, 3.0, 10.0, 100.0)]
+    generator = np.random.default_rng(4)
+    for place in held_at(problem, solution, name, values):
+        found, theta = place.solution.evaluation.cost, place.solution.theta
+        pinned = Pinned(problem, column, float(theta[column]))
+        for _ in range(6):
+            start = np.delete(theta, column) + generator.normal(scale=1.0, size=len(theta) - 1)
+            assert found <= minimise(pinned, start).evaluation.cost * (1.0 + 1e-5)

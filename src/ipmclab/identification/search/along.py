@@ -66,12 +66,16 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
     held = [unknown.name for unknown in problem.unknowns].index(name)
     unknown, own = problem.unknowns[held], float(solution.theta[held])
     entries = sorted(unknown.entry(unknown.inside(value)) for value in values)
+    lowest = np.delete(solution.theta, held)
     found = []
     for side in ([e for e in entries if e >= own], [e for e in reversed(entries) if e < own]):
-        beside = np.delete(solution.theta, held)
+        beside = lowest
         for entry in side:
             pinned = Pinned(problem, held, entry)
             best = descend(pinned, beside, evaluations=_EVALUATIONS, tolerance=_NEAR)
+            if not best.converged:  # lost on the way: from the lowest point once more
+                again = descend(pinned, lowest, evaluations=_EVALUATIONS, tolerance=_NEAR)
+                best = min(best, again, key=lambda one: one.evaluation.cost)
             beside = best.theta
             errors = np.insert(entry_errors(best.evaluation), held, 0.0)
             found.append(Place(pinned.in_full(best), errors))
