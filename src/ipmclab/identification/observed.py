@@ -1,0 +1,80 @@
+"""What a fit says of each run: how it was read, and what is left of its readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.observation import Observation
+from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.problem.order import Order
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.search.solve import Solution
+from ipmclab.run import Run
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def observation(
+    problem: Problem, solution: Solution, record: PreparedRun, run: Run, order: Order, correlated: Correlated
+) -> Observation:
+    """How the readings of one run were read: its delay, its start, its sensors and their noise."""
+    theta, place = solution.theta, record.place
+
+    def own(what: str) -> dict[str, float]:
+        return {
+            unknown.base.rsplit(".", 1)[1]: unknown.value(float(entry))
+            for unknown, entry in zip(problem.unknowns, theta, strict=True)
+            if unknown.place == place and unknown.base.startswith(f"observation.{what}.")
+        }
+
+    def of_noise(what: Mapping[tuple[int, str], float]) -> dict[str, float]:
+        return {output: value for (at, output), value in what.items() if at == place}
+
+    state: dict[str, float] = {}
+    if record.start == "free":
+        found = problem.responder.initial_state(record, problem.values(theta, place), problem.start(theta, place))
+        state = {order(name): value for name, value in found.items()}
+    return Observation(
+        label=record.label,
+        content_sha256=run.content_sha256,
+        hold=record.run.hold,
+        delay=problem.delay(theta, record),
+        start=record.start,
+        initial_state=state,
+        offset=_sum({**record.known_offset, **own("offset")}, of_noise(correlated.offset)),
+        drift=_sum({**record.known_drift, **own("drift")}, of_noise(correlated.drift)),
+        noise={
+            output: correlated.deviation.get((place, output), problem.noise[place, output])
+            for output in record.readings
+        },
+        samples={output: int(np.count_nonzero(reading.used)) for output, reading in record.readings.items()},
+        span={name: float(np.ptp(one.values[one.used])) for name, one in record.readings.items() if one.used.any()},
+        series_resistance=record.series_resistance,
+        noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
+        mounting=record.run.metadata.mounting_id or "",
+    )
+
+
+def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {name: one.get(name, 0.0) + other.get(name, 0.0) for name in (*one, *other)}
+
+
+def residuals(problem: Problem, correlated: Correlated) -> tuple[dict[str, FloatArray], ...]:
+    """Readings less the free-running model of each run and output [SI], NaN where a row is not used."""
+    pieces = problem.pieces
+    found: list[dict[str, FloatArray]] = []
+    for record in problem.records:
+        of_run: dict[str, FloatArray] = {}
+        for output, reading in record.readings.items():
+            key = record.place, output
+            column = np.full(len(reading.values), np.nan)
+            column[reading.used] = -correlated.plain.residual[pieces[key]] * problem.noise[key]
+            since = record.run.time - record.run.time[0]
+            column -= correlated.offset.get(key, 0.0) + correlated.drift.get(key, 0.0) * since
+            of_run[output] = column
+        found.append(of_run)
+    return tuple(found)
