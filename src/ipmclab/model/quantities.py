@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.assemble import System
+from ipmclab.model.blocks import Block
 from ipmclab.model.ports import OUTPUTS
 from ipmclab.model.stages.beam import resonance, tip_stiffness
 from ipmclab.units import (
@@ -119,26 +120,22 @@ def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) 
      'circuit.time_constants.0': 0.7519, 'circuit.time_constants.1': 15.76}
     """
     values = actuator.parameter_values
-    system = actuator.system
     found: dict[str, float] = {}
     if "current" in outputs and actuator.structure.is_lumped:
-        found |= _of_circuit(system)
+        found |= _of_circuit(actuator.structure.electrical.block(values))
     if {"displacement", "force"} & set(outputs):
         found["coupling.static"] = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
         found["beam.stiffness"] = float(abs(tip_stiffness(values)))
         found["beam.resonance"] = resonance(values).frequency
-    if system.law_ports is None:
-        for output in ("displacement", "force"):
-            if output in outputs:
-                found |= _of_motion(system, output, highest)
+    for output in ("displacement", "force"):
+        if output in outputs and not actuator.structure.leak:
+            found |= _of_motion(actuator.system, output, highest)
     return found
 
 
-def _of_circuit(system: System) -> dict[str, float]:
-    own = [place for place, name in enumerate(system.states) if name.startswith("circuit.")]
-    a, b = system.a[np.ix_(own, own)], system.b[own, 0]
-    row = OUTPUTS.index("current")
-    c, d = system.c[row, own], system.d[row, 0]
+def _of_circuit(circuit: Block) -> dict[str, float]:
+    row, column = circuit.outputs.index("current"), circuit.inputs.index("voltage")
+    a, b, c, d = circuit.a, circuit.b[:, column], circuit.c[row], circuit.d[row, column]
     found = {"circuit.high_frequency_resistance": float(1.0 / d)}
     poles = np.linalg.eigvals(a)
     if _hides_a_pole(poles):
