@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +12,12 @@ import numpy as np
 import pytest
 
 from ipmclab import Fit, Run, RunMetadata, identify, import_run, load_actuator, read_fit, simulate, write_fit
-from ipmclab.fit.answer import answer_of
+from ipmclab.cli.identify import print_fit
+from ipmclab.cli.output import print_most_important
+from ipmclab.fit.answer import answer_of, digits_of
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.in_brief import MOST, WIDTH, in_brief, shortened
+from ipmclab.reporting.notebook import html_of
 from ipmclab.run import Finding
 from tests.identification.many import FRIEND, noisy
 from tests.identification.test_real_current import MAPS, strip
@@ -32,9 +38,27 @@ def finding(code: str, severity: str = "warning", channel: str | None = "current
     return Finding(code, severity, message or f"step.nc: what {code} says", "do this", channel=channel)  # type: ignore[arg-type]
 
 
+def drawn(run: Run, signal: str) -> Mapping[str, tuple[float, float]]:
+    """The size of the noise that was drawn for each reading [SI], and the same relative to the range [percent]."""
+    clean = simulate(FRIEND, signal, duration=30.0, rate=25.0)
+    found = {}
+    for name in set(run.channels) & set(clean.channels) & {"current", "displacement", "force"}:
+        size = float(np.std(run.channels[name] - clean.channels[name]))
+        found[name] = size, 100.0 * size / float(np.ptp(run.channels[name]))
+    return found
+
+
+STEP = "step 1 V delay=1 s"
+
+
 @pytest.fixture(scope="module")
-def good() -> Fit:
-    return identify(FRIEND, noisy(np.random.default_rng(20261121), "step 1 V delay=1 s"), labels=["step.nc"])
+def step() -> Run:
+    return noisy(np.random.default_rng(20261121), STEP)
+
+
+@pytest.fixture(scope="module")
+def good(step: Run) -> Fit:
+    return identify(FRIEND, step, labels=["step.nc"])
 
 
 @pytest.mark.parametrize(
@@ -63,10 +87,14 @@ def test_a_real_record(name: str, rows: int | None, starts: str, causes: list[st
     assert not any(line.rstrip().endswith((",", ";", ":", "(")) for line in lines if "  " in line)
 
 
-def test_a_good_fit_may_be_used(good: Fit) -> None:
-    verdict = answer_of(good).verdict
-    assert verdict.startswith("This fit can be used to predict the current (residual 0.1")
-    assert verdict.endswith("% of the range in step.nc); all 5 parameters are determined.")
+def test_a_good_fit_may_be_used(good: Fit, step: Run) -> None:
+    said = re.fullmatch(
+        r"This fit can be used to predict the current \(residual (\S+) % of the range in step.nc\); "
+        r"all 5 parameters are determined\.",
+        answer_of(good).verdict,
+    )
+    assert said is not None
+    assert float(said[1]) == pytest.approx(drawn(step, STEP)["current"][1], rel=0.05)
     assert "known from these readings" not in good.summary()
     assert good.known
 
@@ -83,25 +111,37 @@ def test_what_is_known_stands_beside_what_is_not() -> None:
     assert all("not determined" in line for line in lines[1:place])
     assert lines[place + 1].split()[:2] == ["high-frequency", "resistance"]
     assert any("measure the sheet resistance" in line for line in lines)
-    assert answer_of(fit).verdict.endswith("none of its parameters is determined, but what stands below them is known.")
+    assert answer_of(fit).verdict.endswith(
+        "none of its parameters is determined, but the quantities under 'known from these readings' are known."
+    )
 
 
 def test_several_runs_and_outputs_go_by_their_names() -> None:
     generator = np.random.default_rng(20261121)
-    runs = [noisy(generator, signal, outputs=("current", "force")) for signal in ("step 1 V", "sine 1 V 0.2 Hz")]
+    signals = {"a.nc": "step 1 V", "b.nc": "sine 1 V 0.2 Hz"}
+    runs = [noisy(generator, signal, outputs=("current", "force")) for signal in signals.values()]
     fit = identify(FRIEND, runs, free="circuit.dc_resistivity,coupling.p2", labels=["a.nc", "b.nc"])
     said = answer_of(fit).verdict
     assert said.startswith(
         "This fit can be used to predict the current and force (residual, relative to the range: current"
     )
-    assert "current at most 0.22 % in a.nc; force at most 0.11 % in a.nc)" in said
+    told = re.search(r"current at most (\S+) % in (\S+); force at most (\S+) % in (\S+)\)", said)
+    assert told is not None
+    noise = {label: drawn(run, signal) for (label, signal), run in zip(signals.items(), runs, strict=True)}
+    for output, percent, label in (("current", told[1], told[2]), ("force", told[3], told[4])):
+        worst = max(noise, key=lambda one: noise[one][output][1])
+        assert label == worst
+        assert float(percent) == pytest.approx(noise[worst][output][1], rel=0.05)
     assert said.endswith("both parameters are determined.")
 
 
-def test_a_residual_is_said_in_units_where_the_file_is_older(good: Fit, tmp_path: Path) -> None:
+def test_a_residual_is_said_in_units_where_the_file_is_older(good: Fit, step: Run, tmp_path: Path) -> None:
     older = changed(good, observations=tuple(replace(one, span={}) for one in good.observations))
     write_fit(older, tmp_path / "older.toml")
-    assert "(residual 0.103 mA in step.nc)" in answer_of(read_fit(tmp_path / "older.toml")).verdict
+    said = re.search(r"\(residual (\S+) mA in step.nc\)", answer_of(read_fit(tmp_path / "older.toml")).verdict)
+    assert said is not None
+    # Three digits, and what five parameters and a zero take from the noise of 750 readings.
+    assert float(said[1]) == pytest.approx(1e3 * drawn(step, STEP)["current"][0], rel=0.02)
 
 
 def test_a_fit_that_was_read_says_the_same(good: Fit, tmp_path: Path) -> None:
@@ -202,3 +242,144 @@ def test_a_contradiction_says_what_contradicts_what() -> None:
     )
     (line,), _ = in_brief([told])
     assert line.text == "mass and density contradict the thickness of the model, by 6.3 standard uncertainties"
+
+
+LONG = "a-very-long-name-of-a-series-of-records-made-in-the-humid-chamber-on-monday-by-two-people-a.nc"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        Finding(
+            "undetermined", "warning", "it is open; measure the width", values={f"{LONG}[mounting strip-7-0]": 1.0}
+        ),
+        Finding("undetermined", "warning", "it is open; measure the width", values=dict.fromkeys((LONG, "b"), 1.0)),
+        Finding("undetermined", "warning", "it is open; measure the width"),
+        Finding("model-error", "warning", f"{LONG}: the model leaves 0.3 mA of the current", channel="current"),
+        Finding("contact-lost", "error", f"{LONG}: none flows", channel="current", samples=((10**6, 10**7),)),
+        Finding("odd", "error", f"{LONG}: {LONG}{LONG}", channel="force"),
+    ],
+)
+def test_long_names_leave_room_for_what_is_said(told: Finding) -> None:
+    (line,), _ = in_brief([told], ["current"], [LONG, "b.nc"])
+    assert len(str(line)) <= WIDTH
+    if told.code == "undetermined":
+        assert re.fullmatch(r"to determine (1|2|more) parameters?: measure the width", line.text)
+
+
+@pytest.mark.parametrize("width", range(-20, 30))
+def test_no_room_is_no_error(width: int) -> None:
+    assert len(shortened("the strip draws 3 mA at rest", width)) <= max(width, 0)
+
+
+def test_each_finding_of_one_kind_is_said_or_counted() -> None:
+    told = [
+        finding("at-bound", message="circuit.sheet_resistance went to its bound"),
+        finding("at-bound", message="beam.modulus went to its bound"),
+        finding("exact-fixed-value", message="coupling.p2 is taken as exact"),
+        finding("exact-fixed-value", message="geometry.thickness is taken as exact"),
+    ]
+    lines, more = in_brief(told, ["current"], ["step.nc"])
+    assert [line.text for line in lines] == [one.message for one in told]
+    assert more == 0
+    lines, more = in_brief(told, ["current"], ["step.nc"], most=3)
+    assert (len(lines), more) == (3, 1)
+
+
+def test_what_one_run_has_twice_is_said_twice() -> None:
+    told = [
+        finding("spike", message=f"{label}: a reading leaves at {row}")
+        for label, row in (("a.nc", 1), ("a.nc", 2), ("b.nc", 3))
+    ]
+    lines, more = in_brief(told, ["current"], ["a.nc", "b.nc"])
+    assert [line.text for line in lines] == [
+        "a.nc: a reading leaves at 1 (2 runs alike)",
+        "a.nc: a reading leaves at 2",
+    ]
+    assert more == 0
+
+
+def test_a_model_that_does_not_allow_the_current_is_no_fault_of_the_record(good: Fit) -> None:
+    told = (
+        finding("impossible-current", "error"),
+        finding("stage-missing"),
+        finding("model-error", channel="force"),
+        finding("density-against-mass", channel=None),
+        finding("undetermined", channel=None, message="a is open; measure the width"),
+    )
+    answer = answer_of(replace(good, findings=told))
+    assert answer.verdict == "Do not use this fit: the model's series resistance does not allow the measured current."
+    told_of = [one.code for one in in_brief(told, ["current", "force"])[0]]
+    assert told_of == ["impossible-current", "model-error", "density-against-mass", "undetermined"]
+    nothing = (finding("model-explains-nothing", "error"), *told)
+    assert answer_of(replace(good, findings=nothing)).verdict == answer.verdict
+    assert [one.code for one in in_brief(nothing, ["current", "force"])[0]] == ["impossible-current"]
+
+
+def test_a_record_that_is_wrong_comes_before_what_the_model_does_not_allow(good: Fit) -> None:
+    told = (finding("impossible-current", "error"), finding("contact-lost", "error"))
+    answer = answer_of(replace(good, findings=told))
+    said = r"Do not use this fit: the record of the current is wrong, as the first finding says\. How well .*\)\."
+    assert re.fullmatch(said, answer.verdict)
+    assert [one.code for one in answer.findings] == ["contact-lost"]
+
+
+def test_what_two_runs_do_not_follow_is_no_fault_of_their_records(good: Fit) -> None:
+    told = tuple(finding("model-explains-nothing", "error", message=f"{label}: nothing") for label in ("a.nc", "b.nc"))
+    assert (
+        answer_of(replace(good, findings=told)).verdict == "Do not use this fit: the model does not follow the current."
+    )
+
+
+def test_an_open_contact_is_a_stretch_of_rows() -> None:
+    told = Finding("contact-lost", "error", "step.nc: none flows", channel="current", samples=((100, 292),))
+    (line,), _ = in_brief([told], ["current"], ["step.nc"])
+    assert line.text.endswith("no current flows from row 100 to row 291")
+
+
+@pytest.mark.parametrize(
+    ("value", "width", "digits"),
+    [(1e-200, 1e200, 3), (1e200, 1e-200, 12), (5e-324, 5e-324, 3), (1.0, 0.01, 4), (math.inf, 1.0, 4), (0.0, 1.0, 4)],
+)
+def test_digits_of_any_number(value: float, width: float, digits: int) -> None:
+    assert digits_of(value, width) == digits
+
+
+def test_a_fit_of_nothing_is_said_to_be_one(good: Fit) -> None:
+    assert answer_of(replace(good, observations=())).verdict == "Do not use this fit: it holds no readings."
+    nothing = tuple(replace(one, noise={}, span={}) for one in good.observations)
+    assert answer_of(replace(good, observations=nothing)).verdict == "Do not use this fit: it holds no readings."
+
+
+def test_a_fit_without_parameters_says_so(good: Fit) -> None:
+    fixed = replace(good, parameters={}, findings=())
+    assert answer_of(fixed).verdict.endswith("of the range in step.nc); no parameter was free.")
+    assert fixed.summary().splitlines()[0].split() == ["parameter", "value", "95", "%", "interval", "unit"]
+    lacks = answer_of(replace(fixed, findings=(finding("model-error"),))).verdict
+    assert lacks.endswith("and the model lacks something: the values describe this model, not yet the strip.")
+
+
+def test_a_residual_of_exactly_zero_is_one_of_the_range(good: Fit) -> None:
+    exact = replace(good, observations=tuple(replace(one, noise={"current": 0.0}) for one in good.observations))
+    assert "(residual 0 % of the range in step.nc)" in answer_of(exact).verdict
+
+
+def test_the_rest_stands_where_it_can_be_read(good: Fit, capsys: pytest.CaptureFixture[str]) -> None:
+    told = replace(good, findings=tuple(finding(f"code-{number}") for number in range(MOST + 2)))
+    assert told.summary().endswith("\n2 more findings: see fit.findings")
+    assert "2 more findings: see fit.findings" in html_of(told)
+    print_fit(told)
+    assert capsys.readouterr().out.endswith("\n2 more findings: --details, or the report\n")
+    print_fit(told, where="--json")
+    assert capsys.readouterr().out.endswith("\n2 more findings: --json\n")
+    print_most_important(told.findings, details=False)
+    assert capsys.readouterr().out.endswith("\n2 more findings: --details\n")
+
+
+def test_only_a_row_of_the_table_is_longer_than_a_line(good: Fit) -> None:
+    (first, *_), (one, *_) = good.parameters, good.parameters.values()
+    long = replace(good, parameters={f"{first}[{LONG}]": one}, findings=(finding("odd", message=LONG * 2),))
+    long = replace(long, observations=tuple(replace(one, label=LONG) for one in long.observations))
+    lines = long.summary().splitlines()
+    assert len(lines[1]) > WIDTH
+    assert max(map(len, lines[2:])) <= WIDTH

@@ -27,6 +27,7 @@ SAMPLE: Final = 2
 """The thesis's number of the strip."""
 
 FOLDER: Final = "ipmclab-demo"
+REPORT: Final = "report.html"
 SEED: Final = 20261121
 FOR_THE_FIT: Final = ("force-step.nc", "force-sine.nc")
 """The thesis identified from these two (section 4.5)."""
@@ -98,23 +99,23 @@ def demo(
     with progress("identifying the electrical parameters"):
         electrical = identify_actuator(strip, used, free="electrical")
     if not as_json:
-        print_fit(electrical)
+        print_fit(electrical, where="--json")
     with progress("identifying the coupling"):
         # The circuit stays free, so that one fit holds every parameter with its uncertainty.
         fit = identify_actuator(electrical.actuator, used, free="electrical,coupling")
         write_fit(fit, folder / "fitted.toml")
     say("")
     if not as_json:
-        print_fit(fit)
+        print_fit(fit, where=f"{REPORT} in step 5")
 
     say("\n4. Predicting runs that the model never saw: the square, and every displacement")
     with progress("predicting"):
         validation = validate_actuator(fit.actuator, list(unseen.values()))
     if not as_json:
-        print_validations(["fitted.toml"], [validation], [Path(name) for name in unseen])
+        print_validations(["fitted.toml"], [validation], [Path(name) for name in unseen], where="--json")
 
     say("\n5. Writing the report and one picture of it all")
-    report, picture = folder / "report.html", folder / "overview.svg"
+    report, picture = folder / REPORT, folder / "overview.svg"
     with progress("writing the report"):
         from ipmclab.reporting import overview, save_figure
         from ipmclab.reporting import report as write_report

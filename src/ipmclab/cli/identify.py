@@ -70,12 +70,22 @@ def identify(
         print(f"wrote {out}")
 
 
-def print_fit(fit: Fit, *, details: bool = False) -> None:
-    """Print a fit: in short, or with all that is known of its parameters, its noise and its findings."""
+def print_fit(fit: Fit, *, details: bool = False, where: str = "--details, or the report") -> None:
+    """Print a fit: in short, or with all that is known of its parameters, its noise and its findings.
+
+    Parameters
+    ----------
+    fit : Fit
+    details : bool
+    where : str
+        Where the findings stand that the short answer does not say.
+    """
+    from ipmclab.fit.answer import summary_of
+
     if details:
         print_details(fit)
     else:
-        print(fit.summary())
+        print(summary_of(fit, where))
 
 
 def print_details(fit: Fit) -> None:

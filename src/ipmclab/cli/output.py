@@ -152,7 +152,12 @@ def print_briefly(findings: Sequence[Finding]) -> None:
 
 
 def print_most_important(
-    findings: Sequence[Finding], *, details: bool, outputs: Sequence[str] = (), labels: Sequence[str] = ()
+    findings: Sequence[Finding],
+    *,
+    details: bool,
+    outputs: Sequence[str] = (),
+    labels: Sequence[str] = (),
+    where: str = "--details",
 ) -> None:
     """Print the findings that matter most in one line each, or with ``details`` every one in full.
 
@@ -164,6 +169,8 @@ def print_most_important(
         What was fitted, where errors of other channels matter less.
     labels : sequence of str
         Of the runs.
+    where : str
+        Where the others stand.
     """
     from ipmclab.fit.in_brief import in_brief, more_in_words
 
@@ -174,7 +181,7 @@ def print_most_important(
     for line in lines:
         print(line)
     if more:
-        print(more_in_words(more))
+        print(more_in_words(more, where))
 
 
 def print_findings(findings: Sequence[Finding], *, width: int = UNBOUNDED) -> None:

@@ -55,9 +55,14 @@ def validate(
 
 
 def print_validations(
-    names: Sequence[str], validations: Sequence[Validation], runs: Sequence[Path], *, details: bool = False
+    names: Sequence[str],
+    validations: Sequence[Validation],
+    runs: Sequence[Path],
+    *,
+    details: bool = False,
+    where: str = "--details",
 ) -> None:
-    """Print the scores of one or several actuators on the same runs, side by side."""
+    """Print the scores of one or several actuators on the same runs, side by side; ``where`` other findings stand."""
     places = [
         (label, [validation.runs[index].scores for validation in validations])
         for index, label in enumerate(labels(runs))
@@ -84,7 +89,8 @@ def print_validations(
     for name, validation in zip(names, validations, strict=True):
         if validation.findings:
             print(f"{name}:")
-            print_most_important(validation.findings, details=details, labels=[one.label for one in validation.runs])
+            told = [one.label for one in validation.runs]
+            print_most_important(validation.findings, details=details, labels=told, where=where)
 
 
 def _warnings(validation: Validation) -> list[str]:

@@ -8,7 +8,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from ipmclab.fit.in_brief import IMPOSSIBLE, WIDTH, Brief, consequences_silent, in_brief, is_aside, more_in_words
+from ipmclab.fit.in_brief import (
+    IMPOSSIBLE,
+    NOT_ALLOWED,
+    WIDTH,
+    Brief,
+    consequences_silent,
+    in_brief,
+    is_aside,
+    more_in_words,
+)
 from ipmclab.units import CHANNELS, TIME, Quantity, significant
 
 if TYPE_CHECKING:
@@ -18,6 +27,11 @@ REFUSED: Final = "Do not use this fit"
 """How the verdict on a fit that is of no use begins."""
 
 NOT_DETERMINED: Final = "not determined"
+
+IN_PYTHON: Final = "see fit.findings"
+"""Where the findings stand that a short answer does not say, for who has the fit itself."""
+
+_EXPLAINS_NOTHING: Final = "model-explains-nothing"
 
 _DOUBTS: Final = (
     "model-error",
@@ -80,6 +94,13 @@ class Answer:
         return bool(self.known) and not all(row.determined for row in self.parameters)
 
     def __str__(self) -> str:
+        return self.text()
+
+    def text(self, where: str = IN_PYTHON) -> str:
+        """The answer in lines; ``where`` the other findings stand.
+
+        Sentences and findings have at most 100 columns, a row of the table as many as its names need.
+        """
         rows = list(self.parameters)
         lines = _lines(rows, self.known if self.shows_known else ())
         # A number stays beside its percent sign, and the name of a file whole.
@@ -87,7 +108,7 @@ class Answer:
         lines += [line.replace(_NO_BREAK, " ") for line in textwrap.wrap(bound, WIDTH, break_on_hyphens=False)]
         lines += [str(one) for one in self.findings]
         if self.more:
-            lines.append(more_in_words(self.more))
+            lines.append(more_in_words(self.more, where))
         return "\n".join(lines)
 
 
@@ -99,9 +120,9 @@ def answer_of(fit: Fit) -> Answer:
     return Answer(parameter_rows(fit), known_rows(fit), verdict(fit), findings, more)
 
 
-def summary_of(fit: Fit) -> str:
-    """The short answer as text."""
-    return str(answer_of(fit))
+def summary_of(fit: Fit, where: str = IN_PYTHON) -> str:
+    """The short answer as text; ``where`` the other findings stand."""
+    return answer_of(fit).text(where)
 
 
 def parameter_rows(fit: Fit) -> tuple[Row, ...]:
@@ -133,7 +154,7 @@ def known_rows(fit: Fit) -> tuple[Row, ...]:
     for one in fit.known:
         row = _row(one.words, one.value, one.interval, one.quantity, one.quantity.unit)
         fixed = one.leans[0].rpartition(".")[2].replace("_", " ") if one.leans else ""
-        rows.append(replace(row, remark=f"needs {fixed}" if fixed else ""))
+        rows.append(replace(row, remark=f"if {fixed} is exact" if fixed else ""))
     return tuple(rows)
 
 
@@ -152,9 +173,10 @@ def _row(name: str, value: float, interval: tuple[float, float], quantity: Quant
 
 def digits_of(value: float, width: float) -> int:
     """Significant digits of a value that show two digits of the width of its interval."""
-    if not (0.0 < width < math.inf) or value == 0.0:
+    if not (0.0 < width < math.inf) or value == 0.0 or not math.isfinite(value):
         return 4
-    return min(max(2 + math.ceil(math.log10(abs(value) / width)), 3), 12)
+    # Not of the ratio, which may be beyond all numbers.
+    return min(max(2 + math.ceil(math.log10(abs(value)) - math.log10(width)), 3), 12)
 
 
 def interval_in_words(low: float, high: float, digits: int) -> str:
@@ -178,7 +200,7 @@ def interval_in_words(low: float, high: float, digits: int) -> str:
 
 
 def verdict(fit: Fit) -> str:
-    """Whether a fit can be used, for what, and how well it follows the readings: one sentence."""
+    """Whether a fit can be used, for what, and how well it follows the readings: a sentence or two."""
     outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
     refused = _why_not(fit, outputs)
     if refused:
@@ -193,22 +215,27 @@ def verdict(fit: Fit) -> str:
 
 def _why_not(fit: Fit, outputs: Sequence[str]) -> str:
     """Why a fit is of no use; empty where it is of some."""
-    codes = {finding.code: finding for finding in fit.findings}
+    if not outputs:
+        return "it holds no readings"
     if not fit.converged:
         return "the search did not end at a best fit"
-    nothing = codes.get("model-explains-nothing")
-    lost = f"the model does not follow the {CHANNELS[nothing.channel or outputs[0]].name}" if nothing else ""
-    wrong = [
-        finding
-        for finding in consequences_silent(fit.findings, outputs)
-        if finding.severity == "error" and finding is not nothing and not is_aside(finding, outputs)
+    errors = [
+        one
+        for one in consequences_silent(fit.findings, outputs)
+        if one.severity == "error" and not is_aside(one, outputs)
     ]
+    # The first names what is lost; that a model allows no such current is no fault of a record either.
+    nothing = next((one for one in fit.findings if one.code == _EXPLAINS_NOTHING), None)
+    lost = f"the model does not follow the {CHANNELS[nothing.channel or outputs[0]].name}" if nothing else ""
+    wrong = [one for one in errors if one.code not in (_EXPLAINS_NOTHING, NOT_ALLOWED)]
+    if not wrong and any(one.code == NOT_ALLOWED for one in errors):
+        return "the model's series resistance does not allow the measured current"
     if wrong:
         which = sorted({CHANNELS[one.channel].name for one in wrong if one.channel in CHANNELS})
         of = f" of the {_listed(which)}" if which else ""
         _, followed = _followed(fit, outputs)
-        then = f"and {lost}" if lost else f"however well the curve follows it ({followed})"
-        return f"the record{of} is wrong, as the first finding says, {then}"
+        then = f", and {lost}" if lost else f". How well the curve follows it does not matter ({followed})"
+        return f"the record{of} is wrong, as the first finding says{then}"
     return lost
 
 
@@ -219,7 +246,9 @@ def _of_parameters(fit: Fit) -> str:
     unknown = sum(not one.determined for one in fit.parameters.values())
     lacks = any(finding.code in _DOUBTS and finding.severity != "info" for finding in fit.findings)
     count = len(fit.parameters)
-    if unknown == count:
+    if not count:
+        told = "no parameter was free"
+    elif unknown == count:
         told = "none of its parameters is determined" if count > 1 else "its parameter is not determined"
     elif unknown:
         told = f"{unknown} of its {count} parameters {'is' if unknown == 1 else 'are'} not determined"
@@ -232,11 +261,11 @@ def _of_parameters(fit: Fit) -> str:
     if lacks:
         told += (
             ", and the model lacks something: the values describe this model, not yet the strip"
-            if unknown
+            if unknown or not count
             else ", but the model lacks something: they describe this model, not yet the strip"
         )
     elif unknown and fit.known:
-        told += ", but what stands below them is known"
+        told += ", but the quantities under 'known from these readings' are known"
     return told
 
 
@@ -246,7 +275,10 @@ def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
     worst = max((percent for _, _, percent in each if percent is not None), default=None)
     if len(each) == 1:
         ((label, output, percent),) = each
-        return worst, f"residual {_size(fit, label, output, percent)}{' of the range' if worst else ''} in {label}"
+        return (
+            worst,
+            f"residual {_size(fit, label, output, percent)}{' of the range' if worst is not None else ''} in {label}",
+        )
     largest = [max((one for one in each if one[1] == output), key=lambda one: one[2] or -1.0) for output in outputs]
     shown = each if len(each) <= _SHOWN else largest
     most = "at most " if len(each) > len(shown) else ""
@@ -254,7 +286,7 @@ def _followed(fit: Fit, outputs: Sequence[str]) -> tuple[float | None, str]:
     for output in outputs:
         own = [f"{_size(fit, label, output, percent)} in {label}" for label, of, percent in shown if of == output]
         told.append(f"{CHANNELS[output].name + ' ' if len(outputs) > 1 else ''}{most}{', '.join(own)}")
-    return worst, f"residual{', relative to the range' if worst else ''}: {'; '.join(told)}"
+    return worst, f"residual{', relative to the range' if worst is not None else ''}: {'; '.join(told)}"
 
 
 def _residuals(fit: Fit) -> Iterator[tuple[str, str, float | None]]:

@@ -183,7 +183,8 @@ class Fit(Shown):
         Returns
         -------
         summary : str
-            Lines of at most 100 columns. ``findings``, ``undetermined`` and a report say all.
+            Sentences and findings in lines of at most 100 columns; a row of the table is as wide as its names need.
+            ``findings``, ``undetermined`` and a report say all.
 
         Examples
         --------
@@ -195,7 +196,7 @@ class Fit(Shown):
         circuit.dc_resistivity  43.42040816...
         This fit can be used to predict the current (residual ...
         parameter is determined.
-        2 more findings: --details, or the report
+        2 more findings: see fit.findings
         """
         # Found by its name when it is asked for, as what a notebook shows is: no value imports what words it.
         said: str = importlib.import_module("ipmclab.fit.answer").summary_of(self)

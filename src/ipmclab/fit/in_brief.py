@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -19,6 +20,9 @@ WIDTH: Final = 100
 _SEVERITIES: Final[tuple[Severity, ...]] = ("error", "warning", "info")
 
 _READ: Final = ("current", "displacement", "force")
+
+NOT_ALLOWED: Final = "impossible-current"
+"""The model's own series resistance is too high for the current that was read."""
 
 _FAILED: Final = ("not-converged", "model-explains-nothing")
 _LACKING: Final = ("model-incomplete", "stage-missing", "model-error")
@@ -47,7 +51,7 @@ _UNSURE: Final = (
     "fixed-uncertainty",
 )
 _FOLLOWS: Final = {
-    **dict.fromkeys(_FAILED, 1),
+    **dict.fromkeys((NOT_ALLOWED, *_FAILED), 1),
     **dict.fromkeys((*_LACKING, *_CONTRADICTS), 2),
     **dict.fromkeys(_UNSURE, 3),
 }
@@ -67,6 +71,18 @@ _SHORTEST: Final = 0.6
 
 _LEAST: Final = 0.3
 """Part of a line that a clause fills at least: less says nothing."""
+
+_ROOM: Final = WIDTH - 9
+"""Columns of a line behind its severity."""
+
+_LONGEST_LABEL: Final = 40
+"""Columns of the name of a run, before it is shortened in its middle."""
+
+_FEWEST: Final = 24
+"""Columns that a cure has at least: for fewer, parameters are counted instead of named."""
+
+_CUT: Final = " ..."
+"""Behind a text that goes on."""
 
 _BRACKETS: Final = re.compile(r" \([^()]*\)")
 
@@ -123,17 +139,20 @@ def in_brief(
         return _SEVERITIES.index(one.severity) + lowered, _FOLLOWS.get(one.code, 0)
 
     told = sorted((one for one in consequences_silent(findings, outputs) if one.severity != "info"), key=rank)
-    groups: dict[tuple[str, str | None, str], list[Finding]] = {}
-    for one in told:
-        groups.setdefault((one.code, one.channel, _cure(one) if one.code == "undetermined" else ""), []).append(one)
-    chosen = list(groups.values())[:most]
+    chosen = _alike(told, labels)[:most]
     lines = tuple(_line(members, outputs, labels) for members in chosen)
     return lines, len(findings) - sum(map(len, chosen))
 
 
-def more_in_words(more: int) -> str:
-    """How many findings are not among those in brief, and where they stand."""
-    return f"{more} more finding{'s' if more > 1 else ''}: --details, or the report"
+def more_in_words(more: int, where: str) -> str:
+    """How many findings are not among those in brief, and where they stand.
+
+    Examples
+    --------
+    >>> more_in_words(2, "see fit.findings")
+    '2 more findings: see fit.findings'
+    """
+    return f"{more} more finding{'s' if more > 1 else ''}: {where}"
 
 
 def is_aside(finding: Finding, outputs: Collection[str]) -> bool:
@@ -146,16 +165,22 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
 
     Where the record of a channel cannot be right (an error that the record itself shows, a current that no strip
     draws), what a model leaves of that channel, and what its values contradict, is no news; nor is what an error leaves
-    open. Nor are single shortcomings where the model explains nothing, or where the search did not end.
+    open. Where the model itself does not allow the current, no news is how badly it follows it. Nor are single
+    shortcomings where the model explains nothing, or where the search did not end.
     """
     of_record = [one for one in findings if one.code not in _FOLLOWS and not is_aside(one, outputs)]
     broken = {one.channel for one in of_record if one.severity == "error"}
     wrong = broken | {IMPOSSIBLE[one.code] for one in of_record if one.code in IMPOSSIBLE}
     first = min((_FOLLOWS[one.code] for one in findings if one.code in _FAILED), default=_UNKNOWN)
     named = {one.channel for one in findings if one.code in ("model-incomplete", "stage-missing")}
+    not_allowed = {one.channel for one in findings if one.code == NOT_ALLOWED}
 
     def follows(one: Finding) -> bool:
         level = _FOLLOWS.get(one.code, 0)
+        if one.code == NOT_ALLOWED:
+            return not broken.isdisjoint({one.channel, None})
+        if one.code in ("model-explains-nothing", *_LACKING) and one.channel in not_allowed:
+            return True
         if level > first or (one.code == "model-error" and one.channel in named):
             return True
         if level == _UNKNOWN:
@@ -166,28 +191,63 @@ def consequences_silent(findings: Sequence[Finding], outputs: Collection[str] = 
     return [one for one in findings if not follows(one)]
 
 
+def _alike(findings: Sequence[Finding], labels: Sequence[str]) -> list[list[Finding]]:
+    """The findings that one line tells: what has one cure, and what several runs have alike.
+
+    Of one run, and of a fit as a whole, each finding is told by itself: only the first of a line is read.
+    """
+    groups: dict[tuple[object, ...], list[Finding]] = {}
+    seen: Counter[tuple[str, str | None, str]] = Counter()
+    for one in findings:
+        label = _label(one, labels)
+        of_run = one.code, one.channel, label
+        which = (_cure(one),) if one.code == "undetermined" else (bool(label), seen[of_run])
+        seen[of_run] += 1
+        groups.setdefault((one.code, one.channel, *which), []).append(one)
+    return list(groups.values())
+
+
+def _label(finding: Finding, labels: Sequence[str]) -> str:
+    """The run that a message begins with; empty where it is about all."""
+    return next((label for label in labels if finding.message.startswith(f"{label}: ")), "")
+
+
 def _line(members: Sequence[Finding], outputs: Collection[str], labels: Sequence[str]) -> Brief:
     one = members[0]
-    room = WIDTH - 9
     if one.code == "undetermined":
         names = list(dict.fromkeys(name for member in members for name in _named(member)))
         cure = _cure(one) or "record longer, with other signals, or with less noise"
         asked = f"to determine {_listed(names)}: "
-        return Brief(one.severity, one.code, asked + shortened(cure, room - len(asked)))
-    runs = {label for member in members for label in labels if member.message.startswith(f"{label}: ")}
-    label = next((f"{label}: " for label in labels if one.message.startswith(f"{label}: ")), "")
-    text = one.message.removeprefix(label)
-    text = _plain(one) or text
-    before = label if len(labels) > 1 else ""
-    after = f" ({len(runs)} runs alike)" if len(runs) > 1 else ""
+        if not names or _ROOM - len(asked) < min(len(cure), _FEWEST):
+            asked = f"to determine {len(names) or 'more'} parameter{'' if len(names) == 1 else 's'}: "
+        return Brief(one.severity, one.code, asked + shortened(cure, _ROOM - len(asked)))
+    label = _label(one, labels)
+    text = _plain(one) or (one.message.removeprefix(f"{label}: ") if label else one.message)
+    before = f"{_without_middle(label, _LONGEST_LABEL)}: " if label and len(labels) > 1 else ""
+    after = f" ({len(members)} runs alike)" if len(members) > 1 else ""
     after += " (not in this fit)" if is_aside(one, outputs) else ""
-    return Brief(one.severity, one.code, before + shortened(text, room - len(before + after)) + after)
+    return Brief(one.severity, one.code, before + shortened(text, _ROOM - len(before + after)) + after)
+
+
+def _without_middle(text: str, width: int) -> str:
+    """A name in so many columns: files of one series often differ in their beginning or in their end.
+
+    Examples
+    --------
+    >>> _without_middle("monday-humid-strip-7-step-1V-a.nc", 20)
+    'monday-hu...-1V-a.nc'
+    """
+    if len(text) <= width:
+        return text
+    last = (width - 3) // 2
+    return f"{text[: width - 3 - last]}...{text[-last:]}"
 
 
 def _plain(finding: Finding) -> str:
     """What some findings say in fewer words, where the first clause of the message is not the point; else nothing."""
     if finding.code == "contact-lost" and finding.samples:
-        return f"the contact was open: at constant voltage no current flows from row {finding.samples[0][0]} on"
+        start, stop = finding.samples[0]
+        return f"the contact was open: at constant voltage no current flows from row {start} to row {stop - 1}"
     if finding.code == "zero-not-shown":
         return f"the zero of the {finding.channel} does not show: the voltage is on from the first row"
     words, sigmas = _CONTRADICTS.get(finding.code), finding.values.get("sigmas")
@@ -217,6 +277,8 @@ def _cure(finding: Finding) -> str:
 def shortened(text: str, width: int) -> str:
     """A text in one line: whole, else without its brackets, up to the last clause that fits, else to the last word.
 
+    Where not even a word would fit, nothing.
+
     Examples
     --------
     >>> shortened("the voltage reaches 1.98 V, water decomposes above 1.23 V: the model has no leak, so it differs", 60)
@@ -237,7 +299,7 @@ def shortened(text: str, width: int) -> str:
         ends = [place for mark in marks for place in _places(text, mark) if least * width <= place <= width]
         if ends:
             return text[: max(ends)]
-    return textwrap.shorten(text, width, placeholder=" ...")
+    return textwrap.shorten(text, width, placeholder=_CUT) if width > len(_CUT) else ""
 
 
 def _places(text: str, mark: str) -> list[int]:

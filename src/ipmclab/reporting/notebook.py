@@ -11,7 +11,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from ipmclab.choosing.choice import Choice
-from ipmclab.fit.answer import answer_of
+from ipmclab.fit.answer import IN_PYTHON, answer_of
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.in_brief import more_in_words
 from ipmclab.forecasting.forecast_values import Forecast
@@ -70,7 +70,7 @@ def _fit(fit: Fit) -> str:
         for one in (*answer.parameters, *(answer.known if answer.shows_known else ()))
     ]
     lines = [[one.severity, one.text] for one in answer.findings]
-    more = f"<p>{escape(more_in_words(answer.more))}</p>" if answer.more else ""
+    more = f"<p>{escape(more_in_words(answer.more, IN_PYTHON))}</p>" if answer.more else ""
     step = simulate(fit.actuator, _STEP, duration=_SHOWN_SECONDS, rate=_SHOWN_RATE)
     told = f"{fit.actuator.name} under {_STEP}, as fitted"
     figure = runs_figure([step], [told], [()])

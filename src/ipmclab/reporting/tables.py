@@ -148,7 +148,9 @@ def known_rows(fit: Fit) -> list[ParameterRow]:
                 plain(shown(one.value)),
                 spelled_unit(one.quantity.display_unit),
                 interval=interval(*map(shown, one.interval)),
-                remark=f"needs {' and '.join(one.leans)}, taken as exact" if one.leans else "",
+                remark=f"if {' and '.join(one.leans)} {'is' if len(one.leans) == 1 else 'are'} exact"
+                if one.leans
+                else "",
             )
         )
     return rows

@@ -170,3 +170,15 @@ def test_each_run_with_a_contact_of_its_own_has_its_own(tmp_path: Path) -> None:
         assert one.words == f"high-frequency resistance[{place}]"
     write_fit(fit, tmp_path / "fitted.toml")
     assert read_fit(tmp_path / "fitted.toml").known == fit.known
+
+
+def test_what_only_one_of_several_runs_determines_is_a_number_of_that_run() -> None:
+    """A step of 0.5 mV draws less current than its noise: it says nothing of its own contact."""
+    generator = np.random.default_rng(20261121)
+    strip = STRIP.replace(**{"circuit.contact_resistance": 2.0})
+    runs = [noisy(generator, f"step {size} delay=1 s", strip=strip, rate=50.0) for size in ("1 V", "0.5 mV")]
+    fit = identify(strip, runs, free="electrical", per_run="circuit.contact_resistance")
+    names = {one.name for one in fit.known}
+    resistance = "circuit.high_frequency_resistance"
+    assert f"{resistance}[0]" in names
+    assert names.isdisjoint({resistance, f"{resistance}[1]"})

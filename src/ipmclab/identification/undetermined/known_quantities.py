@@ -82,10 +82,14 @@ def known_quantities(actuator: Actuator, points: Sequence[Point]) -> tuple[Known
             alike[key] = _of_run(actuator, points, record)
         for one in alike[key]:
             found.setdefault(one.name, {})[record.place] = one
+    records = points[0].problem.records
+    each_its_own = any(not one.belongs_to(record.place) for one in unknowns for record in records)
     told = []
     for name, of_runs in found.items():
         first = next(iter(of_runs.values()))
-        if all(abs(one.value - first.value) <= _SAME * abs(first.value) for one in of_runs.values()):
+        # Where runs have values of their own, what only some of them determine is a number of these.
+        of_all = len(of_runs) == len(records) or not each_its_own
+        if of_all and all(abs(one.value - first.value) <= _SAME * abs(first.value) for one in of_runs.values()):
             told.append(first)
         else:
             told += [replace(one, name=f"{name}[{place}]") for place, one in of_runs.items()]
