@@ -45,6 +45,8 @@ class _Teller:
         self._told = time.monotonic()
         try:
             self._tell(self._sentence, self._fraction)
+        except KeyboardInterrupt:
+            raise  # of the terminal, not of who is told: a work may keep what it has
         except BaseException as error:
             self._ended = error
             raise

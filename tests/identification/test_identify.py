@@ -393,3 +393,24 @@ def test_every_parameter_that_is_not_determined_is_named_by_a_direction() -> Non
         for direction in fit.undetermined:
             factor = re.search(r"to a factor of (\S+) only", direction.sentence)
             assert factor is None or float(factor[1]) < 1100
+
+
+def test_who_interrupts_the_search_for_missing_stages_keeps_the_fit() -> None:
+    strip = load_actuator("friend-2+clamp").replace(**{"clamp.direct_share": 0.5})
+    run = record(actuator=strip)
+    told: list[str] = []
+
+    def interrupt(sentence: str, _: float) -> None:
+        told.append(sentence)
+        if sentence == "asking what the model lacks":
+            raise KeyboardInterrupt
+
+    fit = identify(FRIEND, run, progress=interrupt)
+    assert told[-1] == "errors and intervals"
+    assert "stages-not-tried" in {one.code for one in fit.findings}
+    assert not fit.diagnoses
+    whole = identify(FRIEND, run)
+    assert whole.diagnoses
+    assert {name: one.value for name, one in fit.parameters.items()} == {
+        name: one.value for name, one in whole.parameters.items()
+    }

@@ -11,6 +11,7 @@ from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
+from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.diagnostics.beyond import beyond_findings
 from ipmclab.identification.diagnostics.diagnose import diagnose
@@ -28,6 +29,7 @@ from ipmclab.identification.problem.record import (
     noise_only,
     prepare,
 )
+from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, outputs_of, stage_outputs
 from ipmclab.model.given import need_actuator, need_run
@@ -171,8 +173,7 @@ def _identify(
     _need_readings(names, records, silent)
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
-    stage("asking what the model lacks", 0.75, 0.8)
-    diagnoses, lacking = diagnose(actuator, names, result) if diagnosed else ((), ())
+    diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
     told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
     fit = build_fit(actuator, given, result, told, diagnoses)
@@ -182,6 +183,24 @@ def _identify(
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
         beyond += prior_findings(actuator, names.priors, fit, alone)
     return with_findings(fit, beyond)
+
+
+def _what_it_lacks(
+    actuator: Actuator, names: FreeParameters, result: Estimate
+) -> tuple[tuple[OutputDiagnosis, ...], Sequence[Finding]]:
+    """What the fit leaves, and the stages that would explain it; who does not want to wait keeps the fit."""
+    try:
+        stage("asking what the model lacks", 0.75, 0.8)
+        return diagnose(actuator, names, result)
+    except KeyboardInterrupt:
+        return (), (
+            Finding(
+                "stages-not-tried",
+                "warning",
+                "the fit was interrupted before it was asked what the model lacks",
+                "let it run to its end to have the residuals judged and missing stages named",
+            ),
+        )
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
