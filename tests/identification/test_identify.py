@@ -414,3 +414,13 @@ def test_who_interrupts_the_search_for_missing_stages_keeps_the_fit() -> None:
     assert {name: one.value for name, one in fit.parameters.items()} == {
         name: one.value for name, one in whole.parameters.items()
     }
+
+
+def test_a_sensor_that_drifts_is_no_model_that_explains_nothing() -> None:
+    clean = simulate(FRIEND, "step 1 V delay=5 s", duration=60.0, rate=25.0)
+    assert clean.current is not None
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(clean))
+    read = clean.current + noise + 2e-4 * clean.time
+    fit = identify(FRIEND, Run.from_arrays(time=clean.time, voltage=clean.voltage, hold=clean.hold, current=read))
+    assert fit.observations[0].drift["current"] == pytest.approx(2e-4, rel=0.2)
+    assert "model-explains-nothing" not in {one.code for one in fit.findings}

@@ -178,7 +178,7 @@ def build_fit(
     )
     told = (
         *findings,
-        *unexplained(problem, replace(solution, evaluation=result.correlated.plain)),
+        *unexplained(problem, result.correlated.left),
         *_fit_findings(solution, found, fitted, stated, exact, asked, order, named),
         *noise_findings(problem, result.correlated, found),
     )

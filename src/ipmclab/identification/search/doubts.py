@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
@@ -17,18 +18,26 @@ from ipmclab.model.structure import Structure
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
 
+FloatArray = npt.NDArray[np.float64]
+
 _HALF: Final = 0.5  # of what the readings vary
 _NOISE: Final = 1.3  # times the noise between neighbours: what is left is noise
 _ENOUGH: Final = 50  # readings from which the noise between neighbours is known
 
 
-def unexplained(problem: Problem, solution: Solution) -> list[Finding]:
-    """A finding for each run and output of which the model leaves half or more, and which is not merely noisy."""
+def unexplained(problem: Problem, left_of: Callable[[tuple[int, str]], FloatArray]) -> list[Finding]:
+    """A finding for each run and output of which the model leaves half or more, and which is not merely noisy.
+
+    Parameters
+    ----------
+    problem : Problem
+    left_of : function of (place, output)
+        What is left of an output of a run about the zero and the slope of its sensor, in units of the problem's noise.
+    """
     found = []
     for record in problem.records:
         for output, reading in record.readings.items():
-            piece = problem.pieces[record.place, output]
-            left, values = solution.evaluation.residual[piece], reading.measured
+            left, values = left_of((record.place, output)), reading.measured
             if not len(values):
                 continue
             if reading.has_bounds:
