@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -86,7 +87,7 @@ def test_the_shell_completes_verbs(tmp_path: Path) -> None:
     called = [sys.executable, "-P", "-m", "ipmclab"]
     done = subprocess.run(called, env=os.environ | asked, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.split() == ["forecast"]
-    shown = subprocess.run(
-        [*called, "--show-completion", "bash"], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    # From a shell, which is looked for among the parents of the process; what follows keeps the shell there.
+    line = f"{shlex.join([*called, '--show-completion'])}; exit $?"
+    shown = subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "_IPMCLAB_COMPLETE=complete_bash" in shown.stdout

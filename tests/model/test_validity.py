@@ -119,7 +119,7 @@ def test_run_file_prediction_and_check_say_it(tmp_path: Path) -> None:
     validation = validate(strip, again)
     said = [finding for finding in validation.findings if finding.code in ("above-electrolysis", "near-resonance")]
     assert len(said) == 2
-    assert all(finding.message.startswith("sine 2 V 14 Hz: ") for finding in said)
+    assert all(finding.message.startswith("run.nc: ") for finding in said)
     # What was measured does not become a finding of the record.
     measured = Run.from_arrays(time=run.time, voltage=run.voltage, displacement=run.displacement)
     assert not {finding.code for finding in check(measured)} & {"above-electrolysis", "near-resonance"}

@@ -154,8 +154,9 @@ class Guardian:
         """
         now, used = time.monotonic(), time.thread_time()
         silent, worked = now - self._progress, used - self._used
+        late = self._held_up(now)
         self._hear_after(now)
-        self._progress, self._used, late, self._late = now, used, self._late, 0.0
+        self._progress, self._used, self._late = now, used, 0.0
         self._held_until = 0.0
         if self._state == "acted":
             raise self._after_silence(silent, waited=max(worked, late) < self._silence / 2.0)
@@ -185,12 +186,16 @@ class Guardian:
 
     def _hear_after(self, now: float) -> bool:
         """Whether this program itself was held up until now; then what the guardian said meanwhile is heard first."""
-        late = max(self._late, now - self._due)
-        if late <= max(self._silence, now - self._progress) / 2.0:
+        if self._held_up(now) <= max(self._silence, now - self._progress) / 2.0:
             return False
         with self._told:
             self._told.wait_for(lambda: self._state in ("acted", "gone"), _WORD)
         return True
+
+    def _held_up(self, now: float) -> float:
+        """By how much the thread that beats is, or was, late [s]."""
+        due = self._due  # first: the thread, where it comes in between, has put into ``_late`` what this then lacks
+        return max(self._late, now - due)
 
     def hold(self, seconds: float) -> None:
         """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
@@ -224,9 +229,15 @@ class Guardian:
             self._process.wait(2.0 * _LOST)
         except subprocess.TimeoutExpired:
             # It still tries to bring the output to 0 V. Somebody has to take note of its end, where it ends first.
-            threading.Thread(target=self._process.wait, name="guardian's end", daemon=True).start()
+            threading.Thread(target=self._await_its_end, name="guardian's end", daemon=True).start()
             return
         self._listener.join(_ANSWER)
+        self._process.stdout.close()
+
+    def _await_its_end(self) -> None:
+        assert self._process.stdout is not None
+        self._process.wait()
+        self._listener.join()
         self._process.stdout.close()
 
     def __enter__(self) -> Guardian:
