@@ -82,7 +82,8 @@ def build_fit(
     order = Order(problem.values(solution.theta, problem.records[0].place))
     rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
     model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
-    beside = _beside_unseen(result, stated, exact)
+    points = _points(result, found, rivals, stated, exact)
+    beside = _beside_unseen(points)
     open_edges = edges_are_open(asked, found)
     leaning = something_is_open(problem, solution, asked, places, found)
     alone = [
@@ -199,7 +200,7 @@ def build_fit(
         practical=practical(problem, solution, order),
         covariance=_covariance(asked, values, found, stated, problem.base, order),
         diagnoses=diagnoses,
-        known=known_quantities(actuator, _points(result, found, rivals, stated, exact)),
+        known=known_quantities(actuator, points),
         estimate=result,
     )
     fit = replace(fit, actuator=_fitted_actuator(actuator, problem, solution, fit, order))
@@ -219,22 +220,19 @@ def _points(
     return points
 
 
-def _beside_unseen(result: Estimate, stated: Table, exact: Sequence[str]) -> dict[str, tuple[float, float]]:
+def _beside_unseen(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
     """Entry and standard error that each unknown has while the unseen stages may still be there.
 
     That a stage does not show is no proof that it is not there: what trades against it is known no better than beside
     it.
     """
-    if result.beside is None:
-        return {}
-    problem, solution = result.beside.problem, result.beside.solution
-    found = uncertainty(result.beside, stated, exact)
-    spread = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0))
-    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
-    return {
-        problem.unknowns[place].name: (float(solution.theta[place]), float(spread[number]))
-        for number, place in enumerate(places)
-    }
+    beside: dict[str, tuple[float, float]] = {}
+    for point in points[1:]:
+        spread = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
+        asked = [(place, unknown) for place, unknown in enumerate(point.problem.unknowns) if not unknown.nuisance]
+        for number, (place, unknown) in enumerate(asked):
+            beside[unknown.name] = float(point.theta[place]), float(spread[number])
+    return beside
 
 
 def _unseen_parameter(

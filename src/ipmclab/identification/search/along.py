@@ -16,7 +16,7 @@ from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
 from ipmclab.identification.search.solve import Pinned, Solution, descend, entry_errors
 from ipmclab.identification.search.starts.start import fastest_rate
-from ipmclab.identification.search.valleys import Place, branch_valley
+from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place, branch_valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
@@ -30,8 +30,6 @@ _SHARES: Final = (0.01, 0.03, 0.07, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.
 """Parts of the steady current beside the other branches that the dc path is given, the slowest branch the rest."""
 
 _ZEROS: Final = (0.1, 0.3, 0.7, 1.5, 5.0)  # times the Nyquist rate: zeros of a coupling that is too fast to be seen
-_EVALUATIONS: Final = 25
-_NEAR: Final = 1e-7  # of the cost: beside a threshold of 4 of chi-square nothing
 _SLOWER: Final = (0.2, 0.4, 0.7, 1.4, 2.5, 4.5, 8.0)  # times the time constant of a leak that hardly shows how slow
 
 
@@ -72,9 +70,9 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
         beside = lowest
         for entry in side:
             pinned = Pinned(problem, held, entry)
-            best = descend(pinned, beside, evaluations=_EVALUATIONS, tolerance=_NEAR)
+            best = descend(pinned, beside, evaluations=EVALUATIONS, tolerance=NEAR)
             if not best.converged:  # lost on the way: from the lowest point once more
-                again = descend(pinned, lowest, evaluations=_EVALUATIONS, tolerance=_NEAR)
+                again = descend(pinned, lowest, evaluations=EVALUATIONS, tolerance=NEAR)
                 best = min(best, again, key=lambda one: one.evaluation.cost)
             beside = best.theta
             errors = np.insert(entry_errors(best.evaluation), held, 0.0)

@@ -30,13 +30,17 @@ SURELY_SOMEWHERE: Final = 7.88
 """The same for a branch that may not show at all. Then it stands where noise looks most like one, of about ten places
 between a row and a record that know nothing of each other: the excess that 99.5 % stay below at each."""
 
+EVALUATIONS: Final = 25
+"""Runs of the model that the search at one place of a valley may take."""
+
+NEAR: Final = 1e-7
+"""Part of the cost to which it goes: beside a threshold of 4 of chi-square nothing."""
+
 _WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
 _FASTEST: Final = 0.3  # rows
 _SLOWEST: Final = 30.0  # records
 _STEP: Final = 0.8  # between the logarithms of neighbouring time constants
 _SHARES: Final = (0.2,)  # of the steady current that the branch is given to begin with
-_EVALUATIONS: Final = 25
-_NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +208,7 @@ def branch_valley(problem: Problem, solution: Solution) -> list[Place]:
             tied = Tied(problem, resistivity, permittivity, float(total))
             best: Solution | None = None
             for start in _starts(warm, solution.theta, resistivity, dc, values):
-                one = minimise(tied, np.delete(start, permittivity), evaluations=_EVALUATIONS, tolerance=_NEAR)
+                one = minimise(tied, np.delete(start, permittivity), evaluations=EVALUATIONS, tolerance=NEAR)
                 if best is None or one.evaluation.cost < best.evaluation.cost:
                     best = one
             assert best is not None
