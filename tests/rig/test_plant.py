@@ -9,10 +9,10 @@ import pytest
 
 from ipmclab import InputError, load_actuator, simulate
 from ipmclab.model import Actuator
-from ipmclab.rig.chamber import platinum_resistance, platinum_temperature
 from ipmclab.rig.channels import THESIS_RIG, VirtualStrip
 from ipmclab.rig.operator_actions import WORDS, carry_out
 from ipmclab.rig.plant import PRELOAD_TIME, StripPlant
+from ipmclab.rig.thermometer import platinum_resistance, platinum_temperature
 
 SEED = 20261121
 OUTPUT = "cDAQ1Mod2/ao0"

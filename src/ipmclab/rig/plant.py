@@ -14,9 +14,10 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.model.four_probe import sheet_factor
 from ipmclab.model.stages.circuit import CONTACT, SHEET
-from ipmclab.rig.chamber import Lag, platinum_resistance
 from ipmclab.rig.channels import Channel, FourProbe, Rig
 from ipmclab.rig.exact import TICK, ExactSystem, to_ticks
+from ipmclab.rig.lag import Lag
+from ipmclab.rig.thermometer import platinum_resistance
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator

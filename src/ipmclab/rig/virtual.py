@@ -12,11 +12,11 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.model.request import above_zero
 from ipmclab.rig.bench import Block, block_rows
-from ipmclab.rig.chamber import platinum_temperature
 from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.plant import StripPlant
 from ipmclab.rig.request import check_measured, check_rows, check_voltage
 from ipmclab.rig.rows import ENDLESS, RowSource, as_rows
+from ipmclab.rig.thermometer import platinum_temperature
 from ipmclab.signals import Signal
 
 if TYPE_CHECKING:

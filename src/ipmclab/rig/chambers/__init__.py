@@ -1,0 +1,1 @@
+"""Environmental chambers: what every one of them can do, and one driver a file."""
