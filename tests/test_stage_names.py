@@ -11,8 +11,11 @@ from ipmclab.model.kinds import kinds
 
 SOURCES = Path(__file__).parent.parent / "src" / "ipmclab"
 
-SPELL = re.compile(rf"({'|'.join(sorted({kind.prefix.split('.')[0] for kind in kinds()} - {'geometry'}))})\.([a-z]|$)")
-"""A literal, or the fixed part of one, that is such a name or begins with it. Dimensions are no stage's."""
+WORDS = {kind.prefix.split(".")[0] for kind in kinds()} - {"geometry", "environment"}
+LAWS = {kind.prefix.rstrip(".") for kind in kinds() if kind.prefix.startswith("environment.")}
+SPELL = re.compile(rf"({'|'.join(sorted(WORDS | LAWS))})\.([a-z]|$)")
+"""A literal, or the fixed part of one, that is such a name or begins with it. Dimensions are no stage's. An experiment
+has a table [environment] too, so that a law counts by its whole name."""
 
 THEIR_SUBJECT = ("model", "procedure", "consistency", "data", "codegen")
 STARTS = re.compile(r"search/starts/start_\w+\.py")

@@ -54,6 +54,11 @@ _MULTIPLES: Final[dict[str, dict[str, float]]] = {
     "A/V^3/m^2": {"A/V^3/m^2": 1.0},
     "degC": {"degC": 1.0},
     "percent": {"percent": 1.0, "%": 1.0, "%RH": 1.0},
+    "J/mol": {"J/mol": 1.0, "kJ/mol": 1e3},
+    "1/K": {"1/K": 1.0},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
+    "m^2/s": {"m^2/s": 1.0, "cm^2/s": 1e-4, "mm^2/s": 1e-6, "um^2/s": 1e-12},
+    "mol/m^3": {"mol/m^3": 1.0, "mol/l": 1e3},
 }
 
 
@@ -122,6 +127,11 @@ POWER = Quantity("power", "W", "W", "P")
 ENERGY = Quantity("energy", "J", "J", "E")
 CURRENT_DENSITY = Quantity("current density", "A/m^2", "A/m^2", "j")
 SLEW_RATE = Quantity("slew rate", "V/s", "V/s")
+ACTIVATION_ENERGY = Quantity("activation energy", "J/mol", "kJ/mol", "E")
+PER_KELVIN = Quantity("temperature coefficient", "1/K", "1/K")
+MASS_TRANSFER = Quantity("mass transfer coefficient", "m/s", "mm/s", "k")
+DIFFUSIVITY = Quantity("diffusivity", "m^2/s", "um^2/s", "D")
+CONCENTRATION = Quantity("concentration", "mol/m^3", "mol/m^3", "c")
 
 CHANNELS: Final[dict[str, Quantity]] = {
     "voltage": VOLTAGE,

@@ -15,7 +15,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
 from ipmclab.model.assemble import System, assemble
 from ipmclab.model.blocks import Block
-from ipmclab.model.environment import Environment, EnvironmentLaw
+from ipmclab.model.environment import Environment, EnvironmentLaw, WaterState, equilibrium, sorption, values_in
 from ipmclab.model.export import to_control, to_scipy
 from ipmclab.model.parameters import Parameter, Values
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
@@ -56,7 +56,8 @@ class Actuator(Shown):
     fit_table : mapping, optional
         The ``[fit]`` table of a fitted actuator's file, as it stands there.
     environment_laws : tuple of EnvironmentLaw
-        How parameters follow the environment, for ``at``. A file does not hold laws.
+        How parameters follow the environment by functions of your own, for ``at``. A file does not hold them; the laws
+        of the literature are parameters (``environment.laws``).
 
     Raises
     ------
@@ -111,6 +112,7 @@ class Actuator(Shown):
                     repair="give one standard deviation, or none when the value is exact",
                 )
         geometry.check(given)
+        sorption.check(given)
         object.__setattr__(self, "parameter_values", {name: given[name] for name in known})
 
     def __getstate__(self) -> dict[str, Any]:
@@ -185,12 +187,13 @@ class Actuator(Shown):
         values = {**self.parameter_values, **changes}
         return replace(self, parameter_values=values, standard_uncertainties=kept, fit_table=None)
 
-    def at(self, environment: Environment) -> Actuator:
+    def at(self, environment: Environment | WaterState) -> Actuator:
         """The actuator in a constant environment: its parameters as its laws say, and no laws left.
 
         Parameters
         ----------
-        environment : Environment
+        environment : Environment or WaterState
+            Of an environment it is the state in which the strip is after a long time (``environment.equilibrium``).
 
         Returns
         -------
@@ -209,11 +212,39 @@ class Actuator(Shown):
         >>> strip = load_actuator("friend-2")
         >>> strip.at(Environment(temperature=25.0, relative_humidity=50.0)) is strip
         True
+        >>> from ipmclab.model import with_stages
+        >>> wetter = with_stages(strip, "environment.coupling_gain").at(Environment(20.0, 90.0))
+        >>> round(wetter["coupling.gain"] / strip["coupling.gain"], 4)
+        1.3904
         """
-        if not self.environment_laws:
+        if not (self.environment_laws or self.structure.hydration):
             return self
-        there = {law.parameter: law.value(self[law.parameter], environment) for law in self.environment_laws}
-        return replace(self.replace(**there), environment_laws=())
+        there = dict(self.parameter_values)
+        if self.structure.hydration:
+            state = equilibrium(there, environment) if isinstance(environment, Environment) else environment
+            there = values_in(there, state)
+        if self.environment_laws:
+            around = self._around(environment)
+            there |= {law.parameter: law.value(there[law.parameter], around) for law in self.environment_laws}
+        kept = {name: self.standard_uncertainties[name] for name in there if name in self.standard_uncertainties}
+        same = {name: value for name, value in kept.items() if there[name] == self[name]}
+        return replace(self, parameter_values=there, standard_uncertainties=same, fit_table=None, environment_laws=())
+
+    def _around(self, environment: Environment | WaterState) -> Environment:
+        """The environment that laws of one's own are asked with."""
+        if isinstance(environment, Environment):
+            return environment
+        humidity = environment.relative_humidity
+        if humidity is None:
+            if not self.structure.hydration:
+                raise InputError(
+                    "a law of your own asks for the humidity, and this state says nothing of it",
+                    code="bad-environment",
+                    where="relative_humidity",
+                    repair="give the state its relative_humidity, or the actuator a table [hydration]",
+                )
+            humidity = 100.0 * float(sorption.activity(self.parameter_values, environment.water_content))
+        return Environment(environment.temperature, humidity)
 
     @cached_property
     def structure(self) -> Structure:

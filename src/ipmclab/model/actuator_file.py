@@ -13,6 +13,7 @@ from ipmclab.destination import replacing
 from ipmclab.errors import InputError, suggest
 from ipmclab.model import geometry
 from ipmclab.model.actuator import Actuator
+from ipmclab.model.environment import sorption
 from ipmclab.model.kinds import kinds
 from ipmclab.model.parameters import Declaration
 from ipmclab.model.structure import Structure
@@ -155,6 +156,8 @@ def actuator_from_text(text: str, *, where: str = "actuator") -> Actuator:
             raise InputError(
                 f"{table!r} is not a table", code="bad-value", where=f"{where}: {key}", repair=f"write it below [{key}]"
             )
+    if "hydration" in document:
+        document["hydration"] = sorption.named(document["hydration"], where=where)
     values, uncertainties = _read_parameters({key: document[key] for key in tables if key in document}, where)
     return Actuator(
         name=name,
@@ -200,6 +203,7 @@ def _read_parameters(tables: Mapping[str, Any], where: str) -> tuple[dict[str, f
         values[name] = _read_number(raw, declaration, place)
         declaration.check(values[name], where=place)
     geometry.check(values, where=f"{where}: ")
+    sorption.check(values, where=f"{where}: ")
     return values, uncertainties
 
 

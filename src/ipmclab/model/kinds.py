@@ -16,6 +16,7 @@ from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.model import geometry
+from ipmclab.model.environment import hydration, laws
 from ipmclab.model.stages import beam, circuit, coupling, laser, leak, line, relaxation
 from ipmclab.model.stages.kind import StageKind
 
@@ -35,6 +36,8 @@ _OWN: Final = (
     circuit.CLAMP,
     laser.KIND,
     beam.LOAD,
+    *hydration.KINDS,
+    *laws.KINDS,
 )
 _ALWAYS: Final = (geometry.KIND, circuit.KIND, coupling.KIND, beam.KIND)
 

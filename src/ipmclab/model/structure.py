@@ -14,6 +14,8 @@ from types import MappingProxyType
 from ipmclab.errors import InputError
 from ipmclab.model import geometry
 from ipmclab.model.blocks import Block, Law, standing_in
+from ipmclab.model.environment import hydration
+from ipmclab.model.environment.laws import branches_with_law, law_declarations, laws_in
 from ipmclab.model.kinds import edition, further_kinds
 from ipmclab.model.parameters import Declaration, Values
 from ipmclab.model.stages.beam import Beam
@@ -54,6 +56,12 @@ class Structure:
         Whether a spring holds the strip at the sensing point.
     further : tuple of pair of StageKind and int
         Stages that were registered, and how many of each.
+    hydration : bool
+        Whether it is known how the strip takes up water.
+    coating : bool
+        Whether a coating holds the water back.
+    environment : tuple of str
+        The laws by which parameters follow the environment, as their names begin.
     """
 
     branches: int
@@ -69,6 +77,9 @@ class Structure:
     force_pairs: int = 0
     load: bool = False
     further: tuple[tuple[StageKind, int], ...] = ()
+    hydration: bool = False
+    coating: bool = False
+    environment: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, names: Iterable[str]) -> Structure:
@@ -181,8 +192,9 @@ def _of(names: tuple[str, ...], _edition: int) -> Structure:
             where="load.stiffness",
             repair="keep one of load and laser",
         )
+    laws = laws_in(given)
     return Structure(
-        branches=max(1, number_of(given, "circuit.branches.")),
+        branches=max(1, number_of(given, "circuit.branches."), branches_with_law(given)),
         leak=forms or (FORMS[0] if leaks else ""),
         slow_leak=_under(given, "leak.slow."),
         clamp=_under(given, "clamp."),
@@ -194,6 +206,9 @@ def _of(names: tuple[str, ...], _edition: int) -> Structure:
         displacement_pairs=number_of(given, "relaxation.displacement_pair."),
         force_pairs=number_of(given, "relaxation.force_pair."),
         load=_under(given, "load."),
+        hydration=_under(given, "hydration.") or bool(laws),
+        coating=_under(given, "hydration.coating."),
+        environment=laws,
         further=tuple(
             (kind, number_of(given, kind.prefix) if kind.counted else 1)
             for kind in further_kinds()
@@ -204,7 +219,10 @@ def _of(names: tuple[str, ...], _edition: int) -> Structure:
 
 @cache
 def _declarations(structure: Structure) -> Mapping[str, Declaration]:
-    every = (*geometry.DECLARATIONS, *(d for stage in structure.stages for d in stage.declarations))
+    every = [*geometry.DECLARATIONS, *(d for stage in structure.stages for d in stage.declarations)]
+    every += [*(hydration.DECLARATIONS if structure.hydration else ())]
+    every += [*(hydration.COATING if structure.coating else ())]
+    every += law_declarations(structure.environment, structure.branches)
     return MappingProxyType({declaration.name: declaration for declaration in every})
 
 
