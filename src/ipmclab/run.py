@@ -41,7 +41,7 @@ QUALITY_FLAGS: Final[dict[str, int]] = {
 }
 """Bits of a ``<channel>_quality`` array: what was known at recording or import."""
 
-SLOW_CHANNELS: Final = ("temperature", "relative_humidity")
+SLOW_CHANNELS: Final = ("temperature", "relative_humidity", "chamber_temperature", "chamber_relative_humidity")
 """Channels that have a time base of their own, ``time_environment``."""
 
 
@@ -152,8 +152,11 @@ class RunMetadata:
     polarity : "normal" or "reversed", optional
         ``reversed`` when the strip was driven the other way round.
     minutes_out_of_water, minutes_in_environment : float [min], optional
+    mass : float [kg], optional
+        Of the strip as it was weighed before this run, with its water.
     clamp_pressure : float [Pa], optional
-    chamber : "on" or "off", optional
+    chamber : "on", "still" or "off", optional
+        Whether it regulated while the strip was recorded: ``still`` is on, with fan and compressor off meanwhile.
     temperature : float [degC], relative_humidity : float [percent], optional
         The environment of the run: the mean of what was read, or as set or noted.
     operator, notes : str, optional
@@ -210,8 +213,9 @@ class RunMetadata:
     polarity: Literal["normal", "reversed"] | None = None
     minutes_out_of_water: float | None = None
     minutes_in_environment: float | None = None
+    mass: float | None = None
     clamp_pressure: float | None = None
-    chamber: Literal["on", "off"] | None = None
+    chamber: Literal["on", "still", "off"] | None = None
     temperature: float | None = None
     relative_humidity: float | None = None
     operator: str | None = None
@@ -251,6 +255,8 @@ class Readings(TypedDict, total=False):
     applied_voltage: npt.ArrayLike | None
     temperature: npt.ArrayLike | None
     relative_humidity: npt.ArrayLike | None
+    chamber_temperature: npt.ArrayLike | None
+    chamber_relative_humidity: npt.ArrayLike | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +276,9 @@ class Run(Shown):
     applied_voltage : float array, shape (n_time,) [V], optional
         The voltage of the node behind the electrodes; in simulated runs.
     temperature, relative_humidity : float array, shape (n_environment,) [degC], [percent], optional
+        By the sensors at the strip.
+    chamber_temperature, chamber_relative_humidity : float array, shape (n_environment,) [degC], [percent], optional
+        By the chamber's own sensors.
     time_environment : float array, shape (n_environment,) [s], optional
     hold : "zero", "zero-before", "first" or "unknown"
     quality : mapping of channel to uint8 array, shape (n_time,)
@@ -291,6 +300,8 @@ class Run(Shown):
     applied_voltage: FloatArray | None = None
     temperature: FloatArray | None = None
     relative_humidity: FloatArray | None = None
+    chamber_temperature: FloatArray | None = None
+    chamber_relative_humidity: FloatArray | None = None
     time_environment: FloatArray | None = None
     hold: Hold = "zero"
     quality: Mapping[str, npt.NDArray[np.uint8]] = field(default_factory=dict)

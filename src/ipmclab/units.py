@@ -103,6 +103,8 @@ FORCE = Quantity("force", "N", "mN", "f")
 APPLIED_VOLTAGE = Quantity("applied voltage", "V", "V", "V_appl")
 TEMPERATURE = Quantity("temperature", "degC", "degC", "T")
 RELATIVE_HUMIDITY = Quantity("relative humidity", "percent", "percent", "RH")
+CHAMBER_TEMPERATURE = Quantity("chamber's own temperature", "degC", "degC", "T_c")
+CHAMBER_HUMIDITY = Quantity("chamber's own humidity", "percent", "percent", "RH_c")
 RESISTANCE = Quantity("resistance", "ohm", "ohm", "R")
 SHEET_RESISTANCE = Quantity("sheet resistance", "ohm/sq", "ohm/sq", "R_s")
 RESISTIVITY = Quantity("resistivity", "ohm m", "ohm m", "ρ")
@@ -141,6 +143,8 @@ CHANNELS: Final[dict[str, Quantity]] = {
     "applied_voltage": APPLIED_VOLTAGE,
     "temperature": TEMPERATURE,
     "relative_humidity": RELATIVE_HUMIDITY,
+    "chamber_temperature": CHAMBER_TEMPERATURE,
+    "chamber_relative_humidity": CHAMBER_HUMIDITY,
 }
 """The channels of a run and the quantity of each, declared once."""
 

@@ -354,16 +354,16 @@ def test_the_air_has_a_limit() -> None:
     guard = Guard(replace(NOTHING, temperature=Limit(40.0, 2.0)), 50.0, ELECTRODES)
     block = {"voltage": np.zeros(50)}
     temperatures = [25.0, 41.0, np.nan, 41.0, 41.0]
-    found = [guard.look(50 * k, block, np.array([value])) for k, value in enumerate(temperatures)]
+    found = [guard.look(50 * k, block, {"temperature": np.array([value])}) for k, value in enumerate(temperatures)]
     assert [len(alarms) for alarms in found] == [0, 0, 0, 1, 0]
     assert str(found[3][0]) == "the temperature is 41 degC, beyond its limit of 40 degC for 2 s"
-    assert guard.look(250, block, np.empty(0)) == ()
+    assert guard.look(250, block, {"temperature": np.empty(0)}) == ()
 
 
 def test_the_air_of_a_channel_has_the_same_limit() -> None:
     guard = Guard(replace(NOTHING, temperature=Limit(40.0, 2.0)), 50.0, ELECTRODES)
     readings = {"voltage": np.zeros(300), "temperature": np.where(np.arange(300) < 100, 25.0, 41.0)}
-    (alarm,) = guard.look(0, readings, np.empty(0))
+    (alarm,) = guard.look(0, readings, {"temperature": np.empty(0)})
     assert (alarm.limit, alarm.row) == ("temperature", 200)
 
 

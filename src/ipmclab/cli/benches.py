@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ipmclab.rig.bench import Bench
+    from ipmclab.rig.chambers.chamber import Chamber
     from ipmclab.rig.channels import Rig
 
 
@@ -32,3 +33,29 @@ def make_bench(rig: Rig) -> Bench:
     bench = VirtualBench(rig=rig)
     _ = bench.plant  # whatever is wrong with its actuator is told now
     return bench
+
+
+def make_chamber(rig: Rig, bench: Bench) -> Chamber | None:
+    """The chamber of a rig; a virtual one at a virtual bench is that around its strip.
+
+    Raises
+    ------
+    ChamberError
+        It cannot be reached.
+
+    Examples
+    --------
+    >>> from ipmclab.rig.files.rig_file import load_rig
+    >>> rig = load_rig("thesis")
+    >>> make_chamber(rig, make_bench(rig)) is None
+    True
+    """
+    if rig.chamber is None:
+        return None
+    from ipmclab.rig.virtual import VirtualBench
+
+    if rig.chamber.is_virtual and isinstance(bench, VirtualBench):
+        return bench.plant.chamber
+    from ipmclab.rig.chambers.drivers import open_chamber
+
+    return open_chamber(rig.chamber)

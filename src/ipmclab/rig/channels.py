@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.four_probe import Contacts, sheet_factor
+from ipmclab.rig.chambers.settings import ChamberSettings
 from ipmclab.units import CHANNELS, Quantity
 
 FloatArray = npt.NDArray[np.float64]
@@ -287,6 +288,8 @@ class Rig:
         ``host:port`` of a chassis behind a gRPC server; None for the driver of this computer.
     virtual : VirtualStrip
         What a virtual bench, and the stand-in chassis, put behind the channels.
+    chamber : ChamberSettings, optional
+        The chamber around the strip, where a program can set it.
     """
 
     name: str
@@ -300,6 +303,7 @@ class Rig:
     bench: Literal["virtual", "ni"] = "virtual"
     address: str | None = None
     virtual: VirtualStrip = VirtualStrip()
+    chamber: ChamberSettings | None = None
 
     def __getitem__(self, name: str) -> Channel:
         """The channel of that name."""

@@ -22,6 +22,7 @@ from ipmclab.rig.thermometer import platinum_resistance
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
     from ipmclab.model.assemble import System
+    from ipmclab.rig.chambers.virtual import VirtualChamber
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -84,6 +85,7 @@ class StripPlant:
         self._mounted = 0.0
         self.temperature = Lag(about.temperature, CHAMBER_TIME)
         self.relative_humidity = Lag(about.relative_humidity, CHAMBER_TIME)
+        self.chamber = self._virtual_chamber()
         self._named = {channel.physical or channel.name: channel for channel in rig.channels}
 
     @property
@@ -160,7 +162,7 @@ class StripPlant:
                 return np.zeros_like(current) if self._tip == "on cell" else self._before_laser(displacement)
             if name == "force":
                 return force
-            return (self.temperature if name == "temperature" else self.relative_humidity).at(times)
+            return self._air(name, times)
 
         def terminal(name: str) -> FloatArray:
             channel, meter, probe = self._named.get(name), self.rig.thermometer, self.rig.four_probe
@@ -182,6 +184,22 @@ class StripPlant:
         laser, values = Laser(), self._actuator.parameter_values
         read = laser.reading(displacement, values).values
         return np.where(laser.lost(read, values), read + np.copysign(_BEYOND_ANY_SENSOR, read), read)
+
+    def _virtual_chamber(self) -> VirtualChamber | None:
+        """The chamber around the strip, where the rig has a simulated one; its clock is that of the plant."""
+        if self.rig.chamber is None or not self.rig.chamber.is_virtual:
+            return None
+        from ipmclab.rig.chambers.virtual import VirtualChamber, VirtualClimate
+
+        about = self.rig.virtual
+        climate = VirtualClimate(room_temperature=about.temperature, room_humidity=about.relative_humidity)
+        return VirtualChamber(lambda: self.time, climate, seed=about.seed)
+
+    def _air(self, name: str, times: FloatArray) -> FloatArray:
+        """The air around the strip [degC] or [percent]."""
+        if self.chamber is not None:
+            return self.chamber.air(times)[0 if name == "temperature" else 1]
+        return (self.temperature if name == "temperature" else self.relative_humidity).at(times)
 
     def _drop(self) -> float:
         """The resistance [ohm] between the output and where the voltage is sensed."""
@@ -266,6 +284,13 @@ class StripPlant:
         InputError
             What no chamber gives.
         """
+        if self.chamber is not None:
+            raise InputError(
+                "the chamber of this rig is set by the program",
+                code="bad-value",
+                where="chamber",
+                repair="state the conditions in the experiment",
+            )
         limits = {"temperature": _TEMPERATURE_LIMITS, "relative_humidity": (0.0, 100.0)}
         for name, value in (("temperature", temperature), ("relative_humidity", relative_humidity)):
             if value is None:

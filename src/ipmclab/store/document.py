@@ -12,7 +12,16 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, IpmclabError, suggest
 from ipmclab.run import QUALITY_FLAGS, Finding, Hold, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
-from ipmclab.units import CHANNELS, PRESSURE, RELATIVE_HUMIDITY, RESISTANCE, TEMPERATURE, Quantity, format_quantity
+from ipmclab.units import (
+    CHANNELS,
+    MASS,
+    PRESSURE,
+    RELATIVE_HUMIDITY,
+    RESISTANCE,
+    TEMPERATURE,
+    Quantity,
+    format_quantity,
+)
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -25,6 +34,7 @@ Result = TypeVar("Result")
 METADATA_QUANTITIES: Final[dict[str, Quantity]] = {
     "shunt_resistance": RESISTANCE,
     "source_resistance": RESISTANCE,
+    "mass": MASS,
     "clamp_pressure": PRESSURE,
     "temperature": TEMPERATURE,
     "relative_humidity": RELATIVE_HUMIDITY,

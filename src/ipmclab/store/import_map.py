@@ -38,6 +38,7 @@ _SET_BY_IMPORT: Final = (
 
 _SENSIBLE: Final[dict[str, tuple[float, float]]] = {
     "shunt_resistance": (0.0, 1e6),
+    "mass": (0.0, 1.0),
     "clamp_pressure": (0.0, 1e9),
     "temperature": (-273.15, 1000.0),
     "relative_humidity": (0.0, 100.0),

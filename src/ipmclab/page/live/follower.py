@@ -21,6 +21,7 @@ from ipmclab.rig.process import aftermath
 from ipmclab.rig.process.client import Recorder, forget_dead_recorders, launch, recorders
 from ipmclab.rig.process.hub import SUFFIX
 from ipmclab.rig.process.messages import Message
+from ipmclab.run import SLOW_CHANNELS
 
 _LOOK: Final = 0.3
 """How often [s] a laboratory without a recorder is looked at."""
@@ -41,8 +42,6 @@ _NEVER: Final = float("inf")
 _WAIT: Final = 0.25
 _JOURNAL_BEHIND: Final = 3.0
 """So long [s] blocks wait for the journal to have the rows before them: it is written twice a second."""
-
-_AIR: Final = ("temperature", "relative_humidity")
 
 
 class Follower:
@@ -296,7 +295,7 @@ class Follower:
             self._take_block(message)
             return
         if message.kind == "air":
-            air = {name: float(message[name]) for name in _AIR if name in message.values}
+            air = {name: float(message[name]) for name in SLOW_CHANNELS if name in message.values}
             self._air.update(air)
             self.state.read(air)
             return

@@ -10,6 +10,7 @@ from typing import Any, Final
 from ipmclab.page.live.columns import Columns
 from ipmclab.page.thin import envelope, thin, within
 from ipmclab.page.wire import FloatArray, pack
+from ipmclab.run import SLOW_CHANNELS
 from ipmclab.units import CHANNELS
 
 MOST_IN_WINDOW: Final = 6000
@@ -108,7 +109,7 @@ def _head(kind: str, channels: Iterable[str], generation: int, now: float) -> di
             "unit": quantity.display_unit,
             "factor": quantity.to_display(1.0),
             "least": _LEAST.get(name, 0.0),
-            "small": name in ("temperature", "relative_humidity"),
+            "small": name in SLOW_CHANNELS,
             "series": [{"key": name, "label": quantity.name, "colour": _COLOURS[name], "style": "line"}],
         }
         for name, quantity in CHANNELS.items()
@@ -125,7 +126,16 @@ _COLOURS: Final = {
     "applied_voltage": 6,
     "temperature": 4,
     "relative_humidity": 5,
+    "chamber_temperature": 4,
+    "chamber_relative_humidity": 5,
 }
 
-_LEAST: Final = {"voltage": 0.02, "current": 0.05, "temperature": 0.5, "relative_humidity": 1.0}
+_LEAST: Final = {
+    "voltage": 0.02,
+    "current": 0.05,
+    "temperature": 0.5,
+    "relative_humidity": 1.0,
+    "chamber_temperature": 0.5,
+    "chamber_relative_humidity": 1.0,
+}
 """The least span of an axis, in display units: noise must not fill it."""

@@ -71,6 +71,13 @@ class VirtualTable(Strict):
     meter_offset: str = "0 ohm"
 
 
+class ChamberTable(Strict):
+    """``[chamber]``."""
+
+    driver: str
+    address: str = ""
+
+
 class RigTable(Strict):
     """The whole file."""
 
@@ -85,3 +92,4 @@ class RigTable(Strict):
     thermometer: ThermometerTable | None = None
     four_probe: FourProbeTable | None = None
     virtual: VirtualTable = VirtualTable()
+    chamber: ChamberTable | None = None

@@ -121,8 +121,10 @@ class About:
             about,
             recorded_at=about.recorded_at if self._began is None else self._began.isoformat("T", "milliseconds"),
             starts_from_rest=rest,
-            temperature=air.get("temperature", about.temperature),
-            relative_humidity=air.get("relative_humidity", about.relative_humidity),
+            temperature=air.get("temperature", air.get("chamber_temperature", about.temperature)),
+            relative_humidity=air.get(
+                "relative_humidity", air.get("chamber_relative_humidity", about.relative_humidity)
+            ),
         )
 
     def with_zeros(self, about: RunMetadata, found: Iterable[ZeroReading]) -> RunMetadata:

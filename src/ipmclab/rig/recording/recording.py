@@ -22,6 +22,7 @@ from ipmclab.rig.recording.zeroing import Rest, read_rest
 from ipmclab.rig.rows import RowSource
 from ipmclab.rig.safety.guard import Alarm, Guard, rows_out_of_order
 from ipmclab.rig.safety.guarded_bench import GuardedBench, output_stuck
+from ipmclab.rig.safety.limits import AIR
 from ipmclab.rig.scaling import Scaling
 from ipmclab.run import SLOW_CHANNELS, Mark, Run, RunMetadata, ZeroReading
 
@@ -144,6 +145,9 @@ class Recording:
         air = [name for name in names if name in SLOW_CHANNELS]
         if bench.rig.thermometer is not None and "temperature" not in air:
             air.append("temperature")
+        self._at_strip = tuple(air)
+        if request.slow is not None:
+            air += [name for name in SLOW_CHANNELS if name not in air]
         self._air = AirMean(tuple(air), rate)
         self._scaling = Scaling([bench.rig[name] for name in names], {})
         self._keeper: Keeper = InMemory(rate)
@@ -271,6 +275,7 @@ class Recording:
         values = self._scaling.values(readings)
         flags = self._scaling.flags(readings)
         self._about.saw(self._next_row, values)
+        slow = self._slow(block.temperature)
         rows = Rows(
             block.first_row,
             {name: values[name] for name in self._fast},
@@ -278,23 +283,33 @@ class Recording:
             {**readings, "output": block.output[:count]},
         )
         try:
-            for alarm in self._guard.look(block.first_row, values, block.temperature, block.output[:count]):
+            for alarm in self._guard.look(block.first_row, values, self._felt(slow), block.output[:count]):
                 self._alarm(alarm)
             for request in self._control.take():
                 self._ask(request.kind, request.text)
         finally:  # also when the output could not be brought to 0 V
-            self._keep(rows, block.temperature, values)
+            self._keep(rows, slow, values)
         if self._listeners.on_block is not None:
             self._listeners.on_block(rows)
         return rows
 
-    def _keep(self, rows: Rows, temperature: FloatArray, values: Mapping[str, FloatArray]) -> None:
+    def _slow(self, temperature: FloatArray) -> dict[str, FloatArray]:
+        """What slow instruments have read since the block before: the rig's thermometer, and those beside the bench."""
+        slow = {} if self._request.slow is None else dict(self._request.slow())
+        if len(temperature):
+            slow["temperature"] = temperature
+        return slow
+
+    def _felt(self, slow: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """The air by which the strip is guarded: that of the sensors at the strip, else that of the chamber's own."""
+        felt = {name: slow.get(name if name in self._at_strip else f"chamber_{name}") for name in AIR}
+        return {name: readings for name, readings in felt.items() if readings is not None}
+
+    def _keep(self, rows: Rows, slow: Mapping[str, FloatArray], values: Mapping[str, FloatArray]) -> None:
         self._keeper.rows(rows)
         self.read += len(rows)
-        slow = {name: values[name] for name in self.names if name in SLOW_CHANNELS}
-        if len(temperature) and "temperature" not in slow:
-            slow["temperature"] = temperature
-        for air in self._air.add(rows.first_row, slow, len(rows)):
+        known = {**slow, **{name: values[name] for name in self.names if name in SLOW_CHANNELS}}
+        for air in self._air.add(rows.first_row, known, len(rows)):
             self._keep_air(air)
 
     def _keep_air(self, air: Air) -> None:

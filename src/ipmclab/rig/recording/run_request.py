@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Required, TypedDict
+
+import numpy as np
+import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.model.request import above_zero, count_rows
@@ -18,6 +21,8 @@ from ipmclab.run import Mark, RunMetadata, ZeroReading
 from ipmclab.signals import Sequence as SignalSequence
 from ipmclab.signals import Signal, Step, parse
 from ipmclab.signals.signal import EDGE
+
+FloatArray = npt.NDArray[np.float64]
 
 DISCHARGE_TIME: Final = 5.0
 """How long [s] the discharge of the strip is recorded after a limit was passed, or after an emergency zero."""
@@ -53,6 +58,9 @@ class RunRequest:
         For that.
     discharge : float [s]
         How long is recorded after a limit was passed, or after an emergency zero.
+    slow : callable, optional
+        Gives at once what slow instruments beside the bench, such as a chamber, have read since the last call: for
+        each of ``SLOW_CHANNELS`` that they read a float array, perhaps an empty one.
 
     Raises
     ------
@@ -81,6 +89,7 @@ class RunRequest:
     most_drift: float | None = None
     longest_wait: float = LONGEST_WAIT
     discharge: float = DISCHARGE_TIME
+    slow: Callable[[], Mapping[str, FloatArray]] | None = None
 
     def __post_init__(self) -> None:
         if self.duration is not None:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.channels import Rig
-from ipmclab.rig.safety.limits import ELECTROLYSIS, MEAN_TIME, Action, Limit, Limits, shown, words
+from ipmclab.rig.safety.limits import AIR, ELECTROLYSIS, MEAN_TIME, Action, Limit, Limits, shown, words
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -83,9 +83,10 @@ class Alarm:
         if self.kind == "blind":
             return f"the {self.limit} has had no reading for {self.duration:g} s: its limit is not watched"
         lasts = f" for {self.duration:g} s" if self.duration else ""
+        side = "below" if self.limit in AIR and self.value < self.most else "beyond"
         return (
             f"the {words(self.limit)} is {shown(self.limit, self.value)}, "
-            f"beyond its limit of {shown(self.limit, self.most)}{lasts}"
+            f"{side} its limit of {shown(self.limit, self.most)}{lasts}"
         )
 
 
@@ -138,7 +139,7 @@ class Guard:
         self,
         first_row: int,
         readings: Mapping[str, FloatArray],
-        temperature: FloatArray | None = None,
+        air: Mapping[str, FloatArray] | None = None,
         given: FloatArray | None = None,
     ) -> tuple[Alarm, ...]:
         """Look at a block.
@@ -149,8 +150,9 @@ class Guard:
             Row of its first reading.
         readings : mapping of channel to float array, shape (n_block,) [SI]
             ``voltage`` always, and what else is measured; NaN for a reading that is none.
-        temperature : float array, shape (n_slow,) [degC], optional
-            Of the air, read some time during the block; that of the readings where it is left out.
+        air : mapping of ``"temperature"`` or ``"relative_humidity"`` to float array, shape (n_slow,), optional
+            [degC], [percent] Read by slow instruments some time during the block; those of the readings where one is
+            left out or empty.
         given : float array, shape (n_block,) [V], optional
             What the output was told to give: a busy computer reads rows late that were sampled before the output was
             brought to 0 V, and those do not show that it is stuck.
@@ -175,7 +177,7 @@ class Guard:
         voltage = self._hold("voltage", readings["voltage"])
         current = self._hold("current", readings["current"]) if "current" in readings else None
         alarms: list[Alarm] = []
-        alarms += self._plain(rows, readings, temperature)
+        alarms += self._plain(rows, readings, air or {})
         if current is not None:
             electrodes = voltage - self._shunt * current if self._upstream else voltage
             alarms += self._sums_and_means(rows, lost, electrodes, current)
@@ -187,25 +189,28 @@ class Guard:
             rows, output, rows > self._zeroed if given is None else (rows > self._zeroed) & (given == 0.0)
         )
 
-    def _plain(self, rows: IntArray, readings: Mapping[str, FloatArray], temperature: FloatArray | None) -> list[Alarm]:
+    def _plain(self, rows: IntArray, readings: Mapping[str, FloatArray], air: Mapping[str, FloatArray]) -> list[Alarm]:
         """Limits of what is read."""
         alarms: list[Alarm] = []
-        for name in ("voltage", "current", "displacement", "force", "temperature"):
+        for name in ("voltage", "current", "displacement", "force", *AIR):
             limit = self._limits.get(name)
             if limit is None:
                 continue
-            if name == "temperature" and temperature is not None and len(temperature):
-                values, at = temperature, np.full(len(temperature), rows[-1])
+            if len(air.get(name, ())):
+                values, at = air[name], np.full(len(air[name]), rows[-1])
             elif name in readings:
                 values, at = readings[name], rows
             else:
                 continue
-            size = values if name == "temperature" else np.abs(values)
+            size = values if name in AIR else np.abs(values)
             most = limit.most
             if name == "voltage":
                 most += max(VOLTAGE_TOLERANCE[0] * most, VOLTAGE_TOLERANCE[1])
             known = ~np.isnan(values)
             alarms += self._alarms(name, limit, at[known], values[known], size[known] > most)
+            if limit.least is not None:
+                low = values[known] < limit.least
+                alarms += self._alarms(name, limit, at[known], values[known], low, end=limit.least)
             blind = Limit(limit.most, BLIND_TIME, "warn")
             alarms += self._alarms(name, blind, at, values, ~known, kind="blind")
         return alarms
@@ -245,10 +250,12 @@ class Guard:
         values: FloatArray,
         beyond: BoolArray,
         kind: Literal["limit", "blind", "stuck"] = "limit",
+        end: float | None = None,
     ) -> list[Alarm]:
+        """What passes a limit, at its lower ``end`` where one is given."""
         wait = math.ceil(limit.duration * self._rate - 1e-9)
         between = math.ceil(self._rate) if limit.action == "warn" else 0
-        watch = self._watches.setdefault(f"{name} {kind}", _Watch(wait, between))
+        watch = self._watches.setdefault(f"{name} {kind}{'' if end is None else ' low'}", _Watch(wait, between))
         return [
             Alarm(
                 name,
@@ -256,7 +263,7 @@ class Guard:
                 int(rows[place]),
                 int(rows[place]) / self._rate,
                 float(values[place]),
-                limit.most,
+                limit.most if end is None else end,
                 limit.duration,
                 limit.action,
             )

@@ -18,6 +18,7 @@ from ipmclab.units import (
     ENERGY,
     FORCE,
     POWER,
+    RELATIVE_HUMIDITY,
     SLEW_RATE,
     TEMPERATURE,
     TIME,
@@ -53,6 +54,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = {
     "displacement": DISPLACEMENT,
     "force": FORCE,
     "temperature": TEMPERATURE,
+    "relative_humidity": RELATIVE_HUMIDITY,
 }
 """The quantity of each limit."""
 
@@ -66,8 +68,12 @@ NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
     "displacement": ("displacement",),
     "force": ("force",),
     "temperature": ("temperature",),
+    "relative_humidity": ("relative_humidity",),
 }
 """The readings that each limit is watched with."""
+
+AIR: Final = ("temperature", "relative_humidity")
+"""The limits of the air around the strip, which may have a lower end too."""
 
 _WORDS: Final = ("most", "duration", "action")
 _OFF: Final = "off"
@@ -80,22 +86,32 @@ class Limit:
     Parameters
     ----------
     most : float [SI unit of the quantity]
-        Largest magnitude; for the temperature the highest value.
+        Largest magnitude; of the air the highest value.
     duration : float [s]
         The limit acts once the quantity has been beyond it for so long without a break; with 0, at the first reading.
     action : "zero" or "warn"
+    least : float, optional
+        Of the air the lowest value.
 
     Raises
     ------
     InputError
-        A ``most`` that is not above 0, a negative duration, an unknown action.
+        A ``most`` that is not above 0, a ``least`` that is not below it, a negative duration, an unknown action.
     """
 
     most: float
     duration: float = 0.0
     action: Action = "zero"
+    least: float | None = None
 
     def __post_init__(self) -> None:
+        if self.least is not None and not -math.inf < self.least < self.most:
+            raise InputError(
+                f"the lower limit is {self.least:g}, the upper one is {self.most:g}",
+                code="bad-limit",
+                where="least",
+                repair="give a lower limit below the upper one",
+            )
         if not 0.0 < self.most < math.inf:
             raise InputError(
                 f"the limit is {self.most:g}, it must be above 0",
@@ -114,6 +130,10 @@ class Limit:
                 where="action",
                 repair=suggest(str(self.action), get_args(Action)),
             )
+
+
+_HUMIDITY: Final = Limit(100.0, 10.0)
+"""What a limit of the humidity starts from, where one is stated."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +167,8 @@ class Limits:
         80 mN for 0.1 s, a warning: the load cell ends at 98 mN.
     temperature : Limit [degC]
         Of the air; 60 degC for 10 s.
+    relative_humidity : Limit [percent]
+        Of the air; not watched unless it is stated. A sensor that is wet reads 100 percent.
     slew : float [V/s], optional
         Steepest ramp of a signal. A change that stands alone is a step and has no such limit.
 
@@ -166,6 +188,7 @@ class Limits:
     displacement: Limit | None = Limit(12e-3, 0.5, "warn")
     force: Limit | None = Limit(80e-3, 0.1, "warn")
     temperature: Limit | None = Limit(60.0, 10.0)
+    relative_humidity: Limit | None = None
     slew: float | None = None
 
     def __post_init__(self) -> None:
@@ -237,7 +260,7 @@ class Limits:
                     )
                 values[key] = None
             else:
-                values[key] = _read(given, getattr(defaults, key), QUANTITIES[key], place)
+                values[key] = _read(given, getattr(defaults, key) or _HUMIDITY, key, place)
         try:
             return replace(defaults, **values)  # type: ignore[arg-type]
         except InputError as error:
@@ -270,7 +293,9 @@ class Limits:
         texts = {}
         for name, limit in self.watched.items():
             lasts = f" for {limit.duration:g} s" if limit.duration else ""
-            texts[name] = f"{shown(name, limit.most)}{lasts}, then {limit.action}"
+            most = shown(name, limit.most)
+            ends = most if limit.least is None else f"{shown(name, limit.least)} to {most}"
+            texts[name] = f"{ends}{lasts}, then {limit.action}"
         if self.slew is not None:
             texts["slew"] = f"{self.slew:g} V/s"
         return texts
@@ -367,6 +392,8 @@ class Limits:
         read = {"voltage", "current", *measured} & known
         if rig.thermometer is not None:
             read.add("temperature")
+        if rig.chamber is not None:
+            read.update(AIR)
         found = {}
         for name, limit in self.watched.items():
             missing = [channel for channel in NEEDS[name] if channel not in read]
@@ -396,7 +423,7 @@ def words(name: str) -> str:
     'mean current over 1 s'
     """
     special = {"mean_current": "mean current over 1 s", "charge": "charge above 1.23 V", "power": "mean power over 1 s"}
-    return special.get(name, name)
+    return special.get(name, name.replace("_", " "))
 
 
 def shown(name: str, value: float) -> str:
@@ -435,7 +462,9 @@ def _text(value: Any, place: str) -> str:
     return value
 
 
-def _read(given: Any, default: Limit, quantity: Quantity, place: str) -> Limit:
+def _read(given: Any, default: Limit, name: str, place: str) -> Limit:
+    quantity = QUANTITIES[name]
+    known = (*_WORDS, "least") if name in AIR else _WORDS
     if not isinstance(given, Mapping):
         most = parse_quantity(_text(given, place), quantity, where=place)
         values: dict[str, Any] = {"most": most}
@@ -443,13 +472,13 @@ def _read(given: Any, default: Limit, quantity: Quantity, place: str) -> Limit:
         values = {}
         for key, value in given.items():
             at = f"{place}.{key}"
-            if key not in _WORDS:
-                raise InputError(f"unknown key {key!r}", code="unknown-key", where=at, repair=suggest(key, _WORDS))
+            if key not in known:
+                raise InputError(f"unknown key {key!r}", code="unknown-key", where=at, repair=suggest(key, known))
             text = _text(value, at)
             if key == "action":
                 values[key] = text
             else:
-                values[key] = parse_quantity(text, quantity if key == "most" else TIME, where=at)
+                values[key] = parse_quantity(text, TIME if key == "duration" else quantity, where=at)
     if "most" in values and not 0.0 < values["most"] < math.inf:  # here its unit is known
         raise InputError(
             f"the limit is {values['most']:g} {quantity.unit}, it must be above 0",
@@ -465,8 +494,10 @@ def _read(given: Any, default: Limit, quantity: Quantity, place: str) -> Limit:
 
 
 def _write(limit: Limit, quantity: Quantity) -> dict[str, str]:
+    least = {} if limit.least is None else {"least": format_quantity(limit.least, quantity)}
     return {
         "most": format_quantity(limit.most, quantity),
+        **least,
         "duration": format_quantity(limit.duration, TIME),
         "action": limit.action,
     }

@@ -222,7 +222,8 @@ class Journal:
         Parameters
         ----------
         kind : str
-            ``"environment"`` with ``temperature`` [degC] or ``relative_humidity`` [percent], which become readings;
+            ``"environment"`` with ``temperature`` [degC], ``relative_humidity`` [percent] and the chamber's own, under
+            the names of ``SLOW_CHANNELS``, which become readings;
             anything else (``"note"``, ``"limit"``, ``"gap"``, ``"bench"``, ``"stop"``) becomes a mark.
         time : float [s]
             Of the record.
