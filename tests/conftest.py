@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import profiles
+from tests import bytecode, profiles
 from tests.witness import Witness
 from tests.workers import pytest_collection_modifyitems as pytest_collection_modifyitems
 from tests.workers import pytest_runtest_setup as pytest_runtest_setup
@@ -56,6 +56,7 @@ class RealTime:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before anything is collected."""
+    bytecode.keep(config)
     # What a shell starts in the background ignores Ctrl-C, and so do its children; tests send it to both.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

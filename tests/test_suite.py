@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 
+from tests import bytecode
 from tests.workers import Sharing, pytest_collection_modifyitems
 
 
@@ -65,3 +69,26 @@ def test_what_is_held_to_time_and_what_drives_a_browser_come_first_each_in_turn(
 )
 def test_a_module_or_a_group_is_given_out_whole(identity: str, given_out_as: str) -> None:
     assert Sharing._split_scope(Sharing.__new__(Sharing), identity) == given_out_as
+
+
+def test_compiled_modules_are_shared_where_none_may_lie_beside_the_sources(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, pytestconfig: pytest.Config
+) -> None:
+    """By the process itself and by what a test starts."""
+    kept = tmp_path / "cache"
+
+    class Cache:
+        def mkdir(self, name: str) -> Path:
+            return kept / name
+
+    monkeypatch.setattr(pytestconfig, "cache", Cache())
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setattr(sys, "pycache_prefix", None)
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    monkeypatch.setenv("PYTHONPYCACHEPREFIX", "")
+    bytecode.keep(pytestconfig)
+    assert (sys.dont_write_bytecode, sys.pycache_prefix) == (False, str(kept / "bytecode"))
+    (tmp_path / "some.py").write_text("", encoding="utf-8")
+    subprocess.run([sys.executable, "-c", "import some"], cwd=tmp_path, check=True)
+    assert len(list(kept.rglob("some.*.pyc"))) == 1
+    assert not (tmp_path / "__pycache__").exists()
