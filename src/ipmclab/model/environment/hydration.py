@@ -9,7 +9,7 @@ from ipmclab.model.environment.conditions import Environment, WaterState
 from ipmclab.model.environment.sorption import COEFFICIENTS, ISOTHERMS, PREFIX, water_content
 from ipmclab.model.parameters import Declaration, Measurement
 from ipmclab.model.stages.kind import StageKind
-from ipmclab.units import CONCENTRATION, DIFFUSIVITY, MASS_TRANSFER, NUMBER, TEMPERATURE
+from ipmclab.units import CONCENTRATION, DIFFUSIVITY, MASS_TRANSFER, NUMBER, TEMPERATURE, TIME
 
 REFERENCE_CONTENT: Final = "hydration.reference_water_content"
 REFERENCE_TEMPERATURE: Final = "hydration.reference_temperature"
@@ -40,7 +40,9 @@ DECLARATIONS: Final = (
     Declaration("hydration.asymmetry", NUMBER, "α_s", 0.01, 1e3, default=1.0),
     Declaration("hydration.face_difference", NUMBER, "β_f", -1.0, 1.0, "linear", default=0.0),
     # Published values span four decades, by method.
-    Declaration("hydration.diffusivity", DIFFUSIVITY, "D_w", 1e-16, 1e-6, default=1e-10, likely=(1e-12, 5e-10)),
+    Declaration("hydration.diffusivity", DIFFUSIVITY, "D_w", 1e-16, 1.0, default=1e-10, likely=(1e-12, 5e-10)),
+    # A strip of 0.25 mm between two films of 7 W/(m^2 K).
+    Declaration("hydration.thermal_time", TIME, "τ_T", 0.0, 1e6, "linear", default=60.0, scale=60.0),
     Declaration("hydration.drag", NUMBER, "ξ", 0.0, 100.0, "linear", default=2.5),
     Declaration("hydration.linear_swelling", NUMBER, "β_w", -1.0, 1.0, "linear", default=0.0, scale=0.01),
     *_SORPTION,
@@ -81,7 +83,7 @@ def equilibrium(values: Mapping[str, float], environment: Environment) -> WaterS
 
     Examples
     --------
-    >>> equilibrium(STANDARD, Environment(20.0, 50.0)).water_content
+    >>> round(equilibrium(STANDARD, Environment(20.0, 50.0)).water_content, 6)
     3.4855
     """
     humidity = environment.relative_humidity

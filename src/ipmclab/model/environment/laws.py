@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.model.environment.conditions import ABSOLUTE, WaterState
 from ipmclab.model.environment.hydration import PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
-from ipmclab.model.environment.sorption import GAS, activity
+from ipmclab.model.environment.sorption import GAS, WATER, activity
 from ipmclab.model.parameters import Declaration
 from ipmclab.model.stages.kind import StageKind, is_there, number_of
 from ipmclab.units import ACTIVATION_ENERGY, NUMBER, PER_KELVIN
@@ -24,8 +24,6 @@ from ipmclab.units import ACTIVATION_ENERGY, NUMBER, PER_KELVIN
 FloatArray = npt.NDArray[np.float64]
 
 PREFIX: Final = "environment."
-WATER: Final = 18.01528e-3
-"""Molar mass of water [kg/mol]."""
 
 _STEP: Final = 1e-100
 """Of a complex step: so small that its square vanishes beside any number here."""
@@ -399,9 +397,9 @@ def in_state(values: Mapping[str, float], state: WaterState) -> Moved:
     >>> wet = in_state(strip.parameter_values, WaterState(water_content=14.0, temperature=20.0))
     >>> row = wet.names.index("circuit.branches.0.permittivity")
     >>> round(wet.values["circuit.branches.0.permittivity"], 6)
-    0.167083
-    >>> round(wet.jacobian[row, wet.parameters.index("environment.permittivity.exponent")], 6)
-    0.110664
+    0.167084
+    >>> round(float(wet.jacobian[row, wet.parameters.index("environment.permittivity.exponent")]), 6)
+    0.110666
     """
     check_conducts(values, state)
     parameters = tuple(values)

@@ -13,6 +13,9 @@ from ipmclab.model.environment.conditions import ABSOLUTE
 GAS: Final = 8.314462618
 """Molar gas constant [J/(mol K)]."""
 
+WATER: Final = 18.015e-3
+"""Molar mass of water [kg/mol]."""
+
 COEFFICIENTS: Final = ("constant", "linear", "quadratic", "cubic")
 PREFIX: Final = "hydration.sorption."
 
@@ -42,7 +45,7 @@ def water_content(values: Mapping[str, Any], activity: Any) -> Any:
     Examples
     --------
     >>> from ipmclab.model.environment.hydration import STANDARD
-    >>> round(water_content(STANDARD, 0.8), 6)
+    >>> round(float(water_content(STANDARD, 0.8)), 6)
     7.219
     """
     within = np.minimum(activity, 1.0) if np.isrealobj(activity) else activity
