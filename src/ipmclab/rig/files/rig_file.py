@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.rig.chambers.drivers import DRIVERS
-from ipmclab.rig.chambers.settings import ChamberSettings
 from ipmclab.rig.channels import Channel, Converter, FourProbe, Output, Rig, Thermometer, VirtualStrip
+from ipmclab.rig.files.chamber import chamber_settings
 from ipmclab.rig.files.wiring import check_wiring
 from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import (
@@ -28,7 +27,7 @@ from ipmclab.units import (
 )
 
 if TYPE_CHECKING:
-    from ipmclab.rig.files.tables import ChamberTable, ChannelTable, RigTable, TextPair, VirtualTable
+    from ipmclab.rig.files.tables import ChannelTable, RigTable, TextPair, VirtualTable
 
 _LIBRARY: Final = resources.files("ipmclab.rig.files") / "library"
 _ALIASES: Final = {"virtual": "thesis"}
@@ -192,16 +191,8 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
         bench=table.bench,
         address=_address(table, place / "address"),
         virtual=_virtual(table.virtual, place / "virtual", folder),
-        chamber=None if table.chamber is None else _chamber(table.chamber, place / "chamber"),
+        chamber=None if table.chamber is None else chamber_settings(table.chamber, str(place / "chamber"), folder),
     )
-
-
-def _chamber(table: ChamberTable, place: _Place) -> ChamberSettings:
-    if table.driver not in DRIVERS:
-        raise (place / "driver").refuse(
-            f"there is no driver {table.driver!r}", suggest(table.driver, DRIVERS), "no-driver"
-        )
-    return ChamberSettings(table.driver, table.address)
 
 
 def _channel(name: str, table: ChannelTable, place: _Place) -> Channel:

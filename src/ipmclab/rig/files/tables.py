@@ -74,8 +74,18 @@ class VirtualTable(Strict):
 class ChamberTable(Strict):
     """``[chamber]``."""
 
-    driver: str
-    address: str = ""
+    driver: Literal["virtual", "espec-p300", "espec-sh", "watlow-f4t", "dew-point", "scpi", "modbus"]
+    port: str | None = None
+    address: str | None = None
+    baud_rate: Annotated[int, Field(ge=300, le=921600)] | None = None
+    parity: Literal["none", "even", "odd"] = "none"
+    unit: Annotated[int, Field(ge=0, le=247)] = 1
+    patience: str | None = None
+    temperature: TextPair | None = None
+    relative_humidity: TextPair | None = None
+    table: str | None = None
+    cell_temperature: str | None = None
+    run_event: Annotated[int, Field(ge=1, le=8)] | None = None
 
 
 class RigTable(Strict):

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ipmclab.destination import replacing
-from ipmclab.rig.chambers.settings import ChamberSettings
 from ipmclab.rig.channels import Channel, FourProbe, Output, Rig, Thermometer, VirtualStrip
+from ipmclab.rig.files.chamber import chamber_table
 from ipmclab.rig.files.rig_file import NI_9205_NOISE
 from ipmclab.units import (
     CURRENT,
@@ -67,7 +67,7 @@ def rig_to_text(rig: Rig) -> str:
     if rig.bench == "virtual" or rig.virtual != VirtualStrip():
         table["virtual"] = _virtual(rig.virtual)
     if rig.chamber is not None:
-        table["chamber"] = _chamber(rig.chamber)
+        table["chamber"] = chamber_table(rig.chamber)
     return tomli_w.dumps(table)
 
 
@@ -148,14 +148,6 @@ def _virtual(strip: VirtualStrip) -> dict[str, Any]:
         "load": strip.load,
         "preload_drift": _text(strip.preload_drift, FORCE),
         "meter_offset": _text(strip.meter_offset, RESISTANCE),
-    }
-
-
-def _chamber(chamber: ChamberSettings) -> dict[str, Any]:
-    return {
-        "driver": chamber.driver,
-        **({"address": chamber.address} if chamber.address else {}),
-        **chamber.options,
     }
 
 

@@ -1,0 +1,14 @@
+"""What the tests of chambers share."""
+
+from __future__ import annotations
+
+import pytest
+
+from ipmclab.rig.chambers import driver
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorter deadlines, where a test would only wait for them to end."""
+    for name, seconds in (("READ_TIME", 1.2), ("SET_TIME", 1.5), ("SAFE_TIME", 1.0)):
+        monkeypatch.setattr(driver, name, seconds)
