@@ -182,7 +182,7 @@ class RunMetadata:
         How the recording ended; None for a run that no recorder made.
     state_reason : str, optional
         Why it was aborted, or what was recovered.
-    purpose : "signal", "baseline" or "fingerprint", optional
+    purpose : "signal", "baseline", "fingerprint" or "reference", optional
         Why it was recorded.
     pair_id : str, optional
         Shared by the two polarities of one signal.
@@ -233,7 +233,7 @@ class RunMetadata:
     uuid: str | None = None
     state: Literal["complete", "aborted", "recovered"] | None = None
     state_reason: str | None = None
-    purpose: Literal["signal", "baseline", "fingerprint"] | None = None
+    purpose: Literal["signal", "baseline", "fingerprint", "reference"] | None = None
     pair_id: str | None = None
     repeat: int | None = None
     experiment: str | None = None

@@ -22,8 +22,8 @@ def test_the_template_is_an_experiment() -> None:
     assert (experiment.rest_before, experiment.rest_after) == (5.0, 5.0)
     uncommented = "\n".join(line.removeprefix("# ") for line in TEMPLATE.splitlines())
     everything = experiment_from_table(tomllib.loads(uncommented.replace('"strip-1.toml"', '"friend-2"')))
-    assert everything.environment is not None
-    assert everything.environment.settle == 1800.0
+    assert [air.relative_humidity for air in everything.environments] == [40.0, 60.0]
+    assert {air.settle for air in everything.environments} == {1800.0}
 
 
 def test_what_it_names_is_looked_for_beside_it(tmp_path: Path) -> None:

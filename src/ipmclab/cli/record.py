@@ -219,7 +219,8 @@ class _Terminal:
         self._question = question
         self._typed = ""
         self._view.say(f"{question['step']}: {question['text']}")
-        self._view.write(f"  {'/'.join(question['choices'])} [{question['default']}] ")
+        ways = [*question["choices"], *([f"such as {question['example']}"] if question.get("example") else [])]
+        self._view.write(f"  {'/'.join(ways)} [{question['default']}] ")
 
     def _leave_question(self, question: dict[str, Any]) -> None:
         """Say that an open question is for another client: here is nobody to type an answer."""
@@ -277,7 +278,10 @@ class _Terminal:
             return
         value = typed or question["default"]
         near = [choice for choice in question["choices"] if choice.startswith(value.lower())]
-        if len(near) != 1:
+        if len(near) != 1 and question.get("example"):  # the recorder says where it cannot be read
+            self._question, self._typed = question, ""
+            self._recorder.request("answer", number=question["number"], value=value)
+        elif len(near) != 1:
             self._view.say(f"  {value!r} is none of {', '.join(question['choices'])}")
             self._put(question)
         elif question["step"] == "start":

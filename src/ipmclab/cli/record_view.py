@@ -130,14 +130,24 @@ def print_plan(plan: Mapping[str, Any], view: View) -> None:
         lasts = duration_text(step["seconds"]) if step["seconds"] else "by hand" if step["asks"] else ""
         rows = f", {step['rows']} rows" if step["rows"] else ""
         view.say(f"  {number:2}. {step['name']:<12} {lasts:>9}  {step['text']}{rows}")
+    if len(plan["conditions"]) > 1:
+        view.say("  conditions, each at the earliest:")
+        for one in plan["conditions"]:
+            name = one["name"] + (", reference" if one["is_reference"] else "")
+            view.say(f"  {one['number']:2}. after {duration_text(one['starts']):>12}  {name}")
     needed, free = (size_text(plan[key]) for key in ("bytes_needed", "bytes_free"))
     view.say(
-        f"  in all at least {duration_text(plan['seconds'])}, {plan['rows']} rows; "
+        f"  in all at least {duration_text(plan['seconds'])}{_at_most(plan)}, {plan['rows']} rows; "
         f"needs {needed} of the {free} that are free"
     )
     view.say("  the guard watches: " + "; ".join(f"{name} {text}" for name, text in plan["limits"].items()))
     for remark in plan["remarks"]:
         view.say(f"  remark: {remark}")
+
+
+def _at_most(plan: Mapping[str, Any]) -> str:
+    """How long it takes at most, where it waits for something."""
+    return f", at most {duration_text(plan['longest'])}" if plan["longest"] > plan["seconds"] else ""
 
 
 def print_results(runs: Sequence[Mapping[str, Any]]) -> None:

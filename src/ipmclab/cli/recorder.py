@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ipmclab.errors import IpmclabError
+    from ipmclab.rig.bench import Bench
+    from ipmclab.rig.chambers.watch import ChamberWatch
     from ipmclab.rig.channels import Rig
     from ipmclab.rig.experiments.experiment import Experiment
     from ipmclab.rig.experiments.operator import Operator
@@ -192,8 +194,15 @@ def recover_first(laboratory: Laboratory) -> Iterator[str]:
         yield f"{path} could not be recovered: {error}"
 
 
-def session_of(plan: Plan, laboratory: Laboratory, operator: Operator, guardian: Heartbeat | None) -> Session:
-    """The session of a plan, with its bench."""
+def session_of(
+    plan: Plan,
+    laboratory: Laboratory,
+    operator: Operator,
+    guardian: Heartbeat | None,
+    bench: Bench | None = None,
+    chamber: ChamberWatch | None = None,
+) -> Session:
+    """The session of a plan, at its own bench where none is given."""
     from ipmclab.cli.benches import make_bench
     from ipmclab.rig.experiments.earlier import earlier_runs
     from ipmclab.rig.experiments.fingerprint import inspect
@@ -201,13 +210,54 @@ def session_of(plan: Plan, laboratory: Laboratory, operator: Operator, guardian:
 
     return Session(
         plan,
-        make_bench(plan.rig),
+        bench or make_bench(plan.rig),
         laboratory,
         operator,
         inspect=inspect,
         earlier=partial(earlier_runs, laboratory),
         guardian=guardian,
+        chamber=chamber,
     )
+
+
+@contextmanager
+def chamber_of(plan: Plan, bench: Bench, log: Path) -> Iterator[ChamberWatch | None]:
+    """The chamber of a rig, as far as the plan sets it, with who lets it stand by when this process no longer can.
+
+    Raises
+    ------
+    InputError
+        A condition that it does not have.
+    ChamberError
+        It cannot be reached.
+    """
+    from ipmclab.cli.benches import make_chamber
+    from ipmclab.errors import InputError
+    from ipmclab.rig.chambers.keeper import Keeper
+    from ipmclab.rig.chambers.watch import ChamberWatch
+    from ipmclab.rig.experiments.steps import planned_visits
+
+    settings, visits = plan.rig.chamber, planned_visits(plan.experiment)
+    chamber = make_chamber(plan.rig, bench) if visits else None
+    if chamber is None or settings is None:
+        yield None
+        return
+    try:
+        for visit in visits:
+            chamber.ranges.check(visit.environment.temperature, visit.environment.relative_humidity)
+    except InputError as error:
+        chamber.close()
+        where = f"{plan.experiment.where}: environments: {error.where}"
+        raise InputError(error.message, code=error.code, where=where, repair=error.repair) from error
+    keeper = None if settings.is_virtual else Keeper(settings, log)
+    clock = getattr(bench, "elapsed", None) if settings.is_virtual else None
+    watch = ChamberWatch(chamber, clock=clock, keeper=None if keeper is None else keeper.hold)
+    try:
+        yield watch
+    finally:
+        watch.close()
+        if keeper is not None:
+            keeper.close()
 
 
 @contextmanager
@@ -230,6 +280,7 @@ def _record(
     job: Mapping[str, Any], experiment: Experiment, rig: Rig, laboratory: Laboratory, operator: ClientOperator
 ) -> int:
     """Plan, wait for the word to start, do it, and tell how it ended."""
+    from ipmclab.cli.benches import make_bench
     from ipmclab.errors import IpmclabError
     from ipmclab.rig.process.aftermath import SUFFIX, failures
     from ipmclab.rig.process.messages import Message
@@ -253,8 +304,12 @@ def _record(
             # While the plan is being read: the guardian, and what drives the bench, take a moment to be ready.
             assert operator.hub is not None
             status = operator.hub.file.with_suffix(SUFFIX)
-            with guardian_of(rig, laboratory.root / "guardian.log", status) as guardian:
-                session = session_of(plan, laboratory, operator, guardian)
+            bench = make_bench(rig)
+            with (
+                guardian_of(rig, laboratory.root / "guardian.log", status) as guardian,
+                chamber_of(plan, bench, laboratory.root / "guardian.log") as chamber,
+            ):
+                session = session_of(plan, laboratory, operator, guardian, bench, chamber)
                 started = operator.wait_for_start()
                 operator.steer(session)
                 if started or session.ended_early in ("abort", "zero"):

@@ -18,7 +18,7 @@ from ipmclab.errors import InputError, suggest
 if TYPE_CHECKING:
     from ipmclab.store.catalogue.catalogue import Catalogue, CatalogueRow, Problem, RunQuery, Sweep
 
-PURPOSES: Final = ("signal", "baseline", "fingerprint")
+PURPOSES: Final = ("signal", "baseline", "fingerprint", "reference")
 
 _PROBLEMS_SHOWN: Final = 20
 

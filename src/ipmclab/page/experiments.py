@@ -263,7 +263,7 @@ def _may_be(one: FormField, value: object) -> bool:
 def _is_idle(table: Mapping[str, Any]) -> bool:
     """Whether it says how long to wait for an environment, but not for which."""
     inside = table.get("environment")
-    return isinstance(inside, dict) and set(inside) <= _WAITS
+    return isinstance(inside, dict) and set(inside) <= _WAITS and "environments" not in table
 
 
 def _copied(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -352,7 +352,7 @@ def check(lab: Lab, draft: Draft) -> Checked:
             experiment = experiment_from_table(table, folder=lab.root, where=WHERE, name=draft.name or "new")
             Limits.from_table(experiment.limits, where=f"{WHERE}: limits")
             if is_idle:
-                experiment = replace(experiment, environment=None)
+                experiment = replace(experiment, environments=())
             break
         except InputError as error:
             key, text = placed(error)

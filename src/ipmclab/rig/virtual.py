@@ -79,6 +79,10 @@ class VirtualBench:
             self._plant = StripPlant(self.rig, self._actuator)
         return self._plant
 
+    def elapsed(self) -> float:
+        """How far its clock has come [s]: it runs as fast as its blocks are asked for."""
+        return self.plant.time
+
     @property
     def description(self) -> str:
         """The bench as a text for the record."""

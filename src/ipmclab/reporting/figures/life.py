@@ -43,7 +43,7 @@ _NARROW: Final = 0.09
 _NUMBER: Final = 0.025
 """Room that the number of a mounting needs, as a part of the time line."""
 
-_PURPOSES: Final = {"signal": "blue", "baseline": "orange", "fingerprint": "green"}
+_PURPOSES: Final = {"signal": "blue", "baseline": "orange", "fingerprint": "green", "reference": "purple"}
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Recorded:
     Parameters
     ----------
     path : Path
-    purpose : "signal", "baseline" or "fingerprint"
+    purpose : "signal", "baseline", "fingerprint" or "reference"
     signal : str
     state : "complete" or "aborted"
     state_reason : str, optional

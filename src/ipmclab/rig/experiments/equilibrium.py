@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from ipmclab.errors import InputError
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import Bench, Block
-from ipmclab.rig.experiments.experiment import TargetEnvironment
+from ipmclab.rig.chambers.watch import ChamberWatch
+from ipmclab.rig.experiments.environments import TargetEnvironment
+from ipmclab.rig.safety.limits import Limits, shown
 from ipmclab.signals import Step
 from ipmclab.units import CHANNELS
+
+FloatArray = npt.NDArray[np.float64]
 
 RATE: Final = 2.0
 """Readings a second [Hz]: the air changes within minutes."""
@@ -62,13 +69,9 @@ class Air:
         wanted = getattr(self.target, name, None)
         if self.target is None or wanted is None:
             return ""
-        allowed = _allowed(self.target)[name]
+        allowed = self.target.allowed[name]
         where = "within" if abs(getattr(self, name) - wanted) <= allowed else "outside"
         return f" ({where} {wanted:g} +- {allowed:g})"
-
-
-def _allowed(target: TargetEnvironment) -> dict[str, float]:
-    return {"temperature": target.temperature_tolerance, "relative_humidity": target.humidity_tolerance}
 
 
 def wait_for_equilibrium(
@@ -76,10 +79,15 @@ def wait_for_equilibrium(
     target: TargetEnvironment,
     watched: Collection[str],
     on_air: Callable[[Air], bool],
+    *,
+    chamber: ChamberWatch | None = None,
+    limits: Limits | None = None,
+    settle: float | None = None,
 ) -> Air:
     """Read temperature and humidity until they have been within tolerance for ``target.settle``.
 
-    The output stays at 0 V all the while.
+    The output stays at 0 V all the while. A reading is the mean over 10 s; that of a sensor at the strip counts, and
+    that of the chamber's own where there is none. One that leaves its tolerance begins the time anew.
 
     Parameters
     ----------
@@ -90,6 +98,12 @@ def wait_for_equilibrium(
         ``"temperature"`` and ``"relative_humidity"``, as far as the rig can read them.
     on_air : callable
         Called with every reading; true ends the waiting.
+    chamber : ChamberWatch, optional
+        Read meanwhile.
+    limits : Limits, optional
+        Air beyond them ends the waiting too.
+    settle : float [s], optional
+        In the place of ``target.settle``.
 
     Returns
     -------
@@ -100,12 +114,18 @@ def wait_for_equilibrium(
     ------
     InputError
         Not settled within ``target.longest_wait``.
+    IpmclabError
+        Air beyond its limits.
+    ChamberError
+        The chamber does not answer, raises an alarm, or does what nobody asked of it.
     BenchError
         The hardware failed.
     """
-    measured = ["voltage", *(name for name in watched if name != "temperature")]
+    channels = {channel.name for channel in bench.rig.channels}
+    measured = ["voltage", *(name for name in watched if name in channels)]
+    lasts = target.settle if settle is None else settle
     wanted = {name: getattr(target, name) for name in watched}
-    allowed = _allowed(target)
+    allowed = target.allowed
     recent: dict[str, list[tuple[float, float]]] = {name: [] for name in watched}
     since: float | None = None
     air = Air(0.0, 0.0)
@@ -113,8 +133,14 @@ def wait_for_equilibrium(
         bench.open(measured, RATE)
         for block in bench.apply(Step(0.0), max(1, round(target.longest_wait * RATE))):
             now = (block.first_row + len(block)) / RATE
-            for name, value in _read(bench, block, watched).items():
-                recent[name].append((now, value))
+            read = _read(bench, block, measured)
+            if chamber is not None:
+                chamber.pace(now)
+                chamber.check()
+                own = chamber.take()
+                read = {**{name: values for name in watched if len(values := own[f"chamber_{name}"])}, **read}
+            for name in watched:
+                recent[name] += [(now, float(value)) for value in read.get(name, ())]
             means = {}
             for name, readings in recent.items():
                 recent[name] = [(when, value) for when, value in readings if when > now - _SMOOTHED]
@@ -125,7 +151,8 @@ def wait_for_equilibrium(
             )
             since = None if not within else now if since is None else since
             air = Air(now, 0.0 if since is None else now - since, **means, target=target)
-            if on_air(air) or (since is not None and air.settled_for >= target.settle):
+            _refuse_beyond(means, limits)
+            if on_air(air) or (since is not None and air.settled_for >= lasts):
                 return air
     finally:
         bench.close()
@@ -146,12 +173,28 @@ def wait_for_equilibrium(
     )
 
 
-def _read(bench: Bench, block: Block, watched: Collection[str]) -> dict[str, float]:
-    """What a block tells of the air."""
+def _read(bench: Bench, block: Block, measured: Collection[str]) -> dict[str, FloatArray]:
+    """What the sensors at the strip tell of the air."""
     found = {}
-    if "temperature" in watched and len(block.temperature):
-        found["temperature"] = float(block.temperature.mean())
-    if "relative_humidity" in watched and "relative_humidity" in block.readings:
-        volts = block.readings["relative_humidity"]
-        found["relative_humidity"] = bench.rig["relative_humidity"].to_quantity(float(volts.mean()))
+    if len(block.temperature):
+        found["temperature"] = block.temperature
+    for name in measured:
+        if name != "voltage":
+            found[name] = np.array([bench.rig[name].to_quantity(float(block.readings[name].mean()))])
     return found
+
+
+def _refuse_beyond(means: Mapping[str, float], limits: Limits | None) -> None:
+    """Air in which no strip is to stay, whatever it was set to."""
+    for name, value in means.items():
+        limit = None if limits is None else limits.watched.get(name)
+        if limit is None or limit.action != "zero":
+            continue
+        if value > limit.most or (limit.least is not None and value < limit.least):
+            end = limit.most if value > limit.most or limit.least is None else limit.least
+            raise IpmclabError(
+                f"the {CHANNELS[name].name} is {shown(name, value)}, beyond its limit of {shown(name, end)}",
+                code="beyond-limit",
+                where="equilibrium",
+                repair="see what the chamber does, or state another limit in [limits]",
+            )

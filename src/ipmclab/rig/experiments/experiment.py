@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,16 @@ from typing import Annotated, Any, Final
 from pydantic import Field, ValidationError
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.rig.experiments.environments import (
+    EXAMPLES,
+    ConditionTable,
+    EnvironmentTable,
+    Order,
+    Reference,
+    ReferenceTable,
+    TargetEnvironment,
+    read_environments,
+)
 from ipmclab.rig.experiments.folder import check_folder
 from ipmclab.sample import Sample
 from ipmclab.signals import Signal, parse
@@ -20,8 +29,6 @@ from ipmclab.units import (
     CHANNELS,
     FREQUENCY,
     PRESSURE,
-    RELATIVE_HUMIDITY,
-    TEMPERATURE,
     TIME,
     Quantity,
     parse_quantity,
@@ -32,8 +39,8 @@ VIRTUAL: Final = "virtual"
 
 MEASURABLE: Final = ("current", "displacement", "force")
 
-STEPS: Final = ("hydrate", "clamp", "chamber-on", "equilibrium", "chamber-off", "zero", "preload", "apply")
-"""Steps of Friend's section 3.5 in their order; ``hydrate`` also comes last."""
+STEPS: Final = ("hydrate", "weigh", "clamp", "chamber-on", "equilibrium", "chamber-off", "zero", "preload", "apply")
+"""Steps of Friend's section 3.5 in their order, with the weighing; ``hydrate`` also comes last."""
 
 MOST_REPEATS: Final = 1000
 """Of each signal: a plan of more takes longer to make than anybody waits for it."""
@@ -50,12 +57,7 @@ _EXAMPLES: Final = {
     "rest_after": _REST,
     "pause": _PAUSE,
     "zero_time": _ZERO,
-    "environment.temperature": "25 degC",
-    "environment.temperature_tolerance": "1 degC",
-    "environment.relative_humidity": "80 percent",
-    "environment.humidity_tolerance": "3 percent",
-    "environment.settle": "30 min",
-    "environment.longest_wait": "3 h",
+    **{f"environment.{key}": example for key, example in EXAMPLES.items()},
 }
 """What stands where a quantity belongs, for messages."""
 
@@ -73,26 +75,21 @@ pair = false                     # true: each signal with both polarities
 baseline = false                 # true: first a run without voltage
 operator = "your name"
 # actuator = "strip-1.toml"      # a model of the strip, where there is one: foretells the peak current
+# environments = [{ relative_humidity = "40 percent" }, { relative_humidity = "60 percent" }]  # up, and down again
 
 # [environment]                  # leave it out at room conditions
 # temperature = "25 degC"
 # relative_humidity = "80 percent"
 # settle = "30 min"
 
+# [reference]                    # visited at the start, at the end and after every 4 conditions
+# relative_humidity = "50 percent"
+
 # [limits]                       # what the guard watches; 3.5 V where no voltage is stated
 # voltage = "2 V"
 # current = "150 mA"
 """
 """An experiment file to start from."""
-
-
-class _EnvironmentTable(Strict):
-    temperature: str | None = None
-    relative_humidity: str | None = None
-    temperature_tolerance: str = "1 degC"
-    humidity_tolerance: str = "3 percent"
-    settle: str = "30 min"
-    longest_wait: str = "3 h"
 
 
 class _Table(Strict):
@@ -119,41 +116,11 @@ class _Table(Strict):
     mounting_id: str | None = None
     clamp_pressure: str | None = None
     steps: Annotated[tuple[str, ...], Field(strict=False)] | None = None
-    environment: _EnvironmentTable | None = None
+    weigh: bool = False
+    environment: EnvironmentTable | None = None
+    environments: Annotated[tuple[ConditionTable, ...], Field(strict=False)] | None = None
+    reference: ReferenceTable | None = None
     limits: dict[str, Any] = Field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class TargetEnvironment:
-    """What the chamber is set to, and when the strip counts as being in equilibrium with it.
-
-    Parameters
-    ----------
-    temperature : float [degC], optional
-    relative_humidity : float [percent], optional
-    temperature_tolerance : float [K], humidity_tolerance : float [percent]
-        How far from the target a reading may be.
-    settle : float [s]
-        How long every reading must stay within the tolerance.
-    longest_wait : float [s]
-        When to give up.
-    """
-
-    temperature: float | None
-    relative_humidity: float | None
-    temperature_tolerance: float
-    humidity_tolerance: float
-    settle: float
-    longest_wait: float
-
-    def __str__(self) -> str:
-        """The target as people say it."""
-        parts = []
-        if self.temperature is not None:
-            parts.append(f"{self.temperature:g} +- {self.temperature_tolerance:g} degC")
-        if self.relative_humidity is not None:
-            parts.append(f"{self.relative_humidity:g} +- {self.humidity_tolerance:g} %RH")
-        return ", ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -192,7 +159,13 @@ class Experiment:
     clamp_pressure : float [Pa], optional
     steps : tuple of str, optional
         Those that are taken; what is needed follows from the rest where it is left out.
-    environment : TargetEnvironment, optional
+    weigh : bool
+        The strip is weighed before it is clamped.
+    environments : tuple of TargetEnvironment
+        The conditions under which everything is recorded; empty at those of the room.
+    order : "palindromic" or "listed"
+        Of the conditions, where there are several.
+    reference : Reference, optional
     limits : mapping
         The table as it stands.
     where : str
@@ -223,7 +196,10 @@ class Experiment:
     mounting_id: str | None = None
     clamp_pressure: float | None = None
     steps: tuple[str, ...] | None = None
-    environment: TargetEnvironment | None = None
+    weigh: bool = False
+    environments: tuple[TargetEnvironment, ...] = ()
+    order: Order = "palindromic"
+    reference: Reference | None = None
     limits: Mapping[str, Any] = field(default_factory=dict)
     where: str = "experiment"
 
@@ -316,6 +292,7 @@ def experiment_from_table(
             where=place("repeats"),
             repair=f"give 1 to {MOST_REPEATS}",
         )
+    environments, reference = _environments(read, folder, place, duration, rate)
     pressure = read.clamp_pressure
     return Experiment(
         title=read.title or name,
@@ -340,7 +317,10 @@ def experiment_from_table(
         mounting_id=read.mounting_id,
         clamp_pressure=None if pressure is None else _quantity(pressure, PRESSURE, place("clamp_pressure")),
         steps=_steps(read.steps, place("steps")),
-        environment=_environment(read.environment, place),
+        weigh=read.weigh,
+        environments=environments,
+        order=read.environment.order if read.environment is not None else "palindromic",
+        reference=reference,
         limits=dict(read.limits),
         where=where,
     )
@@ -387,6 +367,22 @@ def _signals(read: _Table, folder: Path, place: Any) -> list[tuple[str, Signal]]
                 f"{error.where}: {error.message}", code=error.code, where=place(key), repair=error.repair
             ) from error
     return found
+
+
+def _environments(
+    read: _Table, folder: Path, place: Any, duration: float, rate: float
+) -> tuple[tuple[TargetEnvironment, ...], Reference | None]:
+    """The conditions, with the signal of the reference where it has its own."""
+    signal = None
+    if read.reference is not None and read.reference.signal is not None:
+        try:
+            signal = parse(read.reference.signal, folder=folder)
+            signal.check_fits(duration, rate)
+        except InputError as error:
+            raise InputError(
+                error.message, code=error.code, where=place("reference.signal"), repair=error.repair
+            ) from error
+    return read_environments(read.environment, read.environments, read.reference, signal, place)
 
 
 def _sample(read: _Table, folder: Path, place: Any) -> Sample:
@@ -455,53 +451,3 @@ def _steps(names: Sequence[str] | None, where: str) -> tuple[str, ...] | None:
             )
         at = order.index(name, at) + 1
     return tuple(names)
-
-
-def _environment(read: _EnvironmentTable | None, place: Any) -> TargetEnvironment | None:
-    if read is None:
-        return None
-
-    def value(key: str, quantity: Quantity, low: float, high: float) -> float | None:
-        text = getattr(read, key)
-        if text is None:
-            return None
-        number = parse_quantity(text, quantity, where=place(f"environment.{key}"))
-        if not low <= number <= high:
-            raise InputError(
-                f"{text!r} is outside {low:g} to {high:g} {quantity.unit}"
-                if high < math.inf
-                else f"{text!r} is negative",
-                code="out-of-range",
-                where=place(f"environment.{key}"),
-                repair="give what the chamber can reach" if high < math.inf else "give 0 s or more",
-            )
-        return number
-
-    def needed(key: str, quantity: Quantity, low: float, high: float) -> float:
-        number = value(key, quantity, low, high)
-        assert number is not None
-        return number
-
-    target = TargetEnvironment(
-        temperature=value("temperature", TEMPERATURE, -100.0, 300.0),
-        relative_humidity=value("relative_humidity", RELATIVE_HUMIDITY, 0.0, 100.0),
-        temperature_tolerance=needed("temperature_tolerance", TEMPERATURE, 0.01, 50.0),
-        humidity_tolerance=needed("humidity_tolerance", RELATIVE_HUMIDITY, 0.1, 50.0),
-        settle=needed("settle", TIME, 0.0, math.inf),
-        longest_wait=needed("longest_wait", TIME, 0.0, math.inf),
-    )
-    if target.temperature is None and target.relative_humidity is None:
-        raise InputError(
-            "neither temperature nor relative_humidity is stated",
-            code="missing-key",
-            where=place("environment"),
-            repair='add temperature = "25 degC" or relative_humidity = "80 percent"',
-        )
-    if target.longest_wait < target.settle:
-        raise InputError(
-            f"longest_wait is {target.longest_wait:g} s, shorter than settle, {target.settle:g} s",
-            code="out-of-range",
-            where=place("environment.longest_wait"),
-            repair="wait longer than the environment has to be settled",
-        )
-    return target

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -67,6 +67,31 @@ class Plan:
         """How long it takes at least, without what the operator does."""
         return sum(step.seconds for step in self.steps)
 
+    @property
+    def longest(self) -> float:
+        """How long it takes at most [s], without what the operator does: each equilibrium waited for to its end."""
+        waits = [step.visit.environment for step in self.steps if step.name == "equilibrium" and step.visit is not None]
+        return self.seconds + sum(one.longest_wait - one.settle for one in waits)
+
+    @property
+    def conditions(self) -> tuple[dict[str, Any], ...]:
+        """Each condition as a JSON document, with when it begins at the earliest [s]."""
+        found: dict[int, dict[str, Any]] = {}
+        passed = 0.0
+        for step in self.steps:
+            if step.visit is not None and step.visit.number not in found:
+                environment = step.visit.environment
+                found[step.visit.number] = {
+                    "number": step.visit.number,
+                    "name": environment.name,
+                    "temperature": environment.temperature,
+                    "relative_humidity": environment.relative_humidity,
+                    "is_reference": step.visit.is_reference,
+                    "starts": passed,
+                }
+            passed += step.seconds
+        return tuple(found.values())
+
     def _watched(self) -> dict[str, str]:
         """The limits, and which of them nothing that is measured can show to be passed."""
         told = self.limits.as_text()
@@ -100,7 +125,9 @@ class Plan:
                 }
                 for step in self.steps
             ],
+            "conditions": list(self.conditions),
             "seconds": self.seconds,
+            "longest": self.longest,
             "rows": sum(run.rows for run in self.runs),
             "bytes_needed": self.bytes_needed,
             "bytes_free": self.bytes_free,
@@ -152,6 +179,7 @@ def make_plan(
         raise InputError(
             f"{rig.name}: {error.message}", code=error.code, where=f"{where}: measured", repair=error.repair
         ) from error
+    _check_chamber(experiment, rig)
     limits = Limits.from_table(experiment.limits, where=f"{where}: limits")
     steps = planned_steps(experiment, rig)
     remarks: list[str] = []
@@ -169,9 +197,7 @@ def make_plan(
         for name in _unread(experiment)
         if name in experiment.limits
     ]
-    environment = experiment.environment
-    if environment is not None and not watched(experiment, rig):
-        remarks.append("this rig has no sensor for the environment: its equilibrium is the operator's word")
+    remarks += _environment_remarks(experiment, rig, steps)
     if rig_proof:
         remarks.append(f"{rig.name}: {rig_proof}")
     if needed > bytes_free:
@@ -182,6 +208,39 @@ def make_plan(
             repair="make room, choose another folder, or record less",
         )
     return Plan(experiment, rig, limits, steps, needed, bytes_free, tuple(dict.fromkeys(remarks)), rig_proof)
+
+
+def _check_chamber(experiment: Experiment, rig: Rig) -> None:
+    """A chamber that a program sets needs a temperature; the humidity may be left to itself."""
+    if rig.chamber is not None and any(one.temperature is None for one in experiment.environments):
+        raise InputError(
+            "the chamber of this rig is set by the program, and no temperature is stated",
+            code="missing-key",
+            where=f"{experiment.where}: environment.temperature",
+            repair='add temperature = "25 degC"',
+        )
+
+
+def _environment_remarks(experiment: Experiment, rig: Rig, steps: Sequence[PlannedStep]) -> list[str]:
+    """What to think of the conditions."""
+    if not experiment.environments:
+        return []
+    found = []
+    if not watched(experiment.environments[0], rig):
+        found.append("this rig has no sensor for the environment: its equilibrium is the operator's word")
+    longest = experiment.environments[0].longest_still
+    seconds = max((step.seconds for step in steps if step.run is not None), default=0.0)
+    if rig.chamber is not None and any(step.name == "chamber-off" for step in steps) and seconds > longest:
+        found.append(
+            f"a run takes {seconds:g} s with its zeros, the chamber may be still for {longest:g} s: such a run is "
+            "recorded with its fan on"
+        )
+    if experiment.order == "listed" and experiment.reference is None and len(experiment.environments) > 2:
+        found.append(
+            "the conditions are visited once and no reference is visited again: what the environment does and what age "
+            'does cannot be told apart; order = "palindromic" or a [reference] cures that'
+        )
+    return found
 
 
 def _unread(experiment: Experiment) -> tuple[str, ...]:

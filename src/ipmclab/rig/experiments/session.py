@@ -6,16 +6,17 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
-from typing import Any, Final
+from typing import Final
 from uuid import uuid4
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.bench import Bench
+from ipmclab.rig.chambers.watch import ChamberWatch
 from ipmclab.rig.experiments import fingerprint
 from ipmclab.rig.experiments.archive import Archive, Recorded
 from ipmclab.rig.experiments.bench_clock import BenchClock
+from ipmclab.rig.experiments.conditioning import Conditioning
 from ipmclab.rig.experiments.earlier import Earlier
-from ipmclab.rig.experiments.equilibrium import Air, wait_for_equilibrium
 from ipmclab.rig.experiments.live import Live
 from ipmclab.rig.experiments.operator import Operator
 from ipmclab.rig.experiments.plan import Plan
@@ -28,20 +29,18 @@ from ipmclab.rig.experiments.steps import (
     PlannedStep,
     Question,
     prepare,
-    watched,
 )
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.recorder import capture
 from ipmclab.rig.recording.recording import Heartbeat
 from ipmclab.rig.recording.run_request import Listeners, RunRequest
+from ipmclab.rig.recording.slow import Air as SlowAir
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
 from ipmclab.run import Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.signals import Step
 from ipmclab.signals.signal import shortened
 from ipmclab.store.journal.laboratory import Laboratory
-
-_AIR_TOLD: Final = 10.0
-"""How often [s] of its own time the waiting for the environment is told."""
+from ipmclab.units import MASS, parse_quantity
 
 _MOST_CLAMPINGS: Final = 3
 """How often a strip is clamped again for one fingerprint: each time it is given a voltage."""
@@ -63,6 +62,8 @@ class Session:
         The fingerprints that a sample has in the laboratory, with the mounting of its last run.
     guardian : Heartbeat, optional
         Armed whenever the output may be away from 0 V.
+    chamber : ChamberWatch, optional
+        Set to the conditions of the plan, and told to stand by at the end, whatever ended it.
 
     ``run`` does it all in the calling thread; ``stop``, ``abort``, ``zero`` and ``mark`` may be called from any other.
     """
@@ -77,6 +78,7 @@ class Session:
         inspect: Callable[[Run], Sequence[Finding]],
         earlier: Callable[[str], Earlier] | None = None,
         guardian: Heartbeat | None = None,
+        chamber: ChamberWatch | None = None,
     ) -> None:
         self._plan = plan
         self._experiment = plan.experiment
@@ -87,7 +89,8 @@ class Session:
         self._requests = Requests()
         self._archive = Archive(laboratory, operator, inspect)
         self._clock = BenchClock()
-        self._known: dict[str, Any] = {}
+        self._mass: float | None = None
+        self._air = Conditioning(bench, plan.limits, self._clock, self, chamber)
         self._mounting = self._experiment.mounting_id
         self._remarks: list[str] = []
         self._tares: tuple[ZeroReading, ...] = ()
@@ -120,10 +123,22 @@ class Session:
         """Emergency: the output to 0 V now, then as ``abort``."""
         self._requests.end("zero", reason)
 
+    def is_over(self) -> bool:
+        """Whether it was asked to end."""
+        return self._requests.is_over()
+
+    def tell(self, message: Message) -> None:
+        """Tell all who listen."""
+        self._operator.tell(message)
+
+    def note(self, text: str, *, passing: bool = False) -> None:
+        """Something to know."""
+        self.tell(Message("note", {"text": text, "passing": passing}))
+
     def mark(self, text: str) -> None:
         """Note something at this moment of the run."""
         if not self._requests.mark(text):
-            self._note(f"no run is being recorded: {text!r} is noted at the start of the next one")
+            self.note(f"no run is being recorded: {text!r} is noted at the start of the next one")
 
     def run(self) -> tuple[Recorded, ...]:
         """Do every step.
@@ -136,16 +151,23 @@ class Session:
             The hardware or the disk failed; ``recorded`` has what was kept.
         """
         if self._experiment.fingerprint and not any(step.name == "fingerprint" for step in self._plan.steps):
-            self._note("no fingerprint is taken: the current is not among what is measured")
+            self.note("no fingerprint is taken: the current is not among what is measured")
         try:
             for step in self._plan.steps:
                 if self._requests.is_over():
                     break
                 self._do(step)
-        finally:
+        except BaseException:
             self._safe()
+            with contextlib.suppress(IpmclabError):  # what failed first is told
+                self._air.leave()
+            raise
+        else:
+            self._safe()
+            self._air.leave()
+        finally:
             for text in self._requests.unheard:
-                self._note(f"{text!r} came after the last run: it is noted in none")
+                self.note(f"{text!r} came after the last run: it is noted in none")
         return self.recorded
 
     def _safe(self) -> None:
@@ -163,7 +185,7 @@ class Session:
             return
         answer = self._ask(step.question) if step.question is not None else ""
         if step.name == "zero" and answer == "skip":
-            self._note("no tare is read: a tip that does not touch is told from the end of the sensor only")
+            self.note("no tare is read: a tip that does not touch is told from the end of the sensor only")
         if self._requests.is_over():
             return
         if answer == UNKNOWN:
@@ -182,23 +204,26 @@ class Session:
                 self._mounting = None
                 told += "; the run belongs to no known mounting"
         self._remarks.append(told)
-        self._note(told)
+        self.note(told)
 
     def _act(self, step: PlannedStep, answer: str) -> None:
         """What a step does once its question is answered."""
         match step.name:
             case "hydrate":
                 self._clock.start("out of water")
+            case "weigh":
+                self._mass = None if answer == "skip" else parse_quantity(answer, MASS, where="answer weigh")
             case "clamp":
                 self._tares = ()  # of another clamping
                 self._clamp(kept=answer == "kept")
             case "chamber-on":
-                self._known["chamber"] = "on"
-                self._clock.start("in environment")
+                self._air.begin(step.visit)
             case "equilibrium":
-                self._wait_for_equilibrium()
+                self._air.wait(step.visit)
             case "chamber-off":
-                self._known["chamber"] = "off"
+                self._air.leave_still()
+            case "standby":
+                self._air.stand_by()
             case "zero":
                 self._tares = ()  # of another run
                 if answer == "done":
@@ -225,30 +250,9 @@ class Session:
             self._mounting = self._earlier(self._experiment.sample.id).mounting_id
             if self._mounting is not None:
                 return
-            self._note(f"no earlier mounting of {self._experiment.sample.id} is known here: it gets a new id")
+            self.note(f"no earlier mounting of {self._experiment.sample.id} is known here: it gets a new id")
         # Its date tells people which clamping it was, the rest keeps two rigs apart.
         self._mounting = f"{datetime.now():%Y%m%d-%H%M%S}-{uuid4().hex[:4]}"
-
-    def _wait_for_equilibrium(self) -> None:
-        environment = self._experiment.environment
-        seen = watched(self._experiment, self._bench.rig)
-        if environment is None or not seen:
-            return
-        told, began = -_AIR_TOLD, self._clock.now
-
-        def on_air(air: Air) -> bool:
-            nonlocal told
-            if air.time - told >= _AIR_TOLD:
-                told = air.time
-                self._note(f"{air}, within tolerance for {air.settled_for:.0f} s", passing=True)
-            return self._requests.is_over()
-
-        air = wait_for_equilibrium(self._bench, environment, seen, on_air)
-        self._clock.passed(air.time, since=began)
-        for name in ("temperature", "relative_humidity"):
-            value = getattr(air, name)
-            if value is not None:
-                self._known[name] = value
 
     def _rest(self, seconds: float) -> None:
         """Wait at 0 V by the clock of the bench."""
@@ -262,9 +266,6 @@ class Session:
             self._bench.close()
         self._clock.passed(seconds, since=began)
 
-    def _note(self, text: str, *, passing: bool = False) -> None:
-        self._operator.tell(Message("note", {"text": text, "passing": passing}))
-
     def _take_fingerprint(self, step: PlannedStep) -> None:
         """A fingerprint, and what is to be done when it is not like the earlier ones."""
         assert step.run is not None
@@ -276,13 +277,13 @@ class Session:
                 return
             found = self._archive.fingerprint
             if found is None:
-                self._note("the fingerprint tells nothing: no step of the current, or a strip still discharging")
+                self.note("the fingerprint tells nothing: no step of the current, or a strip still discharging")
                 return
-            self._note(f"fingerprint: {found}")
+            self.note(f"fingerprint: {found}")
             told = fingerprint.differences(found, known)
             if not told:
                 return
-            self._note("; ".join(told))
+            self.note("; ".join(told))
             if clampings == _MOST_CLAMPINGS:
                 raise IpmclabError(
                     f"clamped again {clampings} times, and still {'; '.join(told)}",
@@ -300,7 +301,7 @@ class Session:
             again = ("hydrate", "clamp") if answer == "hydrate" else ("clamp",)
             clampings += 1
             for name in (*again, *(["equilibrium"] if answer == "hydrate" and "equilibrium" in self._names else [])):
-                self._do(self._once_more(prepare(name, self._experiment, self._bench.rig)))
+                self._do(self._once_more(prepare(name, self._experiment, self._bench.rig, self._air.visit)))
             if self._experiment.pause and not self._requests.is_over():
                 self._rest(self._experiment.pause)  # what the last fingerprint charged must not show in the next
 
@@ -312,7 +313,11 @@ class Session:
         return replace(step, question=replace(step.question, choices=choices, again=True))
 
     def _record(self, planned: PlannedRun) -> Recorded | None:
-        """Record one run, make its file, and say what is wrong with it."""
+        """Record one run, with the chamber still where it may be, make its file, and say what is wrong with it."""
+        with self._air.recording(planned.zero_before + planned.seconds + planned.zero_after):
+            return self._capture(planned)
+
+    def _capture(self, planned: PlannedRun) -> Recorded | None:
         control = self._requests.begin_run()
         if control is None:
             return None
@@ -328,6 +333,10 @@ class Session:
 
         def on_end(mark: Mark, rows: int) -> None:
             live.mark(mark, "limit" if mark.kind == "limit" else self._requests.ending or "abort", rows)
+
+        def on_air(air: SlowAir) -> None:
+            live.air(air)
+            self._air.look(air)
 
         began = self._clock.now
         short = planned.purpose == "fingerprint"
@@ -348,11 +357,12 @@ class Session:
                     zero_time=planned.zero_before,
                     zero_after=planned.zero_after,
                     most_drift=MOST_DRIFT if force else None,
+                    slow=self._air.readings,
                 ),
                 journal=lambda header: self._archive.begin(header, live, word),
                 control=control,
                 heartbeat=self._guardian,
-                listeners=Listeners(live.block, live.mark, on_end, live.air, self._tell_preload),
+                listeners=Listeners(live.block, live.mark, on_end, on_air, self._tell_preload),
                 finish=self._tare_again if force and self._tares else None,
             )
         except BaseException:
@@ -390,11 +400,12 @@ class Session:
             rig_proof=self._plan.rig_proof or None,
             operator=experiment.operator,
             notes="; ".join([*remarks, *self._remarks]) or None,
+            mass=self._mass,
             clamp_pressure=experiment.clamp_pressure,
             minutes_out_of_water=self._clock.minutes_since("out of water"),
             minutes_in_environment=self._clock.minutes_since("in environment"),
         )
-        return replace(about, **self._known)
+        return replace(about, **self._air.known)
 
     def _read_tare(self) -> None:
         """What the load cell tells with the tip clear of it."""
@@ -402,11 +413,11 @@ class Session:
         tare = read_tare(self._bench, self._experiment.rate, when="before", duration=self._experiment.zero_time)
         self._tares = (tare,)
         self._clock.passed(self._experiment.zero_time, since=began)
-        self._note(f"tare {1e3 * tare.value:.3g} mN")
+        self.note(f"tare {1e3 * tare.value:.3g} mN")
 
     def _tell_preload(self, preload: ZeroReading) -> None:
         drift = f", drifts by {1e6 * preload.drift:.2g} uN/s" if preload.drift is not None else ""
-        self._note(f"preload {1e3 * preload.value:.3g} mN{drift}", passing=True)
+        self.note(f"preload {1e3 * preload.value:.3g} mN{drift}", passing=True)
 
     def _tare_again(self, bench: Bench) -> Sequence[ZeroReading]:
         """The tare after a run, with the bench still open."""

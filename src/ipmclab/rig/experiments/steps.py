@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments import fingerprint
+from ipmclab.rig.experiments.environments import TargetEnvironment, Visit, visits
 from ipmclab.rig.experiments.experiment import Experiment
+from ipmclab.rig.safety.limits import AIR
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
 from ipmclab.signals.signal import shortened
+from ipmclab.units import MASS, Quantity, parse_quantity
+
+CHAMBER: Final = ("chamber-on", "equilibrium", "chamber-off")
+"""The steps that are taken anew for each condition."""
 
 MOST_DRIFT: Final = 5e-6
 """The preload has settled when it drifts by less [N/s]: 0.2 mN in 40 s, against signals of 0.5 to 3.7 mN."""
@@ -21,7 +27,7 @@ MOST_DRIFT: Final = 5e-6
 UNKNOWN: Final = "unknown"
 """The answer that an act of a person was done, or not: nobody says which. It is what ``--yes`` answers."""
 
-Purpose = Literal["signal", "baseline", "fingerprint"]
+Purpose = Literal["signal", "baseline", "fingerprint", "reference"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,9 @@ class Question:
         It is asked once more in the same step: an answer given beforehand has been used up.
     unattended : str, optional
         What ``--yes`` answers where that is not the default: nobody is vouched for.
+    quantity : Quantity, optional
+        A number with its unit is an answer too, such as ``example``.
+    example : str
     """
 
     step: str
@@ -48,6 +57,8 @@ class Question:
     default: str
     again: bool = False
     unattended: str = ""
+    quantity: Quantity | None = None
+    example: str = ""
 
     @classmethod
     def of_an_act(cls, step: str, text: str, *otherwise: str, done: str = "done") -> Question:
@@ -60,9 +71,16 @@ class Question:
         Raises
         ------
         InputError
-            None of the choices.
+            None of the choices, and no number above 0 where one is asked for.
         """
         answer = value.strip().lower()
+        if answer not in self.choices and self.quantity is not None:
+            where = f"answer {self.step}"
+            if parse_quantity(value, self.quantity, where=where) > 0.0:
+                return value.strip()
+            raise InputError(
+                f"{value!r} is not above 0", code="bad-answer", where=where, repair=f"give for example {self.example}"
+            )
         if answer not in self.choices:
             raise InputError(
                 f"{value!r} is no answer to {self.step!r}",
@@ -90,7 +108,7 @@ class PlannedRun:
     ----------
     signal : Signal
         As it is applied.
-    purpose : "signal", "baseline" or "fingerprint"
+    purpose : "signal", "baseline", "fingerprint" or "reference"
     duration, rest_before, rest_after : float [s]
     rate : float [Hz]
     measured : tuple of str
@@ -143,6 +161,8 @@ class PlannedStep:
         What it records.
     actions : tuple of str
         What the operator does then, in the words of a virtual rig.
+    visit : Visit, optional
+        The condition that it brings about, or waits for.
     """
 
     name: str
@@ -151,6 +171,7 @@ class PlannedStep:
     question: Question | None = None
     run: PlannedRun | None = None
     actions: tuple[str, ...] = ()
+    visit: Visit | None = None
 
 
 def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
@@ -171,11 +192,29 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
     """
     wanted = experiment.steps or _default_steps(experiment)
     apply_at = wanted.index("apply")
+    before = [name for name in wanted[:apply_at] if name not in ("zero", "preload", *CHAMBER)]
+    steps = [prepare(name, experiment, rig) for name in before]
+    conditions: tuple[Visit | None, ...] = planned_visits(experiment) or (None,)
+    for visit in conditions:
+        steps += [prepare(name, experiment, rig, visit) for name in CHAMBER if name in wanted]
+        steps += _recording_steps(experiment, rig, wanted, list(planned_runs(experiment, visit)))
+    if rig.chamber is not None and experiment.environments and "chamber-on" in wanted:
+        steps.append(PlannedStep("standby", "the chamber regulates nothing any more"))
+    steps += [prepare(name, experiment, rig) for name in wanted[apply_at + 1 :]]
+    return tuple(steps)
+
+
+def planned_visits(experiment: Experiment) -> tuple[Visit, ...]:
+    """The conditions of an experiment in the order in which the chamber is brought to them; none in a room."""
+    order = experiment.order if len(experiment.environments) > 1 else "listed"
+    return visits(experiment.environments, order, experiment.reference) if experiment.environments else ()
+
+
+def _recording_steps(
+    experiment: Experiment, rig: Rig, wanted: Sequence[str], runs: Sequence[PlannedRun]
+) -> list[PlannedStep]:
+    """What is recorded under one condition, with what each run needs before it."""
     steps: list[PlannedStep] = []
-    for name in wanted[:apply_at]:
-        if name not in ("zero", "preload"):
-            steps.append(prepare(name, experiment, rig))
-    runs = list(planned_runs(experiment))
     pause = PlannedStep("pause", "at 0 V: the strip discharges", experiment.pause)
     rests = [pause] if experiment.pause else []
     for place, run in enumerate(runs):
@@ -191,12 +230,14 @@ def planned_steps(experiment: Experiment, rig: Rig) -> tuple[PlannedStep, ...]:
         zeros = run.zero_before + run.zero_after
         text += f"; zeros are read for {zeros:g} s" if zeros else ""
         steps.append(PlannedStep("apply", text, run.zero_before + run.seconds + run.zero_after, run=run))
-    steps += [prepare(name, experiment, rig) for name in wanted[apply_at + 1 :]]
-    return tuple(steps)
+    return steps
 
 
-def planned_runs(experiment: Experiment) -> Iterator[PlannedRun]:
-    """The recordings of an experiment: baseline, then each signal with its repeats and both its polarities."""
+def planned_runs(experiment: Experiment, visit: Visit | None = None) -> Iterator[PlannedRun]:
+    """What is recorded under one condition: baseline, then each signal with its repeats and both its polarities.
+
+    At the reference it is one run; where a condition is visited again, the repeats are counted on.
+    """
     template = PlannedRun(
         signal=Step(0.0),
         purpose="signal",
@@ -208,10 +249,16 @@ def planned_runs(experiment: Experiment) -> Iterator[PlannedRun]:
         zero_before=experiment.zero_time,
         zero_after=experiment.zero_time,
     )
+    again = 0 if visit is None else visit.again
+    if visit is not None and visit.is_reference:
+        assert experiment.reference is not None
+        signal = experiment.reference.signal or experiment.signals[0]
+        yield replace(template, purpose="reference", signal=signal, repeat=again + 1)
+        return
     if experiment.baseline:
         yield replace(template, purpose="baseline")
     for signal in experiment.signals:
-        for repeat in range(1, experiment.repeats + 1):
+        for repeat in range(again * experiment.repeats + 1, (again + 1) * experiment.repeats + 1):
             if not experiment.pair:
                 yield replace(template, signal=signal, repeat=repeat)
                 continue
@@ -258,10 +305,10 @@ def reversed_signal(signal: Signal) -> Signal:
     return replace(signal, **changed)
 
 
-def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
-    """A step that makes ready for a run, or ends the experiment."""
-    environment = experiment.environment
-    target = str(environment) if environment is not None else ""
+def prepare(name: str, experiment: Experiment, rig: Rig, visit: Visit | None = None) -> PlannedStep:
+    """A step that makes ready for a run, or ends the experiment; one of the chamber for a visit of a condition."""
+    if name in CHAMBER:
+        return _chamber_step(name, experiment, rig, visit)
     force = "force" in experiment.measured
     if name == "hydrate":
         text = "the strip in its solvent between experiments; then take it out and tap it dry with tissue"
@@ -270,30 +317,10 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
         at = f" at {experiment.clamp_pressure / 1e3:g} kPa" if experiment.clamp_pressure is not None else ""
         text = f"clamp the strip{at}; 'kept' if it has stayed in the clamp since its last run"
         return PlannedStep(name, text, question=Question.of_an_act(name, text, "kept"), actions=("rest",))
-    if name == "chamber-on":
-        text = f"chamber on, set to {target}" if target else "chamber on"
-        actions = []
-        if environment is not None and environment.temperature is not None:
-            actions.append(f"temperature {environment.temperature:g} degC")
-        if environment is not None and environment.relative_humidity is not None:
-            actions.append(f"humidity {environment.relative_humidity:g} percent")
-        return PlannedStep(name, text, question=Question.of_an_act(name, text), actions=tuple(actions))
-    if name == "equilibrium":
-        if environment is None:
-            raise InputError(
-                "there is no environment to wait for",
-                code="missing-key",
-                where=f"{experiment.where}: steps",
-                repair="add a table [environment], or leave the step out",
-            )
-        text = f"wait until {target} has held for {environment.settle:g} s, at most {environment.longest_wait:g} s"
-        if watched(experiment, rig):
-            return PlannedStep(name, text, environment.settle)
-        text += "; this rig has no sensor for it, so an operator says when"
-        return PlannedStep(name, text, environment.settle, Question.of_an_act(name, text, done="settled"))
-    if name == "chamber-off":
-        text = "chamber off: its fan shakes the strip"
-        return PlannedStep(name, text, question=Question.of_an_act(name, text))
+    if name == "weigh":
+        text = "weigh the strip, tapped dry; type its mass, or 'skip' to go without it"
+        question = Question(name, text, ("skip",), "skip", quantity=MASS, example="131 mg")
+        return PlannedStep(name, text, question=question)
     if name == "zero":
         seconds = experiment.zero_time
         if force:
@@ -305,21 +332,58 @@ def prepare(name: str, experiment: Experiment, rig: Rig) -> PlannedStep:
     return PlannedStep(name, text, question=Question.of_an_act(name, text), actions=("tip on cell",))
 
 
-def watched(experiment: Experiment, rig: Rig) -> tuple[str, ...]:
-    """What this rig can read of the environment that the experiment asks for."""
-    environment = experiment.environment
-    if environment is None:
-        return ()
-    found = []
-    if environment.temperature is not None and rig.thermometer is not None:
-        found.append("temperature")
-    names = {channel.name for channel in rig.channels}
-    if environment.relative_humidity is not None and "relative_humidity" in names:
-        found.append("relative_humidity")
-    return tuple(found)
+def _chamber_step(name: str, experiment: Experiment, rig: Rig, visit: Visit | None) -> PlannedStep:
+    """A step of the chamber: done by the program where the rig has a chamber that it can set, else by an operator."""
+    environment = None if visit is None else visit.environment
+    target = str(environment) if environment is not None else ""
+    place = f" (condition {visit.number} of {visit.of})" if visit is not None and visit.of > 1 else ""
+    of_reference = "reference: " if visit is not None and visit.is_reference else ""
+    is_set_here = rig.chamber is not None and environment is not None
+    if name == "chamber-on":
+        text = f"{of_reference}chamber on, set to {target}{place}" if target else "chamber on"
+        if is_set_here:
+            return PlannedStep(name, text, visit=visit)
+        actions = []
+        if environment is not None and environment.temperature is not None:
+            actions.append(f"temperature {environment.temperature:g} degC")
+        if environment is not None and environment.relative_humidity is not None:
+            actions.append(f"humidity {environment.relative_humidity:g} percent")
+        return PlannedStep(name, text, 0.0, Question.of_an_act(name, text), actions=tuple(actions), visit=visit)
+    if name == "equilibrium":
+        if environment is None:
+            raise InputError(
+                "there is no environment to wait for",
+                code="missing-key",
+                where=f"{experiment.where}: steps",
+                repair="add a table [environment], or leave the step out",
+            )
+        text = f"wait until {target} has held for {environment.settle:g} s, at most {environment.longest_wait:g} s"
+        if watched(environment, rig):
+            return PlannedStep(name, text, environment.settle, visit=visit)
+        text += "; this rig has no sensor for it, so an operator says when"
+        asked = Question.of_an_act(name, text, done="settled")
+        return PlannedStep(name, text, environment.settle, asked, visit=visit)
+    if environment is not None and is_set_here:
+        drift = f"{environment.temperature_drift:g} K or {environment.humidity_drift:g} %RH"
+        text = (
+            "chamber still (fan and compressor off) while the strip is recorded, "
+            f"for at most {environment.longest_still:g} s and a drift of {drift}"
+        )
+        return PlannedStep(name, text, visit=visit)
+    text = "chamber off: its fan shakes the strip"
+    return PlannedStep(name, text, question=Question.of_an_act(name, text), visit=visit)
+
+
+def watched(environment: TargetEnvironment, rig: Rig) -> tuple[str, ...]:
+    """What can be read of an environment: by the sensors of the rig, or else by those of its chamber."""
+    names = {channel.name for channel in rig.channels} | ({"temperature"} if rig.thermometer is not None else set())
+    return tuple(
+        name for name in AIR if getattr(environment, name) is not None and (name in names or rig.chamber is not None)
+    )
 
 
 def _default_steps(experiment: Experiment) -> tuple[str, ...]:
-    chamber = ("chamber-on", "equilibrium", "chamber-off") if experiment.environment is not None else ()
+    chamber = CHAMBER if experiment.environments else ()
+    weigh = ("weigh",) if experiment.weigh else ()
     preload = ("preload",) if "force" in experiment.measured else ()
-    return ("hydrate", "clamp", *chamber, "zero", *preload, "apply", "hydrate")
+    return ("hydrate", *weigh, "clamp", *chamber, "zero", *preload, "apply", "hydrate")

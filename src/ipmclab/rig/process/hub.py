@@ -32,6 +32,9 @@ _LONGEST_QUEUE: Final = 2000
 _PASSING: Final = ("block", "air")
 """Messages for those who asked for readings; who comes later is not told them."""
 
+_NEWEST: Final = ("progress", "chamber", "equilibrium")
+"""Messages of which who comes later is told the newest only."""
+
 _BLOCKS_BEHIND: Final = 200
 """Messages behind which a client gets no more blocks until it has caught up."""
 
@@ -126,10 +129,8 @@ class Hub:
         message = replace(message, at=time.time()) if message.at is None else message
         payload = encode(message)
         with self._lock:
-            if message.kind == "progress" and self._past and self._past[-1].kind == "progress":
-                self._past[-1] = message
-            elif not is_block:
-                self._past.append(message)
+            if not is_block:
+                self._remember(message)
             for client in list(self._clients):
                 behind = client.queue.qsize()
                 if is_block and (not client.wants_blocks or behind > _BLOCKS_BEHIND):
@@ -138,6 +139,16 @@ class Hub:
                     self._forget(client)
                     continue
                 client.queue.put(payload)
+
+    def _remember(self, message: Message) -> None:
+        """Keep a message for who comes later; of some kinds only the newest since anything else was told."""
+        for place in range(len(self._past) - 1, -1, -1):
+            if message.kind not in _NEWEST or self._past[place].kind not in _NEWEST:
+                break
+            if self._past[place].kind == message.kind:
+                del self._past[place]
+                break
+        self._past.append(message)
 
     def close(self) -> None:
         """Give the clients what is left to say, and leave."""

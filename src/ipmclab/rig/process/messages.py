@@ -3,37 +3,42 @@
 A message is a kind, values that JSON can hold, and float64 arrays. On the wire it is the length of the JSON text
 (4 bytes, little-endian), the text, then the arrays one after the other.
 
-=============  =================================================================================
+===============  =================================================================================
 to the recorder
-=============  =================================================================================
-``start``      the plan is agreed to: go
-``stop``       end the run now and keep it; ``after`` says that the experiment goes on to its next run or not
-``abort``      end the run and the experiment; what was recorded is kept, marked ``aborted``
-``zero``       emergency: output to 0 V now, then as ``abort``
-``mark``       ``text``: note it at this moment of the run
-``answer``     ``question`` (its number) and ``value``
-``subscribe``  ``blocks``: whether to send what is being read; ``answers``: whether somebody here can answer
-=============  =================================================================================
+===============  =================================================================================
+``start``        the plan is agreed to: go
+``stop``         end the run now and keep it; ``after`` says that the experiment goes on to its next run or not
+``abort``        end the run and the experiment; what was recorded is kept, marked ``aborted``
+``zero``         emergency: output to 0 V now, then as ``abort``
+``mark``         ``text``: note it at this moment of the run
+``answer``       ``question`` (its number) and ``value``
+``subscribe``    ``blocks``: whether to send what is being read; ``answers``: whether somebody here can answer
+===============  =================================================================================
 
-=============  =================================================================================
+===============  =================================================================================
 to the clients
-=============  =================================================================================
-``plan``       what is going to happen, as ``Plan.as_dict`` gives it
-``step``       a step began: ``name``, ``text``, ``seconds``, ``asks`` (whether it asks something)
-``question``   ``number``, ``step``, ``text``, ``choices``, ``default``; open until ``answered``
-``answered``   ``number``, ``step``, ``value``, ``by``
-``begun``      rows go to a journal from now on: ``uuid``, ``journal``
-``run``        a recording began: ``uuid``, ``signal``, ``purpose``, ``rate``, ``rows``, ``place``, ``of``
-``block``      ``first_row`` and an array for each channel [SI]
-``air``        ``time``, and ``temperature`` and ``relative_humidity`` as far as they are read
-``progress``   ``rows`` read and ``acknowledged`` (on disk), ``of`` as many as the run will have
-``event``      something happened in a run: ``event``, ``time``, ``text``; with ``ending`` the output is at 0 V, as an
-               operator wanted (``stop``, ``abort`` or ``zero``) or because a limit was passed (``limit``), and only
-               what follows it is still recorded
-``note``       something to know: ``text``
-``recorded``   a run stands on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
-``ended``      the last message: ``status``, and ``error`` where it failed
-=============  =================================================================================
+===============  =================================================================================
+``plan``         what is going to happen, as ``Plan.as_dict`` gives it
+``step``         a step began: ``name``, ``text``, ``seconds``, ``asks`` (whether it asks something)
+``question``     ``number``, ``step``, ``text``, ``choices``, ``default``, and where a number with its unit is an answer
+                 too an ``example`` of one; open until ``answered``
+``answered``     ``number``, ``step``, ``value``, ``by``
+``begun``        rows go to a journal from now on: ``uuid``, ``journal``
+``run``          a recording began: ``uuid``, ``signal``, ``purpose``, ``rate``, ``rows``, ``place``, ``of``
+``block``        ``first_row`` and an array for each channel [SI]
+``air``          ``time``, and those of ``SLOW_CHANNELS`` that are read
+``condition``    the chamber is brought to another condition: ``number``, ``of``, ``name``
+``chamber``      what the chamber tells of itself: ``temperature``, ``relative_humidity``, their set points, ``mode``,
+                 ``is_still``, ``alarms``
+``equilibrium``  how far the waiting for it has come: ``waited``, ``longest``, ``settled_for``, ``settle``, ``is_over``
+``progress``     ``rows`` read and ``acknowledged`` (on disk), ``of`` as many as the run will have
+``event``        something happened in a run: ``event``, ``time``, ``text``; with ``ending`` the output is at 0 V, as an
+                 operator wanted (``stop``, ``abort`` or ``zero``) or because a limit was passed (``limit``), and only
+                 what follows it is still recorded
+``note``         something to know: ``text``
+``recorded``     a run stands on disk: ``path``, ``state``, ``state_reason``, ``purpose``, ``findings``
+``ended``        the last message: ``status``, and ``error`` where it failed
+===============  =================================================================================
 """
 
 from __future__ import annotations

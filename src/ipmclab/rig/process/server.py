@@ -145,6 +145,7 @@ class ClientOperator:
             number = self._asked
             self._open, self._answer = question, None
         about = {"text": question.text, "choices": list(question.choices), "default": question.default}
+        about |= {"example": question.example} if question.example else {}
         if known is None:
             self.tell(Message("question", {"number": number, "step": question.step, **about}))
         since = time.monotonic()

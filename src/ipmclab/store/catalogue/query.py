@@ -33,7 +33,7 @@ class RunQuery:
     findings : tuple of str
         Codes.
     state : one of STATES, optional
-    purpose : "signal", "baseline" or "fingerprint", optional
+    purpose : "signal", "baseline", "fingerprint" or "reference", optional
     laboratory : str, optional
         Only runs that have a file there or were last seen there; see ``Catalogue.laboratory``.
     """
