@@ -189,10 +189,16 @@ class StripPlant:
         """The chamber around the strip, where the rig has a simulated one; its clock is that of the plant."""
         if self.rig.chamber is None or not self.rig.chamber.is_virtual:
             return None
-        from ipmclab.rig.chambers.virtual import VirtualChamber, VirtualClimate
+        from ipmclab.rig.chambers.chamber import Ranges
+        from ipmclab.rig.chambers.virtual import RANGES, VirtualChamber, VirtualClimate
 
         about = self.rig.virtual
-        climate = VirtualClimate(room_temperature=about.temperature, room_humidity=about.relative_humidity)
+        stated = self.rig.chamber
+        climate = VirtualClimate(
+            Ranges(stated.temperature or RANGES.temperature, stated.relative_humidity or RANGES.relative_humidity),
+            room_temperature=about.temperature,
+            room_humidity=about.relative_humidity,
+        )
         return VirtualChamber(lambda: self.time, climate, seed=about.seed)
 
     def _air(self, name: str, times: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ipmclab.errors import IpmclabError
 from ipmclab.platform import own_stdin
@@ -72,6 +72,14 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
             return 0
 
 
+def settings_from(text: str) -> ChamberSettings:
+    """The settings of a chamber from their JSON."""
+    values: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in json.loads(text).items()
+    }
+    return ChamberSettings(**values)
+
+
 def main(arguments: list[str]) -> int:
     """The keeper process.
 
@@ -83,7 +91,7 @@ def main(arguments: list[str]) -> int:
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)  # it ends with its pipe, and never before
-    settings = ChamberSettings(**json.loads(arguments[0]))
+    settings = settings_from(arguments[0])
     path = Path(arguments[1]) if arguments[1] else None
 
     def log(text: str) -> None:

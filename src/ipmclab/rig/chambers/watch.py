@@ -14,20 +14,19 @@ import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.chambers.chamber import Chamber, ChamberError, Conditions, Ranges, Stillness
+from ipmclab.rig.chambers.driver import HUMIDITY_STEP, TEMPERATURE_STEP
 
 FloatArray = npt.NDArray[np.float64]
 
 PERIOD: Final = 1.0
 """How often [s] a chamber is read."""
 
-SILENT: Final = 30.0
-"""After so long [s] without a reading the chamber counts as lost: what is recorded ends."""
+SILENT: Final = 20.0
+"""After so long [s] without a reading the chamber counts as lost: with the last attempt, what is recorded ends within
+``DEADLINE``."""
 
 _TWICE: Final = 2
 """An alarm, or a set point that nobody asked for, counts once it stands in so many readings."""
-
-_SAME: Final = 0.15
-"""A set point [K] [percent] is as it was asked for within this: a chamber rounds."""
 
 
 class ChamberWatch:
@@ -270,8 +269,9 @@ def _not_as_asked(conditions: Conditions, temperature: float, relative_humidity:
         what = f"it is in {conditions.mode}"
     else:
         stated = (conditions.temperature_set_point, conditions.humidity_set_point)
-        for one, asked, unit in zip(stated, (temperature, relative_humidity), ("degC", "percent"), strict=True):
-            if one is not None and asked is not None and abs(one - asked) > _SAME:
+        steps = (("degC", TEMPERATURE_STEP), ("percent", HUMIDITY_STEP))
+        for one, asked, (unit, step) in zip(stated, (temperature, relative_humidity), steps, strict=True):
+            if one is not None and asked is not None and abs(one - asked) > step:
                 what = f"it is set to {one:g} {unit}, not to {asked:g}"
                 break
         else:
