@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.real_records import StepRecord
+from benchmarks.wrong_model import predicted
 from ipmclab import Actuator, Fit, Run, identify, import_run, load_actuator, simulate
+from ipmclab.model.variants import with_stages
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
 
@@ -76,3 +79,14 @@ def test_a_twin_of_it(hold: str) -> None:
     for name, parameter in fit.parameters.items():
         if name in truth.parameter_values:
             assert abs(parameter.value - truth[name]) < 3.5 * parameter.standard_error, name
+
+
+@pytest.mark.parametrize(("name", "contact"), [("step_1V", 133), ("step_2V", 516)])
+def test_the_next_30_s_are_predicted_as_well_as_by_plain_least_squares(
+    name: str, contact: int, real_runs: Path
+) -> None:
+    # A drift of the current, taken from what three branches lack, made these 1.5 and 1.8 times as large.
+    run = import_run(real_runs / f"{name}.csv.gz", MAPS / f"{name}.toml")
+    three = with_stages(load_actuator("friend-2"), "branches=3")
+    found, _ = predicted(StepRecord(name, run, contact), three, 3)
+    assert found.ratio <= 1.1

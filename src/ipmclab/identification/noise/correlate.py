@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.noise.at_rest import drift_is_shown, is_at_rest_too, left_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
 from ipmclab.identification.noise.columns import CONSTANTS, constants
 from ipmclab.identification.noise.pieces import (
@@ -32,7 +33,7 @@ from ipmclab.identification.noise.pieces import (
 from ipmclab.identification.noise.screen import needs_search
 from ipmclab.identification.noise.shape import Shape, drawn, spread_by
 from ipmclab.identification.noise.whitening import CorrelatedProblem, Whitening, measured_rows
-from ipmclab.identification.noise.zeros import DriftingProblem, Zero, slope_at_rest
+from ipmclab.identification.noise.zeros import DriftingProblem, Zero
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
@@ -261,7 +262,13 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
     hidden = blind_outputs(system, searched, shapes)
     more = {output for output, one in hidden.items() if one.allowed}
     if more:
-        shapes = with_constants(system, chosen, drifting | more)
+        drifting = drifting | more
+        shapes = with_constants(system, chosen, drifting)
+    mistaken = {key for key, shape in shapes.items() if _is_model_error(fewer, near.evaluation, pieces[key], shape)}
+    if mistaken:
+        searched = [piece.without_trend() if piece.key in mistaken else piece for piece in searched]
+        system = System(fewer, near.evaluation, searched)
+        shapes = with_constants(system, choose_noise(system), drifting)
     if all(shape.terms.is_white for shape in shapes.values()):
         return Correlated(problem, solution, plain, pieces=pieces, blind={**blind, **hidden})
     zeros = {piece.key: zero for piece in searched if (zero := _beside(fewer, piece, shapes[piece.key])) is not None}
@@ -279,6 +286,20 @@ def with_noise(problem: Problem, solution: Solution, yielding: Sequence[int], ag
         least, plain = fewer, near.evaluation
     pieces |= {piece.key: piece for piece in searched}
     return Correlated(least, near, plain, shapes, pieces, {**blind, **hidden})
+
+
+def _is_model_error(problem: Problem, here: Evaluation, piece: Piece, shape: Shape) -> bool:
+    """Whether a slope of the current under voltage is something that the model lacks, and no drift of the sensor.
+
+    A current is read over a resistor, which does not drift as a strip that curls does. Its slope counts as a drift
+    where the rows at 0 V drift too, or where what is found under voltage is noise that they have.
+    """
+    place, output = piece.key
+    if output != "current" or not shape.terms.trend:
+        return False
+    record, unit = problem.record_at(place), problem.noise[piece.key]
+    left = left_at_rest(record, output, here.residual[problem.pieces[piece.key]][piece.inside], unit)
+    return is_at_rest_too(shape, left) is False and not drift_is_shown(record, output, shape, unit)
 
 
 def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:

@@ -54,6 +54,10 @@ class Piece:
         allowed = (f"observation.offset.{output}" not in own, f"observation.drift.{output}" not in own)
         return replace(self, allowed=allowed)
 
+    def without_trend(self) -> Piece:
+        """The same with no slope."""
+        return replace(self, allowed=(self.allowed[0], False))
+
     def whitening(self, shape: Shape) -> Whitening:
         """For a shape of the noise."""
         scale = math.sqrt(shape.variance)

@@ -18,9 +18,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
-from ipmclab.identification.noise.shape import structure
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import settled
@@ -30,10 +30,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _TURNS: Final = 4
 _STILL: Final = 0.1  # of a standard error, by which the parameters still move
-_FEWEST: Final = 50  # rows at 0 V that show the noise
 _AS_GOOD: Final = 1.05  # times what least squares leaves (rms): half of what a prediction is asked to hold
-_LAGS: Final = (50, 10, 4)  # parts of the rows at 0 V
-_TIMES: Final = 2.0  # as much as at 0 V, which few rows tell no better than that
 _REJECT: Final = 1e-3
 
 
@@ -93,17 +90,7 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
 
 
 def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:
-    """Whether noise that is found under voltage is no larger than the rows at 0 V show; None where these are few.
-
-    Held against each other are the mean squares of changes over one row, and over parts of the rows at 0 V.
-    """
-    count = _rows_at_rest(under, key)
-    if count < _FEWEST:
-        return None
-    values = under.left(key)[under.pieces[key].inside][:count]
-    lags = [1, *(count // part for part in _LAGS)]
-    seen = np.array([np.mean((values[lag:] - values[:-lag]) ** 2) for lag in lags])
-    return bool((structure(under.shapes[key], lags) <= _TIMES * seen).all())
+    return is_at_rest_too(under.shapes[key], _left_at_rest(under, key))
 
 
 def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | None:
@@ -113,17 +100,17 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
     """
     if _is_at_rest_too(under, key) is not False:
         return None
-    count = _rows_at_rest(under, key)
-    values = under.problem.noise[key] * under.left(key)[under.pieces[key].inside]
+    resting = _left_at_rest(under, key)
+    driven = under.left(key)[under.pieces[key].inside][len(resting) :]
+    unit = under.problem.noise[key]
     step = quantum_of(np.diff(under.problem.record_at(key[0]).readings[key[1]].measured))
-    at_rest = max(float(np.std(values[:count])), step / math.sqrt(12.0))
-    return at_rest, float(np.sqrt(np.mean(values[count:] ** 2)))
+    at_rest = max(unit * float(np.std(resting)), step / math.sqrt(12.0))
+    return at_rest, unit * float(np.sqrt(np.mean(driven**2)))
 
 
-def _rows_at_rest(under: Correlated, key: Key) -> int:
-    record = under.problem.record_at(key[0])
-    rows = np.flatnonzero(record.readings[key[1]].used)[under.pieces[key].inside]
-    return int(np.searchsorted(rows, record.resting))
+def _left_at_rest(under: Correlated, key: Key) -> FloatArray:
+    values = under.left(key)[under.pieces[key].inside]
+    return left_at_rest(under.problem.record_at(key[0]), key[1], values, under.problem.noise[key])
 
 
 def _length(here: Evaluation, step: FloatArray) -> float:

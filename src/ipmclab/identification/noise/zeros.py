@@ -16,13 +16,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import constants, steps_between
-from ipmclab.identification.noise.long_run import long_run
-from ipmclab.identification.noise.shape import Shape, spread_by, structure
+from ipmclab.identification.noise.at_rest import slope_at_rest
+from ipmclab.identification.noise.columns import constants
+from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.quality.noise import quantum_of
 from ipmclab.statespace.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,9 +29,6 @@ Key = tuple[int, str]
 
 LARGEST_ZERO: Final = 0.01
 """Of the largest current: a larger zero is seen by who looks at the readings."""
-
-_FEWEST: Final = 20
-"""Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,36 +206,3 @@ class DriftingProblem(Problem):
             piece = self.pieces[key]
             found[piece] = self.whitened(key, found[piece].T).T
         return found
-
-
-def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> tuple[float, float]:
-    """Slope of the readings at 0 V before the strip is driven, and its standard error [SI/s].
-
-    The error is that of least squares under autocorrelated noise (Newey and West 1987), or under the noise that the
-    whole run has where that is more, but no more of it than the rows at 0 V show; a converter whose step is
-    larger than the noise hides a slope of one step over the rows. A strip that was not at rest moves too: then the
-    slope is no larger than what is seen there. Nothing is known, and the error infinite, where there are few such rows.
-    """
-    reading = record.readings[output]
-    rows = np.flatnonzero(reading.exact[: record.resting])
-    if len(rows) < _FEWEST:
-        return 0.0, math.inf
-    time, values = record.run.time[rows], reading.values[rows]
-    columns = constants(time)
-    half = 0.5 * float(time[-1] - time[0])
-    inner = np.linalg.inv(columns.T @ columns)
-    answer = inner @ (columns.T @ values)
-    middle = long_run(columns, values - columns @ answer)
-    own = float((inner @ middle @ inner)[1, 1])
-    if noise.terms.order or noise.terms.walk:
-        period = 1.0 / record.run.rate if record.run.is_uniform else float(np.median(np.diff(record.run.time)))
-        whole = unit**2 * float(spread_by(columns @ inner, steps_between(time, period), noise)[1, 1])
-        lag = max(len(rows) // 4, 1)
-        seen = float(np.mean((values[lag:] - values[:-lag]) ** 2)) / (unit**2 * float(structure(noise, [lag])[0]))
-        own = max(own, whole * min(seen, 1.0))
-    step = quantum_of(np.diff(reading.measured))
-    variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
-    if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
-        return 0.0, math.inf
-    slope = float(answer[1]) / half
-    return (0.0, math.hypot(slope, math.sqrt(variance))) if record.start == "free" else (slope, math.sqrt(variance))

@@ -1,0 +1,150 @@
+"""What the rows at 0 V, before a strip is driven, show of a sensor.
+
+They hold its zero, its drift and its noise, and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.noise.columns import constants, steps_between
+from ipmclab.identification.noise.long_run import long_run
+from ipmclab.identification.noise.shape import Shape, spread_by, structure
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.quality.noise import quantum_of
+
+FloatArray = npt.NDArray[np.float64]
+
+_FEWEST_OF_SLOPE: Final = 20
+"""Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""
+
+_FEWEST_OF_NOISE: Final = 50
+"""Rows at 0 V that show the noise."""
+
+_LAGS: Final = (50, 10, 4)  # parts of the rows at 0 V
+_TIMES: Final = 2.0  # as much as at 0 V, which few rows tell no better than that
+_SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which a reading is no noise of a sensor
+_SHOWN: Final = 2.0  # standard errors from which a slope at 0 V is one
+
+
+def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> tuple[float, float]:
+    """Slope of the readings at 0 V before the strip is driven, and its standard error [SI/s].
+
+    The error is that of least squares under autocorrelated noise (Newey and West 1987), or under the noise that the
+    whole run has where that is more, but no more of it than the rows at 0 V show; a converter whose step is
+    larger than the noise hides a slope of one step over the rows. A strip that was not at rest moves too: then the
+    slope is no larger than what is seen there. Nothing is known, and the error infinite, where there are few such rows.
+
+    Parameters
+    ----------
+    record : PreparedRun
+    output : str
+    noise : Shape
+        Of the whole run.
+    unit : float [SI]
+        In which the noise is.
+    """
+    reading = record.readings[output]
+    rows = np.flatnonzero(reading.exact[: record.resting])
+    if len(rows) < _FEWEST_OF_SLOPE:
+        return 0.0, math.inf
+    step = quantum_of(np.diff(reading.measured))
+    time = record.run.time[rows]
+    values = without_spikes(time, reading.values[rows], step)
+    columns = constants(time)
+    half = 0.5 * float(time[-1] - time[0])
+    inner = np.linalg.inv(columns.T @ columns)
+    answer = inner @ (columns.T @ values)
+    middle = long_run(columns, values - columns @ answer)
+    own = float((inner @ middle @ inner)[1, 1])
+    if noise.terms.order or noise.terms.walk:
+        period = 1.0 / record.run.rate if record.run.is_uniform else float(np.median(np.diff(record.run.time)))
+        whole = unit**2 * float(spread_by(columns @ inner, steps_between(time, period), noise)[1, 1])
+        lag = max(len(rows) // 4, 1)
+        seen = float(np.mean((values[lag:] - values[:-lag]) ** 2)) / (unit**2 * float(structure(noise, [lag])[0]))
+        own = max(own, whole * min(seen, 1.0))
+    variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
+    if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
+        return 0.0, math.inf
+    slope = float(answer[1]) / half
+    return (0.0, math.hypot(slope, math.sqrt(variance))) if record.start == "free" else (slope, math.sqrt(variance))
+
+
+def drift_is_shown(record: PreparedRun, output: str, noise: Shape, unit: float) -> bool:
+    """Whether the readings at 0 V have a slope."""
+    slope, error = slope_at_rest(record, output, noise, unit)
+    return abs(slope) > _SHOWN * error
+
+
+def left_at_rest(record: PreparedRun, output: str, left: FloatArray, unit: float) -> FloatArray:
+    """What a fit leaves of the readings at 0 V, contacts that were touched aside; shape (n_resting,).
+
+    Parameters
+    ----------
+    record : PreparedRun
+    output : str
+    left : float array, shape (n_measured,)
+        What it leaves of every reading, in some unit.
+    unit : float [SI]
+    """
+    reading = record.readings[output]
+    rows = np.flatnonzero(reading.exact)
+    count = int(np.searchsorted(rows, record.resting))
+    step = quantum_of(np.diff(reading.measured)) / unit
+    return without_spikes(record.run.time[rows[:count]], left[:count], step)
+
+
+def is_at_rest_too(noise: Shape, left: FloatArray) -> bool | None:
+    """Whether a noise that is found under voltage is no larger than rows at 0 V show; None where these are few.
+
+    Held against each other are the mean squares of changes over one row, and over parts of the rows at 0 V.
+
+    Parameters
+    ----------
+    noise : Shape
+    left : float array, shape (n_resting,)
+        By ``left_at_rest``, in the unit of the noise.
+    """
+    count = len(left)
+    if count < _FEWEST_OF_NOISE:
+        return None
+    lags = [1, *(count // part for part in _LAGS)]
+    seen = np.array([np.mean((left[lag:] - left[:-lag]) ** 2) for lag in lags])
+    return bool((structure(noise, lags) <= _TIMES * seen).all())
+
+
+def without_spikes(time: FloatArray, values: FloatArray, step: float) -> FloatArray:
+    """Readings, those that lie far from a resistant line brought back to where noise would end.
+
+    A wire that is touched before a run gives spikes a hundred times as large as the noise, and least squares would
+    take them for a slope that is not known and for noise that no run has. The line is Tukey's: through the medians of
+    the first and the last third.
+
+    Parameters
+    ----------
+    time : float array, shape (n,) [s]
+    values : float array, shape (n,)
+    step : float
+        Of the converter: nothing is told within it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(9.0)
+    >>> without_spikes(time, np.where(time == 4.0, 40.0, 0.1 * time), 0.1).round(2).tolist()
+    [0.0, 0.1, 0.2, 0.3, 0.9, 0.5, 0.6, 0.7, 0.8]
+    """
+    third = len(time) // 3
+    if third == 0:
+        return values
+    first, last = slice(0, third), slice(len(time) - third, None)
+    slope = (np.median(values[last]) - np.median(values[first])) / (np.median(time[last]) - np.median(time[first]))
+    line = slope * (time - np.median(time))
+    line = line + np.median(values - line)
+    away = values - line
+    reach = _SPIKE * max(1.4826 * float(np.median(np.abs(away))), step)
+    return np.where(np.abs(away) > reach, line + np.clip(away, -reach, reach), values)
