@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -73,7 +74,7 @@ def check(
             repair=suggest(fail_on, SEVERITIES),
         )
     from ipmclab import load_actuator
-    from ipmclab.cli.benches import make_bench
+    from ipmclab.cli.benches import make_bench, make_chamber
     from ipmclab.rig.checks.check import check_rig
     from ipmclab.rig.files.rig_file import load_rig
 
@@ -81,8 +82,11 @@ def check(
     loaded = load_rig(rig)
     strip = load_actuator(actuator or loaded.virtual.actuator)
     bench = make_bench(loaded)
+    chamber = make_chamber(loaded, bench)
     with progress(f"reading the channels of {loaded.name}"):
-        found = check_rig(bench, strip, amplitude=volts)
+        found = check_rig(bench, strip, amplitude=volts, chamber=chamber)
+    if chamber is not None:
+        chamber.close()
     ranks = [SEVERITIES.index(finding.severity) for finding in found.findings]
     if as_json:
         print_json(
@@ -94,6 +98,7 @@ def check(
                 "peak_current": with_unit(found.peak_current, "A"),
                 "peak_current_at_reversal": with_unit(2.0 * found.peak_current, "A"),
                 "temperature": with_unit(found.temperature, "degC"),
+                "chamber": None if found.chamber is None else asdict(found.chamber),
                 "channels": [_channel_document(one) for one in found.channels],
                 "findings": [finding_document(finding) for finding in found.findings],
                 "worst": SEVERITIES[max(ranks)] if ranks else None,
@@ -129,6 +134,9 @@ def _print_check(found: RigCheck, strip: str, amplitude: float) -> None:
         rows.append(("temperature", found.rig.thermometer.physical or "-", "-", "-", told, "-", "-"))
     print_table(("channel", "input", "range", "resolution", "reads at 0 V", "noise", "calibrated"), rows)
     print()
+    if found.rig.chamber is not None:
+        told = "it does not answer" if found.chamber is None else str(found.chamber)
+        print(f"chamber ({found.rig.chamber.driver}): {told}")
     print(f"{len(found.findings) or 'no'} finding{'' if len(found.findings) == 1 else 's'}")
     print_findings(found.findings)
 

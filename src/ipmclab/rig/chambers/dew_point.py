@@ -17,7 +17,7 @@ from ipmclab.rig.chambers.dialogue import Dialogue
 from ipmclab.rig.chambers.driver import Driver
 from ipmclab.rig.chambers.humid_air import saturation_pressure
 from ipmclab.rig.chambers.line import Line
-from ipmclab.rig.chambers.readings import number, temperature
+from ipmclab.rig.chambers.readings import SAME_TEMPERATURE, number, temperature
 
 _DOES: Final[dict[str, Mode]] = {"0": "standby", "1": "constant", "-1": "program"}  # idle, generating, purging
 _DEW_POINT: Final = 1
@@ -76,8 +76,8 @@ class DewPointGenerator(Driver):
         self._dialogue.ask("?SP", set_points, deadline)
 
     def _state(self, deadline: Deadline) -> Conditions:
-        cell = self._dialogue.ask("?TT", temperature, deadline)
-        dew_point = self._dialogue.ask("?DP", temperature, deadline)
+        cell = self._dialogue.measure("?TT", temperature, SAME_TEMPERATURE, deadline)
+        dew_point = self._dialogue.measure("?DP", temperature, SAME_TEMPERATURE, deadline)
         mode = self._does(deadline)
         faults = self._dialogue.ask("?ER", _whole, deadline)
         wanted: float | None = None

@@ -14,6 +14,9 @@ Meaning = TypeVar("Meaning")
 ATTEMPTS: Final = 3
 """A question is asked so often at most."""
 
+_QUIET: Final = 0.1
+"""A line on which nothing comes for so long [s] has nothing more to say at once."""
+
 SETTLED: Final = ("chamber-in-use", "no-chamber-client")
 """Errors after which asking again changes nothing."""
 
@@ -73,6 +76,19 @@ class Dialogue:
                     raise
         raise AssertionError("unreachable")
 
+    def measure(self, question: str, understand: Callable[[str], float], near: float, deadline: Deadline) -> float:
+        """A reading, taken twice and believed where both are near each other: nothing on a text line has a checksum.
+
+        A reading of 3.0 may be what is left of 23.0. Raises ChamberError.
+        """
+        before = self.ask(question, understand, deadline)
+        for _ in range(ATTEMPTS):
+            now = self.ask(question, understand, deadline)
+            if abs(now - before) <= near:
+                return now
+            before = now
+        raise garbled(self.where, f"{before:g} at one time and {now:g} at the next to {question}")
+
     def say(self, command: str, deadline: Deadline) -> None:
         """A command that is not answered; whether it was heard, a question has to show. Raises ChamberError."""
         for attempt in range(ATTEMPTS):
@@ -100,10 +116,12 @@ class Dialogue:
     def _find_place(self, deadline: Deadline) -> None:
         """Go on only where the next answer is that to the next question."""
         self.line.drop()
-        deadline = deadline.within(self._patience)
-        self.line.quieten(deadline)
+        # Where no answer is like no other, one that is late has to be waited for.
+        quiet = self._patience if self._landmark is None else min(_QUIET, self._patience)
+        self.line.quieten(quiet, deadline.within(2.0 * self._patience))
         if self._landmark is not None:
             question, is_answer = self._landmark
+            deadline = deadline.within(self._patience)
             self.line.tell(question, deadline)
             while not is_answer(self.line.hear(deadline)):
                 pass

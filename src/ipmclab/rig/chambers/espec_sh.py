@@ -8,9 +8,8 @@ from ipmclab.rig.chambers.chamber import ChamberError, Conditions, Mode
 from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.espec import Espec, alarm_answer
 from ipmclab.rig.chambers.line import garbled
+from ipmclab.rig.chambers.readings import SAME_HUMIDITY, SAME_TEMPERATURE
 
-_SAME_TEMPERATURE: Final = 1.0  # K
-_SAME_HUMIDITY: Final = 5.0  # percent
 _LOOKS: Final = 3
 
 
@@ -34,9 +33,9 @@ class EspecSh(Espec):
         before = self._air(deadline)
         for _ in range(_LOOKS):
             air = self._air(deadline)
-            same = abs(air[0][0] - before[0][0]) <= _SAME_TEMPERATURE and air[0][1] == before[0][1]
+            same = abs(air[0][0] - before[0][0]) <= SAME_TEMPERATURE and air[0][1] == before[0][1]
             if air[1] is not None and before[1] is not None:
-                same = same and abs(air[1][0] - before[1][0]) <= _SAME_HUMIDITY and air[1][1] == before[1][1]
+                same = same and abs(air[1][0] - before[1][0]) <= SAME_HUMIDITY and air[1][1] == before[1][1]
             if same:
                 return self._conditions(self._does(deadline), self._alarms(deadline), air)
             before = air

@@ -18,9 +18,6 @@ LONGEST_ANSWER: Final = 4096
 CONNECT_TIME: Final = 3.0
 """A chamber in the same building takes a connection sooner [s]."""
 
-_QUIET: Final = 0.3
-"""A line on which nothing comes for so long [s] has nothing more to say."""
-
 Parity = Literal["none", "even", "odd"]
 
 
@@ -145,11 +142,11 @@ class Line(ABC):
         except UnicodeDecodeError as error:
             raise garbled(self.where, answer) from error
 
-    def quieten(self, deadline: Deadline) -> None:
-        """Throw away what comes, until nothing does. Raises ChamberError."""
+    def quieten(self, quiet: float, deadline: Deadline) -> None:
+        """Throw away what comes, until nothing has come for so long [s]. Raises ChamberError."""
         self._open(deadline)
         try:
-            while not deadline.is_over and self._receive(deadline.within(_QUIET)):
+            while not deadline.is_over and self._receive(deadline.within(quiet)):
                 pass
         except OSError as error:
             self.drop()

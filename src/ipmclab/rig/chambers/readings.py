@@ -13,6 +13,10 @@ TEMPERATURES: Final = (-100.0, 200.0)
 HUMIDITIES: Final = (0.0, 110.0)
 """Likewise [percent]; a wet bulb without water may tell somewhat more than 100."""
 
+SAME_TEMPERATURE: Final = 1.0
+SAME_HUMIDITY: Final = 5.0
+"""Two readings one after the other differ by less [K, percent]."""
+
 
 def number(text: str) -> float:
     """A number as an instrument writes it.

@@ -169,7 +169,7 @@ class Registers:
     def _find_place(self, deadline: Deadline) -> None:
         port = self._client.socket
         if hasattr(port, "reset_input_buffer"):  # a serial port
-            quiet = 0.3 if self._landmark is not None else self._patience
+            quiet = self._patience if self._landmark is None else min(0.1, self._patience)
             self._quieten(port, quiet, deadline)
             landmark = self._landmark
             while landmark is not None:

@@ -10,7 +10,7 @@ from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.dialogue import Dialogue
 from ipmclab.rig.chambers.driver import Driver
 from ipmclab.rig.chambers.line import Line
-from ipmclab.rig.chambers.readings import humidity, temperature
+from ipmclab.rig.chambers.readings import SAME_HUMIDITY, SAME_TEMPERATURE, humidity, temperature
 from ipmclab.rig.chambers.table_file import TextQuantity, TextTable
 
 
@@ -43,16 +43,16 @@ class ScpiTable(Driver):
         if alarm is not None:
             told = self._dialogue.ask(alarm.ask, _words, deadline)
             alarms = () if told in alarm.none else (told,)
-        warm, wanted_warm = self._pair(self._table.temperature, temperature, mode, deadline)
+        warm, wanted_warm = self._pair(self._table.temperature, temperature, SAME_TEMPERATURE, mode, deadline)
         humid, wanted_humid = None, None
         if self._table.relative_humidity is not None and self._ranges.relative_humidity is not None:
-            humid, wanted_humid = self._pair(self._table.relative_humidity, humidity, mode, deadline)
+            humid, wanted_humid = self._pair(self._table.relative_humidity, humidity, SAME_HUMIDITY, mode, deadline)
         return Conditions(time.monotonic(), warm, humid, mode, alarms, wanted_warm, wanted_humid)
 
     def _pair(
-        self, quantity: TextQuantity, understand: Callable[[str], float], mode: Mode, deadline: Deadline
+        self, quantity: TextQuantity, understand: Callable[[str], float], near: float, mode: Mode, deadline: Deadline
     ) -> tuple[float, float | None]:
-        reading = self._dialogue.ask(quantity.ask, understand, deadline)
+        reading = self._dialogue.measure(quantity.ask, understand, near, deadline)
         if mode == "standby":
             return reading, None
         return reading, self._dialogue.ask(quantity.set_point, lambda told: _or_off(told, understand), deadline)

@@ -12,7 +12,9 @@ import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.bench import Bench
+from ipmclab.rig.chambers.chamber import Chamber, Conditions
 from ipmclab.rig.channels import Channel, Rig
+from ipmclab.rig.checks.chamber import chamber_findings
 from ipmclab.rig.checks.ranges import calibrations, expected_peak, ranges
 from ipmclab.rig.checks.rest import at_rest, temperature_findings
 from ipmclab.rig.safety.readback import left_at_output
@@ -70,6 +72,8 @@ class RigCheck:
     temperature : float [degC], optional
         What the thermometer read.
     findings : tuple of Finding
+    chamber : Conditions, optional
+        What the chamber says of itself; None where there is none, or none that answers.
     """
 
     rig: Rig
@@ -78,10 +82,16 @@ class RigCheck:
     channels: tuple[ChannelCheck, ...]
     temperature: float | None
     findings: tuple[Finding, ...]
+    chamber: Conditions | None = None
 
 
 def check_rig(
-    bench: Bench, actuator: Actuator, *, amplitude: float = 1.0, today: datetime.date | None = None
+    bench: Bench,
+    actuator: Actuator,
+    *,
+    amplitude: float = 1.0,
+    today: datetime.date | None = None,
+    chamber: Chamber | None = None,
 ) -> RigCheck:
     """Look at every channel of a rig.
 
@@ -95,6 +105,8 @@ def check_rig(
         Largest voltage of either polarity.
     today : date, optional
         Against which calibrations age.
+    chamber : Chamber, optional
+        It is read, and goes on with what it does.
 
     Raises
     ------
@@ -130,7 +142,12 @@ def check_rig(
                 )
             )
     findings += temperature_findings(rig, temperature, was_read=bool(read))
-    return RigCheck(rig, bench.description, peak, tuple(rows), temperature, tuple(findings))
+    conditions = None
+    if chamber is not None:
+        humid = next((row.reading for row in rows if row.channel.name == "relative_humidity"), None)
+        conditions, found_there = chamber_findings(chamber, temperature, humid)
+        findings += found_there
+    return RigCheck(rig, bench.description, peak, tuple(rows), temperature, tuple(findings), conditions)
 
 
 def _read(bench: Bench) -> tuple[dict[str, FloatArray], float | None, list[Finding]]:

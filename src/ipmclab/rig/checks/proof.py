@@ -83,10 +83,11 @@ class Proof:
 def rig_fingerprint(rig: Rig) -> str:
     """SHA-256 of what a rig file says of the hardware: its wiring, ranges, scales and resistances.
 
-    The address of a server, dates of calibration and the virtual strip are no part of it.
+    The address of a server, the line to a chamber, dates of calibration and the virtual strip are no part of it.
     """
+    chamber = None if rig.chamber is None else replace(rig.chamber, port=None, address=None, patience=None, table=None)
     channels = tuple(replace(channel, calibrated=None, uncertainty=0.0) for channel in rig.channels)
-    plain = replace(rig, name="", channels=channels, address=None, virtual=VirtualStrip())
+    plain = replace(rig, name="", channels=channels, address=None, virtual=VirtualStrip(), chamber=chamber)
     return hashlib.sha256(rig_to_text(plain).encode()).hexdigest()
 
 

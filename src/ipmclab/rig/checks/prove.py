@@ -6,7 +6,7 @@ import math
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import datetime
 from typing import TYPE_CHECKING, Final
 
@@ -16,7 +16,9 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import python_child
 from ipmclab.rig.bench import Block
+from ipmclab.rig.chambers.drivers import open_chamber
 from ipmclab.rig.channels import Rig
+from ipmclab.rig.checks.chamber import chamber_items
 from ipmclab.rig.checks.proof import Item, Proof, rig_fingerprint
 from ipmclab.rig.checks.prove_child import RATE
 from ipmclab.rig.daqmx.look import Watcher, describe
@@ -99,6 +101,8 @@ def prove(
         for item in _from_outside(rig, rig_name, volts):
             note(item)
         note(_unplugged(rig, rig_name, volts, simulated, ask))
+        for item in _in_chamber(rig):
+            note(item)
     except _WrongLoad:
         pass  # the item says so; a strip is not put through the rest
     return Proof(
@@ -374,6 +378,14 @@ def _unplugged(rig: Rig, rig_name: str, volts: float, simulated: bool, ask: Ask 
     program = "the program noticed" if ended else "the program had not noticed yet"
     held = abs(left) > TOLERANCE
     return Item(name, what, "noted", f"{left:g} V by the voltmeter; {program}", _NO_WATCHDOG if held else "")
+
+
+def _in_chamber(rig: Rig) -> Iterator[Item]:
+    """Whether the chamber answers and comes to standby, where a program can set it."""
+    if rig.chamber is None or rig.chamber.is_virtual:
+        return
+    with closing(open_chamber(rig.chamber)) as chamber:
+        yield from chamber_items(chamber)
 
 
 def _asked_volts(ask: Ask, question: str) -> float:

@@ -1,0 +1,101 @@
+"""Every driver against lines that fail: an error within its deadline, no wrong reading, no unwanted set point."""
+
+from __future__ import annotations
+
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+from ipmclab.rig.chambers import driver
+from ipmclab.rig.chambers.chamber import ChamberError
+from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, paired
+from tests.rig.chambers.wire import LINE_FAULTS, Fault
+
+SLACK = 1.0
+"""A busy machine may take so much longer [s]."""
+
+
+def tried(call: object, *given: object) -> tuple[str, float]:
+    """The code of the error that a call of a chamber ends with, and how long it took [s]."""
+    began = time.monotonic()
+    try:
+        call(*given)  # type: ignore[operator]
+    except ChamberError as caught:
+        error = caught
+    else:
+        return "", time.monotonic() - began
+    assert error.where
+    assert error.repair
+    return f"{error.code}: {error.message}", time.monotonic() - began
+
+
+def hold(pair: Pair, fault: Fault) -> None:
+    """Set, read and bring to standby under a fault, and after it."""
+    chamber, room = pair.chamber, pair.room
+    pair.emulator.fault = fault
+    failed, took = tried(chamber.set, *WANTED)
+    assert took < driver.SET_TIME + driver.SAFE_TIME + SLACK
+    if not failed:
+        assert (room.mode, room.temperature_set_point) == ("CONSTANT", WANTED[0])
+    elif "could not be brought" not in failed:
+        assert room.mode == "STANDBY", failed
+    told = []
+    failed, took = tried(lambda: told.append(chamber.read()))
+    assert took < driver.READ_TIME + SLACK
+    if failed:
+        assert failed.startswith(("chamber-silent", "chamber-garbled", "chamber-unreachable", "chamber-refused"))
+    else:
+        assert told[0].temperature == pytest.approx(room.temperature, abs=1.0)
+        assert told[0].relative_humidity == pytest.approx(room.relative_humidity, abs=5.0)
+    failed, took = tried(chamber.safe)
+    assert took < driver.SAFE_TIME + SLACK
+    assert room.mode == "STANDBY" or failed.startswith("chamber-not-safe")
+    pair.emulator.fault = None
+    wait_until_quiet(pair)
+    chamber.safe()
+    assert room.mode == "STANDBY"
+    assert all(one == pytest.approx(WANTED, abs=0.1) for one in room.regulated)
+
+
+def wait_until_quiet(pair: Pair) -> None:
+    """An instrument that is late is still busy with what it was asked."""
+    asked = -1
+    while asked != pair.emulator.asked:
+        asked = pair.emulator.asked
+        time.sleep(0.1)
+
+
+@pytest.mark.parametrize("place", range(2))
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_a_line_that_fails(kind: Kind, place: int, tmp_path: Path, quicker: None) -> None:
+    number = KINDS.index(kind) + 4 * place
+    drawn = random.Random(number)
+    what = LINE_FAULTS[number % len(LINE_FAULTS)]
+    fault = Fault(what, after=drawn.randrange(8), lasts=drawn.choice([1, 2, 10**6]), seconds=drawn.choice([0.1, 0.4]))
+    with paired(kind, tmp_path, patience=0.2, seed=number) as pair:
+        hold(pair, fault)
+
+
+@pytest.mark.parametrize("what", LINE_FAULTS)
+def test_one_answer_that_fails_costs_a_question_and_nothing_else(what: str, tmp_path: Path) -> None:
+    for kind in (KINDS[1], KINDS[-1]):
+        with paired(kind, tmp_path) as pair:
+            pair.chamber.set(*WANTED)
+            pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.8)  # type: ignore[arg-type]
+            assert pair.chamber.read().temperature == WANTED[0]
+
+
+def test_a_late_answer_is_never_taken_for_that_to_the_next_question(tmp_path: Path) -> None:
+    serial = [kind for kind in KINDS if kind.serial]
+    if not serial:
+        pytest.skip("no pseudo-terminals")
+    for kind in serial:
+        with paired(kind, tmp_path, patience=0.3) as pair:
+            pair.chamber.set(*WANTED)
+            for after in range(2):
+                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=0.45)
+                told = pair.chamber.read()
+                assert (told.temperature, told.mode) == (WANTED[0], "constant"), kind
+                assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1), kind
