@@ -232,8 +232,8 @@ class ChamberWatch:
     def _doubt(self, conditions: Conditions) -> ChamberError | None:
         """What is wrong with a chamber that answers, once it has been so in two readings."""
         error = _alarm(conditions) if conditions.alarms else None
-        if error is None and self._asked is not None and not self._is_still:
-            error = _not_as_asked(conditions, *self._asked)
+        if error is None and self._asked is not None:
+            error = _not_still(conditions) if self._is_still else _not_as_asked(conditions, *self._asked)
         said = "" if error is None else error.code
         self._odd = (said, self._odd[1] + 1 if said == self._odd[0] else 1)
         return error if self._odd[1] >= _TWICE else None
@@ -263,19 +263,30 @@ def _alarm(conditions: Conditions) -> ChamberError:
     )
 
 
+def _not_still(conditions: Conditions) -> ChamberError | None:
+    """A chamber that somebody has set to work while it was still."""
+    return _changed("it follows a program") if conditions.mode == "program" else None
+
+
 def _not_as_asked(conditions: Conditions, temperature: float, relative_humidity: float | None) -> ChamberError | None:
     """A chamber that does something else than it was asked: somebody else has set it."""
     if conditions.mode not in ("constant", "unknown"):
-        what = f"it is in {conditions.mode}"
-    else:
-        stated = (conditions.temperature_set_point, conditions.humidity_set_point)
-        steps = (("degC", TEMPERATURE_STEP), ("percent", HUMIDITY_STEP))
-        for one, asked, (unit, step) in zip(stated, (temperature, relative_humidity), steps, strict=True):
-            if one is not None and asked is not None and abs(one - asked) > step:
-                what = f"it is set to {one:g} {unit}, not to {asked:g}"
-                break
-        else:
-            return None
+        return _changed(f"it is in {conditions.mode}")
+    pairs = (
+        (conditions.temperature_set_point, temperature, TEMPERATURE_STEP, "degC"),
+        (conditions.humidity_set_point, relative_humidity, HUMIDITY_STEP, "percent"),
+    )
+    for stated, asked, step, unit in pairs:
+        if stated is not None and asked is not None:
+            if abs(stated - asked) > step:
+                return _changed(f"it is set to {stated:g} {unit}, not to {asked:g}")
+        elif stated is not asked:
+            states, wanted = ("no set point" if one is None else f"{one:g} {unit}" for one in (stated, asked))
+            return _changed(f"it states {states}, {wanted} was asked for")
+    return None
+
+
+def _changed(what: str) -> ChamberError:
     return ChamberError(
         f"the chamber does not do what it was asked: {what}",
         code="chamber-changed",

@@ -65,10 +65,12 @@ def chamber_items(chamber: Chamber) -> Iterator[Item]:
     except ChamberError as error:
         yield Item(name, what, "failed", error.message, error.repair)
         return
-    good = read.mode in ("standby", "off")
-    status = "passed" if good else "noted" if read.mode == "unknown" else "failed"
-    repair = {"passed": "", "noted": "see at its panel that it stands by", "failed": "look at its panel"}[status]
-    yield Item(name, what, status, str(read), repair)
+    if read.mode in ("standby", "off"):
+        yield Item(name, what, "passed", str(read))
+    elif read.mode == "unknown":
+        yield Item(name, what, "noted", str(read), "see at its panel that it stands by")
+    else:
+        yield Item(name, what, "failed", str(read), "look at its panel")
 
 
 def _findings(read: Conditions, temperature: float | None, relative_humidity: float | None) -> Iterator[Finding]:

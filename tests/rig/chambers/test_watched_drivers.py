@@ -1,0 +1,99 @@
+"""A chamber that is watched while an experiment runs: what ends it, and how soon."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from ipmclab.rig.chambers import driver, watch
+from ipmclab.rig.chambers.chamber import ChamberError
+from ipmclab.rig.chambers.watch import ChamberWatch
+from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, paired, set_by_another
+from tests.rig.chambers.wire import Fault
+
+
+@contextmanager
+def watched(kind: Kind, folder: Path, patience: float = 0.5) -> Iterator[tuple[ChamberWatch, Pair, list[ChamberError]]]:
+    with paired(kind, folder, patience=patience) as pair:
+        held = ChamberWatch(pair.chamber)
+        problems: list[ChamberError] = []
+        held.on_problem = problems.append
+        try:
+            held.set(*WANTED)
+            yield held, pair, problems
+        finally:
+            held.close()
+
+
+def wait_for(problems: list[ChamberError], seconds: float = 10.0) -> ChamberError:
+    until = time.monotonic() + seconds
+    while not problems:
+        assert time.monotonic() < until, "nothing was told"
+        time.sleep(0.05)
+    return problems[0]
+
+
+@pytest.mark.parametrize(
+    ("happens", "code", "words"),
+    [
+        (lambda pair: set_by_another(pair, KINDS[0]), "chamber-changed", "42"),
+        (lambda pair: pair.room.trip(), "chamber-alarm", "alarm 1"),
+        (lambda pair: setattr(pair.room, "humidity_set_point", None), "chamber-changed", "no set point"),
+        (lambda pair: setattr(pair.room, "mode", "RUN"), "chamber-changed", "program"),
+    ],
+)
+def test_what_nobody_asked_for_ends_an_experiment(
+    happens: Callable[[Pair], None], code: str, words: str, tmp_path: Path
+) -> None:
+    with watched(KINDS[0], tmp_path) as (held, pair, problems):
+        happens(pair)
+        problem = wait_for(problems)
+        assert problem.code == code
+        assert words in problem.message
+        pair.room.alarms = []
+        held.safe()
+        assert pair.room.mode == "STANDBY"
+
+
+def test_a_program_that_starts_while_the_chamber_is_still(tmp_path: Path) -> None:
+    with watched(KINDS[0], tmp_path) as (held, pair, problems):
+        held.still(60.0)
+        time.sleep(2.5)
+        assert problems == []
+        pair.room.mode = "RUN"
+        assert "program" in wait_for(problems).message
+
+
+def test_silence_is_borne_for_a_while_and_then_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "READ_TIME", 1.0)
+    monkeypatch.setattr(watch, "SILENT", 2.5)
+    with watched(KINDS[-1], tmp_path) as (_, pair, problems):
+        pair.emulator.fault = Fault("silence", lasts=2)
+        time.sleep(2.0)
+        pair.emulator.fault = None
+        time.sleep(2.0)
+        assert problems == []
+        pair.emulator.fault = Fault("silence")
+        began = time.monotonic()
+        assert wait_for(problems).code == "chamber-silent"
+        assert time.monotonic() - began < 2.5 + 1.0 + 2.0
+
+
+def test_silence_and_the_reading_under_way_end_within_half_a_minute() -> None:
+    assert watch.SILENT + driver.READ_TIME < 30.0
+    # A call waits for whoever has the line, has its own time, and what brings the chamber to standby where it fails.
+    assert driver.READ_TIME + driver.SET_TIME + driver.SAFE_TIME < 30.0
+
+
+def test_a_humidity_that_the_chamber_rounds_is_nobody_elses(tmp_path: Path) -> None:
+    kind = next((one for one in KINDS if one.driver == "espec-sh"), None)
+    if kind is None:
+        pytest.skip("no pseudo-terminals")
+    with watched(kind, tmp_path) as (held, _, problems):
+        held.set(25.0, 60.4)
+        time.sleep(2.5)
+        assert problems == []
