@@ -43,6 +43,9 @@ class State:
             "question": None,
             "run": None,
             "progress": None,
+            "condition": None,
+            "chamber": None,
+            "equilibrium": None,
             "ending": None,
             "latest": {},
             "notes": [],
@@ -139,7 +142,8 @@ class State:
     def readings(self) -> dict[str, Any]:
         """The numbers that change all the while, as JSON holds them."""
         with self._lock:
-            return {"kind": "pulse", "latest": self._told["latest"], "progress": self._told["progress"]}
+            changing = ("latest", "progress", "chamber", "equilibrium")
+            return {"kind": "pulse", **{name: self._told[name] for name in changing}}
 
     def answered_here(self, number: Any) -> None:
         """A question that was answered from here is shown no more."""
@@ -199,6 +203,18 @@ class State:
         self._told["progress"] = progress
         self.pulse += 1
 
+    def _take_condition(self, condition: dict[str, Any]) -> None:
+        self._note(f"condition {condition['number']} of {condition['of']}: {condition['name']}")
+        self._changed(condition=condition, equilibrium=None)
+
+    def _take_chamber(self, chamber: dict[str, Any]) -> None:
+        self._told["chamber"] = chamber
+        self.pulse += 1
+
+    def _take_equilibrium(self, equilibrium: dict[str, Any]) -> None:
+        self._told["equilibrium"] = None if equilibrium["is_over"] else equilibrium
+        self.pulse += 1
+
     def _take_event(self, event: dict[str, Any]) -> None:
         self._note(f"{event['time']:.2f} s: {event['text']}")
         if event.get("ending") in ENDINGS:
@@ -235,7 +251,7 @@ class State:
         elif self._step >= 0:
             steps = [*steps[: self._step], {**steps[self._step], "state": "ended"}, *steps[self._step + 1 :]]
         self._note(text)
-        gone = dict.fromkeys(("question", "run", "progress", "ending"))
+        gone = dict.fromkeys(("question", "run", "progress", "ending", "condition", "chamber", "equilibrium"))
         self._changed(bench="ended", ended=dict(values), text="", steps=steps, **gone)
 
 
@@ -247,6 +263,9 @@ _TAKEN_BY: Final[Mapping[str, Callable[[State, dict[str, Any]], None]]] = {
     "run": State._take_run,
     "begun": State._take_journal,
     "progress": State._take_progress,
+    "condition": State._take_condition,
+    "chamber": State._take_chamber,
+    "equilibrium": State._take_equilibrium,
     "event": State._take_event,
     "note": State._take_note,
     "recorded": State._take_recorded,

@@ -113,12 +113,19 @@
     const { question, mine, held } = state;
     part("lab-question", { question, mine, held }, () => {
       if (!question) return [];
-      const { number, text, choices, step } = question;
+      const { number, text, choices, step, example } = question;
       const answer = (value) => ask("answer", { number, value });
       const allowed = mine || !held;
       const ways = choices.map((choice) =>
         make("button", { type: "button", class: "lab-button", "data-key": choice, disabled: !allowed,
           onclick: () => answer(choice) }, choice));
+      if (example) {
+        const typed = make("input", { type: "text", "aria-label": `A number with its unit, such as ${example}`, placeholder: example,
+          "data-key": "answer-text", maxlength: "40", disabled: !allowed,
+          onkeydown: (event) => { if (event.key === "Enter") answer(typed.value); } });
+        ways.unshift(typed, make("button", { type: "button", class: "lab-button lab-primary", "data-key": "answer", disabled: !allowed,
+          onclick: () => answer(typed.value) }, "Enter"));
+      }
       return make("div", { class: "lab-question", role: "group", "aria-label": `Step ${step}` },
         make("strong", {}, step), make("p", {}, text), make("div", { class: "lab-row" }, ...ways),
         allowed ? null : make("p", { class: "lab-quiet" }, "Who holds the bench answers this."));
@@ -139,6 +146,52 @@
     const now = list?.querySelector('[aria-current="step"]');
     if (now && now !== steps.last) list.scrollTop = now.offsetTop - list.offsetTop - 40;
     steps.last = now;
+  }
+
+  // What surrounds the strip: what the chamber tells, how far the waiting has come, and every condition in its turn.
+  function climate(state) {
+    const conditions = state.plan?.conditions ?? [];
+    const card = document.getElementById("lab-climate-card");
+    if (!card) return;
+    card.hidden = !conditions.length;
+    if (card.hidden) return;
+    const { chamber, equilibrium, condition } = state;
+    const shown = (value, unit) => (value === null || value === undefined ? null : `${value.toFixed(1)} ${unit}`);
+    part("lab-climate", { chamber, equilibrium: equilibrium && [equilibrium.temperature, equilibrium.relative_humidity] }, () => {
+      const rows = [["temperature", "°C", "temperature_set_point"], ["relative_humidity", "%RH", "humidity_set_point"]].map(
+        ([name, unit, set]) => {
+          const own = shown(chamber?.[name], unit), strip = shown(equilibrium?.[name], unit);
+          if (!own && !strip) return null;
+          const asked = chamber && chamber[set] !== null ? `set to ${shown(chamber[set], unit)}` : chamber ? "not regulated" : "";
+          return make("div", { class: "lab-number" },
+            make("span", { class: "lab-number-name" }, CHANNELS[name][0]), make("b", {}, strip ?? own),
+            make("span", { class: "lab-quiet" }, [strip && own ? `chamber ${own}` : "", asked].filter(Boolean).join(", ")));
+        });
+      const doing = !chamber ? "" : chamber.is_still ? "still: fan and compressor are off" : chamber.mode === "constant" ? "regulates" : chamber.mode;
+      return [
+        make("div", { class: "lab-numbers" }, ...rows),
+        doing ? make("p", { class: "lab-quiet" }, `The chamber: ${doing}.`) : null,
+        ...(chamber?.alarms ?? []).map((alarm) => make("p", { class: "lab-bad", role: "alert" }, `alarm: ${alarm}`)),
+      ];
+    });
+    const bar = document.getElementById("lab-equilibrium");
+    bar.hidden = !equilibrium;
+    if (equilibrium) {
+      const { settled_for, settle, waited, longest } = equilibrium;
+      bar.querySelector("progress").value = settle ? Math.min(1, settled_for / settle) : 1;
+      bar.querySelector("span").textContent =
+        `within tolerance for ${duration(settled_for)} of ${duration(settle)}; waited ${duration(waited)} of at most ${duration(longest)}`;
+    }
+    const now = condition?.number ?? 0, over = state.bench === "ended" && state.ended?.how === "done";
+    part("lab-conditions", { conditions, now, over }, () =>
+      conditions.map((one) => {
+        const at = over || one.number < now ? "done" : one.number === now ? "now" : "open";
+        return make("li", { "data-state": at, "aria-current": at === "now" ? "step" : null },
+          make("span", { class: "lab-mark", role: "img", "aria-label": { done: "done", now: "now", open: "to do" }[at] },
+            { done: "✓", now: "▶", open: "○" }[at]),
+          make("span", {}, make("b", {}, one.name.replace("degC", "°C")), one.is_reference ? " reference" : ""),
+          make("span", { class: "lab-quiet" }, `after ${duration(one.starts)}`));
+      }));
   }
 
   function plan(state) {
@@ -232,6 +285,7 @@
     plan(state);
     question(state);
     steering(state);
+    climate(state);
     steps(state);
     numbers(state);
     told(state);
