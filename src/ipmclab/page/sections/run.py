@@ -46,9 +46,11 @@ _STEERING: Final = """
 </section>
 <section class="lab-card" id="lab-climate-card" aria-label="Environment" hidden><h2>Environment</h2>
   <div id="lab-climate"></div>
-  <div id="lab-equilibrium" hidden><progress aria-label="Within tolerance" max="1" value="0"></progress><span></span></div>
+  <div id="lab-equilibrium" hidden>
+    <progress aria-label="Within tolerance" max="1" value="0"></progress><span></span></div>
   <ol id="lab-conditions" tabindex="0" aria-label="Conditions"></ol></section>
-<section class="lab-card" id="lab-steps-card" aria-label="Steps"><ol id="lab-steps" tabindex="0" aria-label="Steps"></ol>
+<section class="lab-card" id="lab-steps-card" aria-label="Steps">
+  <ol id="lab-steps" tabindex="0" aria-label="Steps"></ol>
   <details id="lab-watched"></details>
 </section>
 <section class="lab-card" id="lab-recorded-card" aria-label="Recorded" hidden><h2>Recorded</h2>
