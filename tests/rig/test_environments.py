@@ -76,6 +76,8 @@ def test_a_listed_order_stays_as_it_is_and_visits_are_counted() -> None:
     ("changes", "where"),
     [
         ({"environments": []}, "environments"),
+        ({"environments": ["warm"]}, "environments.0"),
+        ({"environments": ["40 percent", "50 percent, 60 percent"]}, "environments.1"),
         ({"environment": {}}, "environment"),
         ({"environments": [{"relative_humidity": "130 percent"}]}, "environments.0.relative_humidity"),
         ({"environments": [{"relative_humidity": "30 percent"}, {}]}, "environments"),
@@ -158,7 +160,7 @@ class Room:
 
 
 def test_conditions_are_visited_and_every_run_carries_its_own(tmp_path: Path) -> None:
-    room = Room(tmp_path, environments=[{"relative_humidity": "50 percent"}, {"relative_humidity": "60 percent"}])
+    room = Room(tmp_path, environments=["50 percent", "25 degC, 60 percent"])
     runs = room.run()
     assert [round(run.metadata.relative_humidity or 0.0, -1) for run in runs] == [50.0, 60.0, 50.0]
     for run in runs:

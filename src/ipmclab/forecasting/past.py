@@ -212,6 +212,8 @@ def _until(run: Run, past: int) -> Run:
         raw={},
         temperature=None,
         relative_humidity=None,
+        chamber_temperature=None,
+        chamber_relative_humidity=None,
         time_environment=None,
     )
 

@@ -86,6 +86,7 @@ FIELDS: Final = (
     FormField("environment.temperature", "Temperature", "the room's, or 25 degC", "", "text", "environment"),
     FormField("environment.relative_humidity", "Relative humidity", "the room's, or 80 %", "", "text",
               "environment"),
+    FormField("environments", "Several conditions, one a line", "25 degC, 40 percent", "", "lines", "environment"),
     FormField("environment.settle", "Settled for", "30 min unless stated", "", "text", "environment"),
     FormField("environment.longest_wait", "Longest wait", "3 h unless stated", "", "text", "environment"),
     FormField("limits.voltage", "Voltage", "3.5 V unless stated", "", "text", "limits"),
@@ -302,7 +303,8 @@ def _as_toml(one: FormField, value: str | bool) -> Any:
         return None if value == one.default else value
     text = value.strip()
     if one.kind == "lines":
-        return [line.strip() for line in text.splitlines() if line.strip()]
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        return lines if lines or one.key == "signals" else None
     if one.kind == "choice":
         return [word.strip() for word in text.split(",")]
     if one.kind == "number":

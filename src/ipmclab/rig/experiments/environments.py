@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
@@ -223,6 +223,45 @@ def _places(count: int, order: Order, every: int | None) -> Iterator[int | None]
         yield from [*way, None, *reversed(way)]
     else:
         yield from [*way, *reversed(way[:-1])]
+
+
+def conditions_from_texts(given: Any, where: str) -> Any:
+    """What stands under ``environments``, with tables in the place of texts; what is no list is left as it is.
+
+    Raises
+    ------
+    InputError
+        A text that is no condition.
+
+    Examples
+    --------
+    >>> conditions_from_texts(["25 degC, 60 percent", {"relative_humidity": "80 percent"}], "environments")
+    [{'temperature': '25 degC', 'relative_humidity': '60 percent'}, {'relative_humidity': '80 percent'}]
+    """
+    if not isinstance(given, list):
+        return given
+    return [_table(one, f"{where}.{place}") if isinstance(one, str) else one for place, one in enumerate(given)]
+
+
+def _table(text: str, where: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for part in text.split(","):
+        for name, (quantity, _, _) in _CONDITION.items():
+            try:
+                parse_quantity(part, quantity, where=where)
+            except InputError:
+                continue
+            if name not in found:
+                found[name] = part.strip()
+                break
+        else:
+            raise InputError(
+                f"{text!r} is no condition",
+                code="bad-value",
+                where=where,
+                repair='write for example "25 degC, 60 percent", or one of the two',
+            )
+    return found
 
 
 def read_environments(

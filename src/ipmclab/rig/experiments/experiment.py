@@ -18,6 +18,7 @@ from ipmclab.rig.experiments.environments import (
     Reference,
     ReferenceTable,
     TargetEnvironment,
+    conditions_from_texts,
     read_environments,
 )
 from ipmclab.rig.experiments.folder import check_folder
@@ -75,7 +76,7 @@ pair = false                     # true: each signal with both polarities
 baseline = false                 # true: first a run without voltage
 operator = "your name"
 # actuator = "strip-1.toml"      # a model of the strip, where there is one: foretells the peak current
-# environments = [{ relative_humidity = "40 percent" }, { relative_humidity = "60 percent" }]  # up, and down again
+# environments = ["25 degC, 40 percent", "25 degC, 60 percent"]   # several conditions: up the list, and down again
 
 # [environment]                  # leave it out at room conditions
 # temperature = "25 degC"
@@ -265,6 +266,8 @@ def experiment_from_table(
             where=where,
             repair="name the experiment file, in which rig = names this one; ipmclab record --template prints one",
         )
+    if "environments" in table:
+        table = {**table, "environments": conditions_from_texts(table["environments"], f"{where}: environments")}
     try:
         read = _Table.model_validate(dict(table))
     except ValidationError as error:
