@@ -19,7 +19,7 @@ from ipmclab.consistency.mass import density_against_mass
 from ipmclab.consistency.peak import CODE as PEAK
 from ipmclab.consistency.peak import peak_above_series_resistance
 from ipmclab.consistency.prefix import CODE as PREFIX
-from ipmclab.consistency.prefix import compared_runs, prefix_of_facts, prefix_of_runs
+from ipmclab.consistency.prefix import compared_runs, in_one_environment, prefix_of_facts, prefix_of_runs
 from ipmclab.consistency.push import CODE as PUSH
 from ipmclab.consistency.push import push_against_stiffness, pushes
 from ipmclab.consistency.ratio import CODE as RATIO
@@ -103,7 +103,11 @@ def cross_check(
     known = Known(actuator, sample or actuator.sample or _told_by(runs), fit)
     own = known.sample.id if known.sample else None
     mine = {place for place, run in enumerate(runs) if own in (None, _sample_of(run) or own)}
-    together = [one for one in compared_runs(runs) if {one.values["first"], one.values["second"]} <= mine]
+    together = [
+        one
+        for one in compared_runs(runs)
+        if {one.values["first"], one.values["second"]} <= mine and in_one_environment(one, runs)
+    ]
     compared = {(int(one.values["first"] or 0), int(one.values["second"] or 0)) for one in together}
     of_runs = (*facts_of_runs(runs), *pushes(runs), *flicks(runs))
     every = (*facts, *(fact for fact in of_runs if fact.place in mine))

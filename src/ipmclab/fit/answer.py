@@ -21,7 +21,7 @@ from ipmclab.fit.in_brief import (
 from ipmclab.units import CHANNELS, TIME, Quantity, significant
 
 if TYPE_CHECKING:
-    from ipmclab.fit.fit import Fit
+    from ipmclab.fit.fit import Fit, FittedParameter
 
 REFUSED: Final = "Do not use this fit"
 """How the verdict on a fit that is of no use begins."""
@@ -130,10 +130,17 @@ def parameter_rows(fit: Fit) -> tuple[Row, ...]:
     rows = []
     for name, one in fit.parameters.items():
         row = _row(name, one.value, one.interval, quantity_of(fit, name), one.unit)
-        remark = "at its bound" if one.at_bound else "with its prior" if one.prior else ""
+        remark = "at its bound" if one.at_bound else prior_in_words(one)
         value = row.value if one.determined else NOT_DETERMINED
         rows.append(Row(row.name, value, row.interval, row.unit, remark, one.determined))
     return tuple(rows)
+
+
+def prior_in_words(one: FittedParameter) -> str:
+    """That something was known of a parameter beforehand, and who knew it; empty where nothing was."""
+    if one.prior is None:
+        return ""
+    return "with the literature's prior" if one.prior_of_literature else "with its prior"
 
 
 def quantity_of(fit: Fit, name: str) -> Quantity | None:

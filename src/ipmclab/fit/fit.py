@@ -49,6 +49,8 @@ class FittedParameter:
         95 % for its value at another clamping; None where runs of fewer than three mountings cannot tell.
     prior : pair of float [SI] or None
         Value and standard uncertainty of what was known beforehand, where the fit used it.
+    prior_of_literature : bool
+        Whether that is what strips have by the literature, and nobody stated it of this one.
     """
 
     name: str
@@ -61,6 +63,7 @@ class FittedParameter:
     at_bound: bool = False
     interval_next_mounting: tuple[float, float] | None = None
     prior: tuple[float, float] | None = None
+    prior_of_literature: bool = False
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
                 "at_bound": parameter.at_bound,
                 **_pair("interval_next_mounting", parameter.interval_next_mounting),
                 **_pair("prior", parameter.prior),
+                **({"prior_of_literature": True} if parameter.prior_of_literature else {}),
             }
             for parameter in fit.parameters.values()
         ],
@@ -74,6 +75,7 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
                 "series_resistance": run.series_resistance,
                 "mounting": run.mounting,
                 "noise_model": {output: noise.to_table() for output, noise in run.noise_model.items()},
+                **({} if run.state is None else {"state": run.state.to_table()}),
             }
             for run in fit.observations
         ],

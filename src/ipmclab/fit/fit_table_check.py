@@ -10,6 +10,7 @@ from typing import Any, Final, get_args
 from ipmclab.errors import suggest
 from ipmclab.fit.fit import Direction, FittedParameter
 from ipmclab.fit.observation import Observation
+from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Effect, Finding, Severity
@@ -114,7 +115,7 @@ def _check_parameter(entry: Mapping[str, Any], key: str, declared: Mapping[str, 
             )
     if "prior" in entry and not _pair(entry, "prior", key)[1] >= 0.0:
         raise BadTable(f"{key}.prior", f"the second of {entry['prior']} is its standard uncertainty: 0 or more")
-    for flag in ("determined", "at_bound"):
+    for flag in ("determined", "at_bound", *(["prior_of_literature"] if "prior_of_literature" in entry else [])):
         _yes_or_no(entry, flag, key)
 
 
@@ -174,6 +175,11 @@ def _check_run(run: Mapping[str, Any], key: str) -> None:
     for name in _TEXTS_OF_RUN:
         _text(run, name, key)
     _number(_at(run, "delay", key), f"{key}.delay")
+    if "state" in run:
+        state = _table_of(run["state"], f"{key}.state", RunState)
+        _text(state, "how", f"{key}.state")
+        _numbers(state.get("doses", {}), f"{key}.state.doses")
+        _numbers({name: one for name, one in state.items() if name not in ("how", "doses")}, f"{key}.state")
     for name in _NUMBERS_OF_RUN:
         if name in run:
             _numbers(run[name], f"{key}.{name}")

@@ -44,6 +44,8 @@ _CONTRADICTS: Final = {
 _UNSURE: Final = (
     "at-bound",
     "undetermined",
+    "law-undetermined",
+    "age-inseparable",
     "drift-not-excluded",
     "noise-not-described",
     "noise-grows",

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from ipmclab.fit.run_state import RunState
 from ipmclab.statespace.noise_model import NoiseModel
 
 Start = Literal["stated rest", "shown rest", "rest, which the readings do not contradict", "free"]
@@ -40,6 +41,8 @@ class Observation:
         Of outputs whose residuals are autocorrelated, or whose zero moves.
     mounting : str
         The clamping of the strip; empty where the run does not say.
+    state : RunState, optional
+        Its water, its temperature and its dose, where the actuator has laws that follow them.
     """
 
     label: str
@@ -56,3 +59,4 @@ class Observation:
     series_resistance: float = 0.0
     noise_model: Mapping[str, NoiseModel] = field(default_factory=dict)
     mounting: str = ""
+    state: RunState | None = None

@@ -15,6 +15,7 @@ from ipmclab.fit.fit import DETERMINED, Direction, Fit, FittedParameter
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.observed import observation, residuals
+from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
@@ -79,9 +80,10 @@ def build_fit(
         [unknown.value(float(solution.theta[place])) for unknown, place in zip(asked, places, strict=True)]
     )
     relative = relative_errors(asked, values, found)
-    order = Order(problem.values(solution.theta, problem.records[0].place))
+    reference = problem.in_reference(solution.theta, problem.records[0].place)
+    order = Order(reference)
     rivals = [rival.sorted_as(problem, order) for rival in result.rivals]
-    model = Actuator(actuator.name, problem.values(solution.theta, problem.records[0].place))
+    model = Actuator(actuator.name, reference)
     points = _points(result, found, rivals, stated, exact)
     beside = _beside_unseen(points)
     open_edges = edges_are_open(asked, found)
@@ -268,6 +270,8 @@ def _standard_error(unknown: Unknown, value: float, variance: float, error: floa
 def _unit(base: str) -> str:
     if base == "observation.delay":
         return "s"
+    if base.startswith(AGE):
+        return Age.of(base).unit
     unit = _OBSERVATION_UNITS[base.rsplit(".", 1)[1]]
     return unit if base.startswith("observation.offset") else f"{unit}/s"
 
@@ -319,7 +323,7 @@ def _fitted_actuator(
     fit: Fit,
     order: Order,
 ) -> Actuator:
-    every = [problem.values(solution.theta, record.place) for record in problem.records]
+    every = [problem.in_reference(solution.theta, record.place) for record in problem.records]
     means = np.mean([[run[name] for name in actuator.parameter_values] for run in every], axis=0)
     values = dict(zip(actuator.parameter_values, means.tolist(), strict=True))
     uncertain = {

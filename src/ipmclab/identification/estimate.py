@@ -63,7 +63,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     resting = at_rest_after_all(under, given_up)
     if resting:
         places = set(resting)
-        starts = {c for c, unknown in enumerate(problem.unknowns) if unknown.nuisance and unknown.place in places}
+        starts = {c for c, unknown in enumerate(problem.unknowns) if unknown.is_start and unknown.place in places}
         problem, solution = with_less(problem, solution, starts, places)
         given_up -= places
         under, other = noisy(problem, solution)

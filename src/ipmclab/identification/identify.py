@@ -10,11 +10,15 @@ from typing import Final
 from ipmclab.consistency.of_fit import with_cross_checks
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
-from ipmclab.fit.fit_table import with_findings
+from ipmclab.fit.fit_table import changed, with_findings
 from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.diagnostics.beyond import beyond_findings
 from ipmclab.identification.diagnostics.diagnose import diagnose
+from ipmclab.identification.environment.inseparable import inseparable
+from ipmclab.identification.environment.next_condition import next_condition
+from ipmclab.identification.environment.remarks import doubtful
+from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, places_of_mountings, with_mountings
 from ipmclab.identification.problem.free import FreeParameters, parse_free
@@ -169,6 +173,7 @@ def _identify(
         else record
         for run, record in zip(given, records, strict=True)
     ]
+    records = with_states(actuator, given, records, names.age)
     _refuse_twice(given, records)
     _need_readings(names, records, silent)
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
@@ -177,12 +182,36 @@ def _identify(
     stage("errors and intervals", 0.8, 1.0)
     told = (*_used_findings(records, found), *left_out, *result.findings, *lacking)
     fit = build_fit(actuator, given, result, told, diagnoses)
-    beyond = beyond_findings(fit, records)
+    beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
+        fit = _of_literature(fit, names)
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
         beyond += prior_findings(actuator, names.priors, fit, alone)
     return with_findings(fit, beyond)
+
+
+def _of_literature(fit: Fit, names: FreeParameters) -> Fit:
+    """The fit, with the parameters marked of which only the literature was known beforehand."""
+    parameters = {
+        name: replace(one, prior_of_literature=True)
+        if one.prior is not None and names.priors[name.partition("[")[0]].of_literature
+        else one
+        for name, one in fit.parameters.items()
+    }
+    return changed(fit, parameters=parameters) if parameters != fit.parameters else fit
+
+
+def environment_findings(actuator: Actuator, runs: Sequence[Run], fit: Fit, result: Estimate) -> list[Finding]:
+    """What the states of the runs make doubtful, and what laws and ages they leave open."""
+    doubts = [
+        finding
+        for run, record in zip(runs, result.problem.records, strict=True)
+        if record.state is not None and record.state.water_content is not None
+        for finding in doubtful(actuator, run, record.state, record.label)
+    ]
+    problem, solution = result.correlated.problem.plain, result.correlated.solution
+    return [*doubts, *inseparable(problem, solution), *next_condition(fit, problem, solution)]
 
 
 def _what_it_lacks(

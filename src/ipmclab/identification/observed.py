@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.observation import Observation
+from ipmclab.fit.run_state import RunState
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
@@ -56,7 +58,15 @@ def observation(
         series_resistance=record.series_resistance,
         noise_model={output: model for (at, output), model in correlated.noise.items() if at == place},
         mounting=record.run.metadata.mounting_id or "",
+        state=_state(record, problem, theta),
     )
+
+
+def _state(record: PreparedRun, problem: Problem, theta: FloatArray) -> RunState | None:
+    """The state of the strip in one run, with the water content at which its readings are met best."""
+    if record.state is None:
+        return None
+    return replace(record.state, found=problem.water(theta, record.place))
 
 
 def _sum(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:

@@ -207,7 +207,7 @@ def _sample(fit: Fit, estimate: Estimate, seed: int, steps: int) -> Posterior:
     stage("looking for the valley that the readings leave open", 0.0, 0.05, 300)
     free = {unknown.base for unknown in estimate.problem.unknowns}
     stated = {n: p for n, p in estimate.parameters.items() if p.standard_uncertainty > 0.0 and n not in free}
-    order = Order(estimate.problem.values(estimate.solution.theta, estimate.problem.records[0].place))
+    order = Order(estimate.problem.in_reference(estimate.solution.theta, estimate.problem.records[0].place))
     density = Density(estimate, stated, _together(fit, stated, order))
     names = [order(unknown.name) for unknown in density.unknowns]
     others = [_place(rival, density) for rival in estimate.rivals] if isinstance(density.coordinates, Straight) else []

@@ -129,7 +129,7 @@ def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> Fitt
     names = [name for name, amount in held.items() if amount.parts and problem.base.get(name)]
     found = uncertainty(correlated, {}, names)
     asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
-    order = Order(problem.values(solution.theta, problem.records[0].place))
+    order = Order(problem.in_reference(solution.theta, problem.records[0].place))
     root = _root(found.covariance)
     relative: dict[str, dict[str, float]] = {}
     for number, unknown in enumerate(asked):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.free_run import predict, seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, fitted_runs
 from ipmclab.model import Actuator
@@ -35,6 +36,8 @@ def beyond_findings(fit: Fit, records: Sequence[PreparedRun]) -> list[Finding]:
         entry = of_runs[observation.content_sha256]
         own = entry["parameters"]
         model = seen_from_sensor(fit.actuator.replace(**own) if own else fit.actuator, record.series_resistance)
+        if observation.state is not None:
+            model = strip_in_state(model, observation.state, rates_of(fit))
         for finding in validity(model, _answer(model, record, entry), record.run.metadata.signal):
             if any(one.code == finding.code and one.message.startswith(f"{record.label}: ") for one in fit.findings):
                 continue

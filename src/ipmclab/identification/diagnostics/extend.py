@@ -74,7 +74,7 @@ def from_here(
         values = {**actuator.parameter_values, **problem.base}
         richer = with_stages(actuator.replace(**values), direction.name)
         sized = direction.sized(size)
-        kept = [column for column, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+        kept = [column for column, unknown in enumerate(problem.unknowns) if not unknown.is_start]
         unknowns = [problem.unknowns[column] for column in kept]
         entries = [float(theta[column]) for column in kept]
         parameters = richer.replace(**sized).parameters()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from ipmclab.fit.answer import prior_in_words
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import differ, dragged
 
@@ -22,7 +23,7 @@ def remarks(fit: Fit) -> dict[str, str]:
     described = not any(finding.code == "noise-not-described" for finding in fit.findings)
     found = {}
     for name, one in fit.parameters.items():
-        found[name] = "at its bound" if one.at_bound else "with its prior" if one.prior else ""
+        found[name] = "at its bound" if one.at_bound else prior_in_words(one)
         found[name] = found[name] or (AVERAGED if name in averaged else "")
         found[name] = found[name] or ("" if described or not one.determined else _NOT_DESCRIBED)
     return found

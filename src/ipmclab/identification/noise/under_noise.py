@@ -33,7 +33,7 @@ def at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int
         there = [
             column
             for column, unknown in enumerate(under.problem.unknowns)
-            if unknown.nuisance and unknown.place == place
+            if unknown.is_start and unknown.place == place
         ]
         if there and could_be_zero(under, there):
             found[place] = there

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
+from ipmclab.identification.problem.age import AGE, check_age
 from ipmclab.model.declared import in_group
 from ipmclab.model.kinds import groups, kinds, stage_groups
 
@@ -34,12 +35,15 @@ class Prior:
         theirs at a time: a width that stands in two measured numbers is one width.
     merely_uncertain : bool
         Free only so that its uncertainty counts: where the readings are asked alone, it is held.
+    of_literature : bool
+        Whether it is what strips have, and nobody stated it of this one.
     """
 
     value: float
     uncertainty: float
     follows: Mapping[str, float] = field(default_factory=dict)
     merely_uncertain: bool = False
+    of_literature: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class FreeParameters:
     priors : mapping of name to Prior
     together : mapping of name to mapping of name to float [SI]
         Covariance of the priors of shared parameters that an earlier fit found together.
+    age : tuple of str
+        How fast parameters age, such as ``age.runs.coupling.gain``.
     """
 
     shared: tuple[str, ...]
@@ -67,6 +73,7 @@ class FreeParameters:
     observation: tuple[str, ...] = ()
     priors: Mapping[str, Prior] = field(default_factory=dict)
     together: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    age: tuple[str, ...] = ()
 
     @property
     def actuator(self) -> tuple[str, ...]:
@@ -94,7 +101,9 @@ def parse_free(
         The actuator's parameters.
     free : str or iterable of str
         Groups (``electrical``, ``coupling``, and of stages that the actuator has ``leak``, ``relaxation``,
-        ``viscoelastic``, ``clamp``), dotted names, or comma lists of them.
+        ``viscoelastic``, ``clamp``, ``environment``), dotted names, or comma lists of them.
+        ``age.runs.coupling.gain`` is how fast a parameter ages with the runs before; ``hours`` and ``charge`` are the
+        other scales.
     per_run : str or iterable of str
         The same, for parameters of which each run has its own. Naming one here frees it.
     per_mounting : str or iterable of str
@@ -120,6 +129,13 @@ def parse_free(
     shared = names_of(names, free, "free")
     own = names_of(names, per_run, "per_run")
     of_mountings = names_of(names, per_mounting, "per_mounting")
+    for name in sorted(one for one in own | of_mountings if one.startswith(AGE)):
+        raise InputError(
+            f"{name!r} is what runs at different doses tell together",
+            code="age-of-one-run",
+            where="per_run" if name in own else "per_mounting",
+            repair="name it in free",
+        )
     for name in sorted(of_mountings & (own | set(OBSERVATION_NAMES))):
         raise InputError(
             f"{name!r} belongs to each run already",
@@ -139,6 +155,7 @@ def parse_free(
         per_run=tuple(n for n in names if n in own),
         per_mounting=tuple(n for n in names if n in of_mountings),
         observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
+        age=tuple(sorted(n for n in shared if n.startswith(AGE))),
     )
 
 
@@ -170,6 +187,9 @@ def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> se
             if group is not None:
                 found.update(group)
             elif name in names or name in OBSERVATION_NAMES:
+                found.add(name)
+            elif name.startswith(AGE):
+                check_age(name, names, where=where)
                 found.add(name)
             elif _of_sensors(name):
                 of_these = [known for known in OBSERVATION_NAMES if f".{_of_sensors(name)}." in known]

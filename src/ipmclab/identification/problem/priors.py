@@ -13,6 +13,7 @@ from ipmclab.identification.problem.free import FreeParameters, Prior, names_of
 from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.model import Actuator
+from ipmclab.model.declared import group_of
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
 
@@ -46,11 +47,17 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
     >>> strip = load_actuator("friend-1-measured")
     >>> free = FreeParameters(("circuit.sheet_resistance", "circuit.dc_resistivity"))
     >>> dict(with_priors(strip, free, "circuit.sheet_resistance").priors)
-    {'circuit.sheet_resistance': Prior(value=0.5001, uncertainty=0.29, follows={}, merely_uncertain=False)}
+    {'circuit.sheet_resistance': Prior(value=0.5001, uncertainty=0.29, follows={}, merely_uncertain=False, ...)}
     """
     parameters = actuator.parameters()
     found: dict[str, Prior] = {}
-    for name in names_of(parameters, prior, "prior"):
+    words = [prior] if isinstance(prior, str) else list(prior)
+    given = {word.strip() for text in words for word in str(text).split(",")} - {""}
+    for name in sorted(names_of(parameters, prior, "prior")):
+        if group_of(name) in given and actuator.standard_uncertainties.get(name, 0.0) == 0.0:
+            declared = actuator.structure.declarations[name]
+            if declared.likely is None or name not in names.actuator:
+                continue  # a group names what is known of it
         if name not in parameters:
             raise InputError(
                 f"{name!r} is found from the readings alone",
@@ -65,7 +72,9 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
                 where="prior",
                 repair="free it too; the stated uncertainty of a parameter that is not free counts without being named",
             )
-        found[name] = Prior(*_known(actuator, parameters[name]))
+        found[name] = Prior(
+            *_known(actuator, parameters[name]), of_literature=parameters[name].standard_uncertainty == 0.0
+        )
     stated = [name for name in names.shared if name in found and parameters[name].standard_uncertainty > 0.0]
     return replace(
         names,
@@ -134,7 +143,7 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
             )
             return f"{text} within {width}"
 
-        before = shown(*one.prior)
+        before = shown(*one.prior) + (", as the literature has it," if prior.of_literature else "")
         own = shown(free.value, free.standard_error) if free is not None and free.determined else ""
         if free is None or prior.follows:
             sigmas = _moved(one.prior, (one.value, one.standard_error), log=log)

@@ -11,9 +11,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.problem.in_state import InState, in_state
+from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
 from ipmclab.identification.problem.response import Responder, Response
-from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.problem.unknowns import WATER, Unknown
+from ipmclab.model.environment import sorption
 from ipmclab.progress import tick
 
 FloatArray = npt.NDArray[np.float64]
@@ -96,49 +100,6 @@ class Evaluation:
         size[size == 0] = 1.0
         left, singular, directions = np.linalg.svd(triangle / size)
         return singular, directions, left.T @ right, size
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Which entries of the vector one run has, and what they are.
-
-    Parameters
-    ----------
-    names : list of str
-        Actuator parameters that are free in this run.
-    columns : list of (int, Unknown)
-        Their entries, in the same order.
-    starts : list of int
-        Entries of its start.
-    delays : list of (int, Unknown)
-        The entry of its delay, where that is free.
-    sensors : mapping of output to list of (int, float or float array)
-        Entries of the zero and the slope of a sensor, and what they add to its readings for each unit.
-    """
-
-    names: list[str]
-    columns: list[tuple[int, Unknown]]
-    starts: list[int]
-    delays: list[tuple[int, Unknown]]
-    sensors: Mapping[str, list[tuple[int, FloatArray | float]]]
-
-    @classmethod
-    def of(cls, record: PreparedRun, unknowns: Sequence[Unknown], base: Mapping[str, float]) -> _Place:
-        own = [(column, u) for column, u in enumerate(unknowns) if u.belongs_to(record.place)]
-        columns = [(column, unknown) for column, unknown in own if unknown.base in base]
-        sensors: dict[str, list[tuple[int, FloatArray | float]]] = {output: [] for output in record.readings}
-        for column, unknown in own:
-            if unknown.base.startswith(("observation.offset.", "observation.drift.")):
-                what, output = unknown.base.split(".")[1:]
-                since = record.run.time - record.run.time[0] if what == "drift" else 1.0
-                sensors[output].append((column, since * unknown.scale))
-        return cls(
-            names=[unknown.base for _, unknown in columns],
-            columns=columns,
-            starts=[column for column, unknown in own if unknown.nuisance],
-            delays=[(column, unknown) for column, unknown in own if unknown.base == "observation.delay"],
-            sensors=sensors,
-        )
 
 
 class Problem:
@@ -230,8 +191,8 @@ class Problem:
         return found
 
     @cached_property
-    def _places(self) -> dict[int, _Place]:
-        return {record.place: _Place.of(record, self.unknowns, self.base) for record in self.records}
+    def _places(self) -> dict[int, Place]:
+        return {record.place: Place.of(record, self.unknowns, self.base) for record in self.records}
 
     def record_at(self, place: int) -> PreparedRun:
         """The run of a place."""
@@ -242,11 +203,62 @@ class Problem:
         return rows
 
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
-        """The actuator's parameters as one run has them."""
+        """The actuator's parameters as one run has them, in the state in which its strip was."""
+        reference, state = self.in_reference(theta, place), self._states[place]
+        return reference if state is None else self._in_state(theta, place, state, ()).values
+
+    def in_reference(self, theta: FloatArray, place: int) -> dict[str, float]:
+        """The actuator's parameters for one run as they are in the reference state of its laws."""
         found = dict(self.base)
         for column, unknown in self._places[place].columns:
             found[unknown.base] = unknown.value(float(theta[column]))
         return found
+
+    def _in_state(self, theta: FloatArray, place: int, state: RunState, names: Sequence[str]) -> InState:
+        """The parameters of one run in its state, with derivatives by some of those of the reference state."""
+        own = self._places[place]
+        rates = {unknown.base: unknown.value(float(theta[column])) for column, unknown in own.ages}
+        return in_state(self.in_reference(theta, place), state, names, water=self.water(theta, place), rates=rates)
+
+    def water(self, theta: FloatArray, place: int) -> float | None:
+        """The water content at which a run has its readings; None where it is exact."""
+        for column, unknown in self._places[place].waters:
+            value = unknown.value(float(theta[column]))
+            return value if unknown.base == WATER else float(sorption.water_content(self.base, value / 100.0))
+        return None
+
+    @cached_property
+    def _states(self) -> dict[int, RunState | None]:
+        return {record.place: record.state for record in self.records}
+
+    def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
+        """The parameters of one run, those that move, and their derivatives by the entries of the vector.
+
+        Returns
+        -------
+        values : dict of name to float [SI]
+        names : sequence of str
+        chains : float array, shape (n_unknown, n_names)
+        """
+        own, state = self._places[place], self._states[place]
+        if state is None:
+            values = self.in_reference(theta, place)
+            chains = np.zeros((len(theta), len(own.names)))
+            for number, (column, unknown) in enumerate(own.columns):
+                chains[column, number] = unknown.chain(values[unknown.base])
+            return values, own.names, chains
+        reference = self.in_reference(theta, place)
+        there = self._in_state(theta, place, state, own.names)
+        chains = np.zeros((len(theta), len(there.names)))
+        for number, (column, unknown) in enumerate(own.columns):
+            chains[column] = unknown.chain(reference[unknown.base]) * there.by[number]
+        for column, unknown in own.waters:
+            humidity = unknown.value(float(theta[column]))
+            steep = 1.0 if unknown.base == WATER else float(sorption.slope(self.base, humidity / 100.0)) / 100.0
+            chains[column] = unknown.scale * steep * there.by_water
+        for column, unknown in own.ages:
+            chains[column] = unknown.scale * there.by_rate[unknown.base]
+        return there.values, there.names, chains
 
     def delay(self, theta: FloatArray, record: PreparedRun) -> float:
         """By how much the edges of a run lie after its rows [s]: found here, or by an earlier fit."""
@@ -308,9 +320,13 @@ class Problem:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         parts = []
         for record in self.records:
-            response = self._response(record, self.values(theta, record.place), theta, names)
+            state = self._states[record.place]
+            there = None if state is None else self._in_state(theta, record.place, state, names)
+            values = self.values(theta, record.place) if there is None else there.values
+            response = self._response(record, values, theta, names if there is None else there.names)
             for row, (output, reading) in enumerate(record.readings.items()):
-                columns = response.parameters[row] / self.noise[record.place, output]
+                moved = response.parameters[row] if there is None else response.parameters[row] @ there.by.T
+                columns = moved / self.noise[record.place, output]
                 if reading.has_bounds:
                     columns[self._quiet(record, output, theta, response.values[row])] = 0.0
                 parts.append(columns if reading.complete else columns[reading.used])
@@ -338,11 +354,9 @@ class Problem:
 
     def _fill(self, rows: FloatArray, record: PreparedRun, theta: FloatArray) -> None:
         """Write the weighted residuals of one run, and their derivatives, into the rows of an evaluation."""
-        own, values = self._places[record.place], self.values(theta, record.place)
-        response = self._response(record, values, theta, own.names)
-        chains = np.zeros((len(theta), len(own.names)))
-        for number, (column, unknown) in enumerate(own.columns):
-            chains[column, number] = unknown.chain(values[unknown.base])
+        own = self._places[record.place]
+        values, names, chains = self._moved(theta, record.place)
+        response = self._response(record, values, theta, names)
         for row, (output, reading) in enumerate(record.readings.items()):
             sigma = self.noise[record.place, output]
             place = rows[:, self.pieces[record.place, output]]

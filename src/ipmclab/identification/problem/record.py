@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
+from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.drive import Drive
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
@@ -117,6 +118,8 @@ class PreparedRun:
     known_offset: Mapping[str, float] = field(default_factory=dict)
     known_drift: Mapping[str, float] = field(default_factory=dict)
     """What an earlier fit found for the sensors that are not read here."""
+    state: RunState | None = None
+    """Water, temperature and dose, where the actuator has laws that it follows."""
 
     @property
     def period(self) -> float:

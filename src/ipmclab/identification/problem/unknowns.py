@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.problem.age import Age
 from ipmclab.identification.problem.free import FreeParameters, Prior
 from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, ending_of, mountings_of
 from ipmclab.model.declared import declaration_of
@@ -99,11 +100,31 @@ class Unknown:
         return value, deviation * self.chain(value)
 
     @property
+    def is_water(self) -> bool:
+        """Whether it says how wet the strip was in a run."""
+        return self.base in (WATER, HUMIDITY)
+
+    @property
+    def is_start(self) -> bool:
+        """Whether it is an amplitude of the state in which a run begins."""
+        return self.base.startswith(_START)
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Bounds of the entry."""
         return self.entry(self.lower), self.entry(self.upper)
 
 
+WATER: Final = "observation.water_content"
+"""The water content of one run, of which something is known beforehand."""
+
+HUMIDITY: Final = "observation.humidity"
+"""The relative humidity [percent] with which the strip was in equilibrium in one run, where that was assumed."""
+
+_START: Final = "observation.initial_state."
+
+_AGED: Final = 0.1  # of a logarithm from the first run to the last: what counts as much
+_WATER: Final = (0.7, 40.0)  # water contents that a fit tries: above the percolation of the conductivity
 _FAR: Final = 100.0  # Nyquist rates
 FARTHEST: Final = 6.0
 """Standard uncertainties within which a number is sought that is free merely because it is uncertain."""
@@ -182,6 +203,27 @@ def _within(unknown: Unknown) -> Unknown:
     return replace(unknown, lower=max(unknown.lower, value - reach), upper=min(unknown.upper, value + reach))
 
 
+def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unknown]:
+    """The water content of each run that is not exact, and how fast parameters age."""
+    found = []
+    for record in records:
+        state = record.state
+        if state is None or state.water_content is None or state.standard_uncertainty <= 0.0:
+            continue
+        # What a sensor reads is normal in the humidity: in the water content it would count wet errors for less.
+        if state.humidity_uncertainty and state.relative_humidity is not None:
+            base, value, error, ends = HUMIDITY, state.relative_humidity, state.humidity_uncertainty, (0.0, 100.0)
+        else:
+            base, value, error, ends = WATER, state.water_content, state.standard_uncertainty, _WATER
+        own = Unknown(f"{base}[{record.place}]", base, record.place, False, 1.0, *ends, nuisance=True)
+        found.append(own.known(own.inside(value), error))
+    for name in free.age:
+        doses = [record.state.doses[Age.of(name).scale] for record in records if record.state is not None]
+        span = max(doses, default=0.0) - min(doses, default=0.0)
+        found.append(Unknown(name, name, None, False, _AGED / (span or 1.0), -math.inf, math.inf))
+    return found
+
+
 def unknowns_of(
     free: FreeParameters,
     parameters: Mapping[str, Parameter],
@@ -237,6 +279,7 @@ def unknowns_of(
                     prior=(known.value / record.period, known.error * math.sqrt(foreign) / record.period),
                 )
             )
+    found += _of_states(free, records)
     for what in ("offset", "drift"):
         for record in records:
             duration = float(record.run.time[-1] - record.run.time[0])
@@ -258,6 +301,6 @@ def unknowns_of(
                 )
     for place, count in (states or {}).items():
         for number in range(count):
-            base = f"observation.initial_state.{number}"
+            base = f"{_START}{number}"
             found.append(Unknown(f"{base}[{place}]", base, place, False, 1.0, -math.inf, math.inf, nuisance=True))
     return tuple(found)

@@ -44,7 +44,7 @@ def without_idle(problem: Problem, solution: Solution, names: FreeParameters) ->
     asked = set(assumed_zeros(problem, names))
     for column, unknown in enumerate(problem.unknowns):
         offset = column in asked
-        if unknown.place is None or not (offset or (unknown.nuisance and unknown.place in unsure)):
+        if unknown.place is None or not (offset or (unknown.is_start and unknown.place in unsure)):
             continue
         groups.setdefault((unknown.place, unknown.base if offset else "start"), []).append(column)
     idle = {key: columns for key, columns in groups.items() if is_idle(solution, columns)}

@@ -20,6 +20,7 @@ from ipmclab.identification.search.doublet import COUPLING, without_doublet
 from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
+from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, has_several_minima
@@ -36,8 +37,7 @@ def find_minima(
 ) -> tuple[Problem, Solution, Minima]:
     """The best minimum, and the others."""
     stage("finding where to start from the readings alone", 0.05, 0.2, 300)
-    circuit = _circuit_first(actuator, parameters, names, records)
-    points = known_first(actuator, names, records, circuit)
+    points = _points(actuator, parameters, names, records)
     if not points:
         raise InputError(
             "these records do not show where a search could start: their readings do not answer to the voltage",
@@ -57,10 +57,23 @@ def find_minima(
         theta = entries_at(problem, points[0])
         there = Rival.of(rough, near.theta).moved_to(rough, problem).entries
         for place, unknown in enumerate(problem.unknowns):
-            theta[place] = there.get(unknown.name, theta[place]) if not unknown.nuisance else theta[place]
+            theta[place] = there.get(unknown.name, theta[place]) if not unknown.is_start else theta[place]
         found = minimum(problem, theta)
         solution = replace(found, evaluations=found.evaluations + near.evaluations)
     return *weigh(problem, solution), minima
+
+
+def _points(
+    actuator: Actuator, parameters: Mapping[str, Parameter], names: FreeParameters, records: Sequence[PreparedRun]
+) -> list[StartingPoint]:
+    """Where to start; of runs in several states from those of one of them, the laws as the literature has them."""
+    alike = in_one_state(records)
+    if alike is None:
+        return known_first(actuator, names, records, _circuit_first(actuator, parameters, names, records))
+    strip, fewer = there_alone(actuator, names, alike)
+    circuit = _circuit_first(strip, strip.parameters(), fewer, alike)
+    points = known_first(strip, fewer, alike, circuit) if fewer.actuator else [nowhere(records)]
+    return [moved_back(actuator, names, point, alike, records) for point in points]
 
 
 def _search(

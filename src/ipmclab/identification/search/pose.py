@@ -66,6 +66,8 @@ def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
         elif unknown.base == "observation.delay":
             assert unknown.place is not None
             theta[place] = unknown.entry(point.delays[unknown.place].value)
+        elif unknown.is_water and unknown.prior is not None:
+            theta[place] = unknown.prior[0]
         else:
             linear[place] = True
     if np.any(linear):

@@ -179,7 +179,7 @@ def _told(fit: Fit, thetas: list[FloatArray | None], count: int) -> Bootstrap:
     done = [theta for theta in thetas if theta is not None]
     for theta in done:
         # Branches and modes are named by their place in the row of time constants, in each fit anew.
-        order = Order(problem.values(theta, first))
+        order = Order(problem.in_reference(theta, first))
         for place, unknown in asked:
             samples[order(unknown.name)].append(unknown.value(float(theta[place])))
     found = {name: np.array(values) for name, values in samples.items() if len(values) == len(done) > 0}

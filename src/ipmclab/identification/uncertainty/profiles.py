@@ -102,7 +102,7 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
     ended = dict(fit.parameters)
     if estimate.beside is not None:
         return ended
-    order = Order(problem.values(theta, problem.records[0].place))
+    order = Order(problem.in_reference(theta, problem.records[0].place))
     rivals = [rival.sorted_as(problem, order) for rival in estimate.rivals]
     for unknown in problem.unknowns:
         name = order(unknown.name)
@@ -136,7 +136,7 @@ def _profiles(fit: Fit, wanted: Iterable[str]) -> dict[str, Profile]:
     estimate = solved(fit)
     problem, solution = estimate.problem, estimate.solution
     free = {unknown.base for unknown in problem.unknowns}
-    order = Order(problem.values(solution.theta, problem.records[0].place))
+    order = Order(problem.in_reference(solution.theta, problem.records[0].place))
     held = {order(name): name for name, one in estimate.parameters.items() if one.standard_uncertainty > 0.0}
     held = {now: name for now, name in held.items() if name not in free and now in fit.actuator.standard_uncertainties}
     together = stated_covariance(fit.actuator, list(held))

@@ -1,0 +1,192 @@
+"""Which law the runs know least, and in which condition one more run would tell most of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.fit import Fit
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
+from ipmclab.identification.problem.in_state import InState, in_state
+from ipmclab.identification.problem.order import Order
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.identification.search.solve import Solution
+from ipmclab.model.environment import Environment, equilibrium
+from ipmclab.model.environment.laws import is_of_environment
+from ipmclab.model.environment.sorption import slope
+from ipmclab.run import Finding
+
+FloatArray = npt.NDArray[np.float64]
+
+UNDETERMINED: Final = "law-undetermined"
+NEXT: Final = "next-condition"
+
+HUMIDITIES: Final = (30.0, 45.0, 60.0, 70.0, 80.0, 90.0)
+TEMPERATURES: Final = (15.0, 25.0, 40.0)
+"""Conditions that common chambers reach, in percent and degC."""
+
+_WORTH: Final = 0.8  # of a standard error: a run that leaves more is not worth its time
+
+
+def next_condition(fit: Fit, problem: Problem, solution: Solution) -> list[Finding]:
+    """``law-undetermined`` for each law that the runs leave open, with its cure; else ``next-condition``.
+
+    A run in a new condition is taken to be as long and as quiet as the one of the fit in the nearest state, and its
+    humidity as uncertain as a good sensor leaves it.
+
+    Parameters
+    ----------
+    fit : Fit
+    problem : Problem
+    solution : Solution
+    """
+    laws = [name for name in fit.parameters if is_of_environment(name) and name in fit.covariance]
+    states = [record.state for record in problem.records if record.state is not None]
+    if not laws or any(state.water_content is None for state in states):
+        return []
+    order = Order(problem.in_reference(solution.theta, problem.records[0].place))
+    asked = [place for place, unknown in enumerate(problem.unknowns) if order(unknown.name) in fit.covariance]
+    known = solution.evaluation.jacobian
+    products = known.T @ known
+    others = [place for place in range(len(problem.unknowns)) if place not in asked]
+    information = _without(products, asked, others)
+    named = [order(problem.unknowns[place].name) for place in asked]
+    scales = {order(unknown.name): unknown.scale for unknown in problem.unknowns}
+    now = np.sqrt(np.maximum(_inverse(information).diagonal(), 0.0))
+    after = {
+        (humidity, temperature): np.sqrt(
+            np.maximum(
+                _inverse(information + _told_by(problem, solution, asked, humidity, temperature)).diagonal(), 0.0
+            )
+        )
+        for humidity in HUMIDITIES
+        for temperature in TEMPERATURES
+    }
+    open_ones = [name for name in laws if not fit.parameters[name].determined]
+    worst = max(laws, key=lambda name: fit.parameters[name].standard_error / scales[name])
+    found = []
+    for name in open_ones or [worst]:
+        number = named.index(name)
+        best = min(after, key=lambda place: float(after[place][number]))
+        left = float(after[best][number] / now[number])
+        found.append(_finding(fit, name, best, left, states, is_open=bool(open_ones)))
+    return [one for one in found if one is not None]
+
+
+def _finding(
+    fit: Fit, name: str, place: tuple[float, float], left: float, states: Sequence[RunState], *, is_open: bool
+) -> Finding | None:
+    humidity, temperature = place
+    one = fit.parameters[name]
+    quantity = fit.actuator.parameters()[name].quantity
+    there = f"{temperature:g} degC, {humidity:g} %RH"
+    error = one.standard_error
+    told = (
+        ""
+        if math.isinf(error)
+        else f" (standard error {quantity.to_display(error):.2g} {quantity.display_unit})".replace(" )", ")")
+    )
+    after = "" if math.isinf(error) else f": {100.0 * left:.2g} % of that error"
+    values = {"relative_humidity": humidity, "temperature": temperature, "error_left": left}
+    if is_open:
+        return Finding(
+            UNDETERMINED,
+            "warning",
+            f"a run at {there} would tell most of {name}, which runs at {_range(states)} leave open{told}",
+            f"record it and fit it with the others{after}",
+            values=values,
+        )
+    if left > _WORTH:
+        return None
+    return Finding(
+        NEXT,
+        "info",
+        f"of the laws {name} is known worst{told}",
+        f"one more run at {there} would leave {100.0 * left:.2g} % of that error",
+        values=values,
+    )
+
+
+def _range(states: Sequence[RunState]) -> str:
+    warm = sorted({state.temperature for state in states if state.temperature is not None})
+    wet = sorted({state.relative_humidity for state in states if state.relative_humidity is not None})
+    ranges = [(f"{each[0]:.3g}", f"{each[-1]:.3g}", unit) for each, unit in ((warm, "degC"), (wet, "%RH")) if each]
+    return " and ".join(f"{low if low == high else f'{low} to {high}'} {unit}" for low, high, unit in ranges)
+
+
+def _told_by(
+    problem: Problem, solution: Solution, asked: Sequence[int], humidity: float, temperature: float
+) -> FloatArray:
+    """The information of one more run, its water content averaged out."""
+    values = problem.in_reference(solution.theta, problem.records[0].place)
+    water = equilibrium(values, Environment(temperature, humidity)).water_content
+    spread = float(slope(values, humidity / 100.0)) * HUMIDITY_ERROR / 100.0
+    record = min(problem.records, key=lambda one: _apart(one, water, temperature))
+    old = record.state
+    assert old is not None
+    state = RunState(water, spread, "assumed", temperature, humidity, doses=old.doses)
+    unknowns = [problem.unknowns[place] for place in asked]
+    shared = [u.base if u.base in values and u.belongs_to(record.place) else "" for u in unknowns]
+    names = [name for name in shared if name]
+    here = in_state(values, state, names)
+    rows = iter(here.by)
+    moves = np.array(
+        [
+            next(rows) * unknown.chain(values[name]) if name else np.zeros(len(here.names))
+            for unknown, name in zip(unknowns, shared, strict=True)
+        ]
+        + [here.by_water * spread]
+    )
+    single = moves @ _of_parameters(problem, solution, record, here) @ moves.T
+    last = len(unknowns)
+    single[last, last] += 1.0
+    across = single[:last, last]
+    return np.asarray(single[:last, :last] - np.outer(across, across) / single[last, last])
+
+
+def _of_parameters(problem: Problem, solution: Solution, record: PreparedRun, here: InState) -> FloatArray:
+    """The information of a run as of the fit about the parameters that its strip has, its sensors known."""
+    found = problem.responder.respond(
+        record,
+        here.values,
+        here.names,
+        problem.delay(solution.theta, record),
+        problem.start(solution.theta, record.place),
+    )
+    total = np.zeros((len(here.names), len(here.names)))
+    for row, (output, reading) in enumerate(record.readings.items()):
+        columns = found.parameters[row][reading.used] / problem.noise[record.place, output]
+        if ("offset", output) in record.unsettled:
+            columns = columns - columns.mean(axis=0)
+        total += columns.T @ columns
+    return total
+
+
+def _apart(record: PreparedRun, water: float, temperature: float) -> float:
+    state = record.state
+    assert state is not None
+    assert state.water_content is not None
+    assert state.temperature is not None
+    return abs(math.log(state.water_content / water)) + abs(state.temperature - temperature) / 50.0
+
+
+def _without(products: FloatArray, kept: Sequence[int], others: Sequence[int]) -> FloatArray:
+    """Information about some unknowns, the others averaged out."""
+    own = products[np.ix_(kept, kept)]
+    if not others:
+        return own
+    across = products[np.ix_(kept, others)]
+    return np.asarray(own - across @ np.linalg.pinv(products[np.ix_(others, others)], hermitian=True) @ across.T)
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    size = np.sqrt(np.maximum(information.diagonal(), 0.0))
+    size[size <= 0.0] = 1.0
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    return np.asarray((vectors / np.maximum(values, 1e-12 * values[-1])) @ vectors.T / np.outer(size, size))

@@ -1,0 +1,201 @@
+"""In which state a strip was in each run: how its water content is known, and what it had been through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from ipmclab.errors import InputError
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.dose import doses_of, recorded
+from ipmclab.identification.problem.age import Age
+from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.model import Actuator
+from ipmclab.model.environment import Environment, WaterState, equilibrium
+from ipmclab.model.environment.hydration import LIQUID
+from ipmclab.model.environment.sorption import slope
+from ipmclab.run import Run
+
+HUMIDITY_ERROR: Final = 2.0
+"""Standard uncertainty of a relative humidity [percent] where a run states none: as good sensors have."""
+
+_MASS_ERROR: Final = 1e-7
+"""Standard uncertainty of a mass [kg] where a run states none: a blotted strip on a laboratory balance."""
+
+_FILM: Final = "hydration.film"
+_FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
+_LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
+
+
+def with_states(
+    actuator: Actuator, runs: Sequence[Run], records: Sequence[PreparedRun], ages: Iterable[str]
+) -> list[PreparedRun]:
+    """The runs with the state in which the strip was in each, where the actuator has laws or something ages.
+
+    Raises
+    ------
+    InputError
+        A run that does not say its temperature and humidity; a dose that the runs do not state.
+    """
+    follows = bool(actuator.structure.environment)
+    scales = list(dict.fromkeys(Age.of(name).scale for name in ages))
+    if not follows and not scales:
+        return list(records)
+    doses = {scale: doses_of(runs, scale) for scale in scales}
+    states = [RunState()] * len(runs)
+    if follows:
+        states = states_of(actuator, runs, [record.label for record in records])
+    return [
+        replace(record, state=replace(state, doses={scale: doses[scale][place] for scale in scales}))
+        for place, (state, record) in enumerate(zip(states, records, strict=True))
+    ]
+
+
+def says_environment(run: Run) -> bool:
+    """Whether a run states its temperature and its humidity."""
+    return run.metadata.temperature is not None and run.metadata.relative_humidity is not None
+
+
+def states_of(actuator: Actuator, runs: Sequence[Run], labels: Sequence[str]) -> list[RunState]:
+    """The state of a strip in each of some runs, each from what it says and from the one before it.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With a table ``[hydration]``.
+    runs : sequence of Run
+    labels : sequence of str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        A run that does not say its temperature and humidity.
+    """
+    times = [recorded(run) for run in runs]
+    known = not any(math.isnan(one) for one in times)
+    order = sorted(range(len(runs)), key=times.__getitem__) if known else range(len(runs))
+    found: dict[int, RunState] = {}
+    before: tuple[Run, RunState] | None = None
+    for place in order:
+        found[place] = state_of(actuator, runs[place], label=labels[place], before=before if known else None)
+        before = runs[place], found[place]
+    return [found[place] for place in range(len(runs))]
+
+
+def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, RunState] | None = None) -> RunState:
+    """The water content and the temperature of a strip in a run.
+
+    The water content is measured where the run states the mass of the strip and the sample its dry mass. It is computed
+    where it is known where the strip came from: from liquid water (``minutes_out_of_water``), or from the run before
+    (``minutes_in_environment``). Else it is assumed to be that of equilibrium.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With a table ``[hydration]``.
+    run : Run
+    label : str
+        For messages.
+    before : pair of Run and RunState, optional
+        The run before it, of the same strip.
+
+    Raises
+    ------
+    InputError
+        The run does not say its temperature and humidity, or its strip weighs less than when dry.
+
+    Examples
+    --------
+    >>> from ipmclab import RunMetadata, load_actuator
+    >>> about = RunMetadata(temperature=20.0, relative_humidity=50.0, minutes_out_of_water=5.0)
+    >>> run = Run.from_arrays(time=[0.0, 1.0], voltage=[1.0, 1.0], metadata=about)
+    >>> state = state_of(load_actuator("friend-2+environment.coupling_gain"), run, label="run")
+    >>> state.how, round(state.water_content, 1)
+    ('computed', 18.7)
+    """
+    about = run.metadata
+    temperature, humidity = about.temperature, about.relative_humidity
+    if temperature is None or humidity is None:
+        raise InputError(
+            "parameters follow the environment, and this run does not say its temperature and humidity",
+            code="no-environment",
+            where=label,
+            repair="give the run its temperature and relative_humidity, or leave the laws out of the actuator",
+        )
+    values, air = actuator.parameter_values, Environment(temperature, humidity)
+    error = about.uncertainties.get("relative_humidity", HUMIDITY_ERROR)
+    weighed = _weighed(actuator, run)
+    if weighed is not None:
+        return RunState(*weighed, "measured", temperature, humidity)
+    start = _start(actuator, run, before)
+    if start is not None:
+        water, spread = _computed(actuator, start, air, error)
+        return RunState(water, spread, "computed", temperature, humidity)
+    spread = float(slope(values, humidity / 100.0)) * error / 100.0
+    return RunState(equilibrium(values, air).water_content, spread, "assumed", temperature, humidity, error)
+
+
+def _weighed(actuator: Actuator, run: Run) -> tuple[float, float] | None:
+    """The water content by mass, and its standard uncertainty; None where nothing was weighed."""
+    from ipmclab.model.environment.transport import content_by_mass
+
+    sample = run.metadata.sample or actuator.sample
+    wet, dry = run.metadata.mass, None if sample is None else sample.dry_mass
+    if wet is None or dry is None:
+        return None
+    values = actuator.parameter_values
+    area = values["geometry.width"] * (values["geometry.free_length"] + values["geometry.clamped_length"])
+    water = content_by_mass(values, wet, dry, area).water_content
+    error = run.metadata.uncertainties.get("mass", _MASS_ERROR)
+    return water, water * error / (wet - dry)
+
+
+def _start(actuator: Actuator, run: Run, before: tuple[Run, RunState] | None) -> tuple[WaterState, float, float] | None:
+    """A state that is known, its standard uncertainty, and for how long [s] the strip was in this air since."""
+    about, values = run.metadata, actuator.parameter_values
+    assert about.temperature is not None
+    minutes, out = about.minutes_in_environment, about.minutes_out_of_water
+    if before is not None and minutes is not None and (out is None or out > minutes):
+        then = before[1]
+        same = _strip(before[0]) == _strip(run)
+        if same and then.water_content is not None and then.temperature is not None:
+            state = WaterState(then.water_content, then.temperature)
+            return state, then.standard_uncertainty, 60.0 * minutes
+    if out is not None:
+        error = actuator.standard_uncertainties.get(LIQUID, _LIQUID_ERROR * values[LIQUID])
+        return WaterState(values[LIQUID], about.temperature), error, 60.0 * out
+    return None
+
+
+def _strip(run: Run) -> str | None:
+    return None if run.metadata.sample is None else run.metadata.sample.id
+
+
+def _computed(
+    actuator: Actuator, start: tuple[WaterState, float, float], air: Environment, error: float
+) -> tuple[float, float]:
+    """The water content after a while in some air, with what the start, the humidity and the film leave open."""
+    state, of_start, seconds = start
+    values = dict(actuator.parameter_values)
+    relative = actuator.standard_uncertainties.get(_FILM, _FILM_ERROR * values[_FILM]) / values[_FILM]
+    wetter = Environment(air.temperature, min(air.relative_humidity + error, 100.0))
+    drier = Environment(air.temperature, max(air.relative_humidity - error, 0.0))
+    more = WaterState(state.water_content + of_start, state.temperature)
+    middle = _after(values, state, air, seconds)
+    parts = (
+        _after(values, more, air, seconds) - middle,
+        0.5 * (_after(values, state, wetter, seconds) - _after(values, state, drier, seconds)),
+        _after({**values, _FILM: values[_FILM] * (1.0 + relative)}, state, air, seconds) - middle,
+    )
+    return middle, math.hypot(*parts)
+
+
+def _after(values: Mapping[str, float], state: WaterState, air: Environment, seconds: float) -> float:
+    from ipmclab.model.environment.transport import EnvironmentHistory, water_course
+
+    if seconds <= 0.0:
+        return state.water_content
+    return float(water_course(values, EnvironmentHistory.of(air), seconds, start=state).water_content[-1])

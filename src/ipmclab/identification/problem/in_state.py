@@ -1,0 +1,91 @@
+"""The parameters of a strip in the state of one run: aged by what it had been through, then moved by its laws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.problem.age import Age
+from ipmclab.model.environment import WaterState
+from ipmclab.model.environment import in_state as moved_by_laws
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InState:
+    """The parameters in one state, and their derivatives.
+
+    Parameters
+    ----------
+    values : dict of name to float [SI]
+        Every parameter; those of the laws stand as they were given.
+    names : tuple of str
+        Those that move with anything that was asked for: the columns of the derivatives.
+    by : float array, shape (n_asked, n_names) [SI]
+        By each parameter of the reference state that was asked for.
+    by_water : float array, shape (n_names,) [SI]
+        By the water content.
+    by_rate : mapping of name to float array, shape (n_names,) [SI]
+        By each rate at which a parameter ages, by its name.
+    """
+
+    values: dict[str, float]
+    names: tuple[str, ...]
+    by: FloatArray
+    by_water: FloatArray
+    by_rate: Mapping[str, FloatArray]
+
+
+def in_state(
+    reference: Mapping[str, float],
+    state: RunState,
+    names: Sequence[str],
+    *,
+    water: float | None = None,
+    rates: Mapping[str, float] | None = None,
+) -> InState:
+    """The parameters of a strip in the state of a run, with derivatives.
+
+    Parameters
+    ----------
+    reference : mapping of name to float [SI]
+        Every parameter, as it is in the reference state of the laws and before the strip aged.
+    state : RunState
+    names : sequence of str
+        Parameters by which derivatives are asked for.
+    water : float, optional
+        The water content, where it is another one than that of the state.
+    rates : mapping of name to float, optional
+        How fast parameters age, such as ``age.runs.coupling.gain``: the change of the logarithm for each unit of dose.
+    """
+    aged, grown = dict(reference), dict.fromkeys(reference, 1.0)
+    doses = {name: state.doses[Age.of(name).scale] for name in rates or ()}
+    for name, rate in (rates or {}).items():
+        parameter = Age.of(name).parameter
+        grown[parameter] *= math.exp(min(rate * doses[name], 700.0))
+        aged[parameter] = reference[parameter] * grown[parameter]
+    content = state.water_content if water is None else water
+    # An actuator without laws is the same in any state.
+    moved = moved_by_laws(aged, WaterState(content or 1.0, state.temperature or 0.0))
+    place = {name: number for number, name in enumerate(moved.parameters)}
+    columns = [place[name] for name in names]
+    by = moved.jacobian[:, columns].T * np.array([grown[name] for name in names])[:, None]
+    by_rate = {
+        name: moved.jacobian[:, place[Age.of(name).parameter]] * (aged[Age.of(name).parameter] * dose)
+        for name, dose in doses.items()
+    }
+    by_water = moved.by_state[:, 0]
+    moves = np.flatnonzero(np.any([by_water, *by, *by_rate.values()], axis=0))
+    return InState(
+        values={**aged, **moved.values},
+        names=tuple(moved.names[row] for row in moves),
+        by=np.ascontiguousarray(by[:, moves]),
+        by_water=by_water[moves],
+        by_rate={name: column[moves] for name, column in by_rate.items()},
+    )
