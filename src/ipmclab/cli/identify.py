@@ -35,8 +35,8 @@ def identify(
         list[str],
         typer.Option(
             metavar="NAMES",
-            help="Groups (electrical, coupling, leak, relaxation, viscoelastic, clamp) or dotted names; "
-            "repeat it, or use commas.",
+            help="Groups (electrical, coupling, leak, relaxation, viscoelastic, clamp, environment) or dotted names, "
+            "age.runs.NAME for how fast a parameter ages; repeat it, or use commas.",
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write.")],
@@ -195,6 +195,7 @@ def fit_document(fit: Fit) -> dict[str, Any]:
                     output: with_unit(sigma, CHANNELS[output].unit) for output, sigma in observation.noise.items()
                 },
                 "samples": observation.samples,
+                **({} if observation.state is None else {"state": observation.state.to_table()}),
             }
             for observation in fit.observations
         ],

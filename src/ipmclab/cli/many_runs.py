@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 
 def print_many_runs(fit: Fit) -> None:
-    """Print how far mountings differ, and each run as the others predict it."""
+    """Print how far mountings differ, the state of the strip in each run, and each run as the others predict it."""
+    from ipmclab.fit.state_rows import HEAD, state_rows
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.identification.mountings.remarks import left_out_remarks
 
@@ -30,6 +31,9 @@ def print_many_runs(fit: Fit) -> None:
         print_table([f"between {len(fit.mountings.each)} mountings", "one standard deviation"], rows)
         for name, reason in fit.mountings.unknown.items():
             print_paragraph(f"The next mounting's {name} {reason}.")
+    states = state_rows(fit)
+    if states:
+        print_table(list(HEAD), [row.cells for row in states])
     rows = []
     for one, remark in zip(fit.left_out, left_out_remarks(fit), strict=True):
         most = max(one.shifts, key=lambda name: abs(one.shifts[name]), default=None)

@@ -14,6 +14,8 @@ from ipmclab.errors import InputError
 from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.observation import Observation
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.mountings.common_error import common_covariance
 from ipmclab.identification.mountings.own_of_mounting import own_of_mounting, strips_apart
 from ipmclab.identification.problem.record import ending_of, own_endings, own_values
@@ -24,6 +26,7 @@ from ipmclab.model.given import need_run
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.sensitivity import sensitivities
 from ipmclab.model.simulate import with_shunt
+from ipmclab.prediction.in_state import known_in_state, state_in
 from ipmclab.run import Hold, Run
 
 FloatArray = npt.NDArray[np.float64]
@@ -101,6 +104,7 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     The parameters count to first order, with the errors and correlations of the fit; so do fixed parameters with a
     stated uncertainty. Where each mounting of the fit has parameters of its own, a run that names one of them is
     simulated with that mounting's, and of a run that names none the band holds what every mounting of the fit answers.
+    A strip whose parameters follow the environment is simulated in that of the run, after the last run of the fit.
     For a run of a mounting that the fit never saw, the band holds what three mountings or more of the fit, each by
     itself, say of the next one; with fewer it is that of the fit's own mounting.
 
@@ -138,7 +142,8 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
     """
     _need(fit, run)
     outputs = noise_outputs(fit)
-    drive = Drive(run.time, run.voltage, "zero" if run.hold == "unknown" else run.hold)
+    hold: Hold = "zero" if run.hold == "unknown" else run.hold
+    drive = Drive(run.time, run.voltage, hold, state=state_in(fit, fit.actuator, run), rates=rates_of(fit))
     mounting = run.metadata.mounting_id
     own = own_of_mounting(fit, mounting)
     since = run.time - run.time[0]
@@ -159,18 +164,24 @@ def prediction_bands(fit: Fit, run: Run) -> Bands:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What a strip is driven with: the voltage over time, and how the run begins."""
+    """What a strip is driven with, how the run begins, and in which state the strip is."""
 
     time: FloatArray
     voltage: FloatArray
     hold: Hold
     delay: float = 0.0
     initial_state: Mapping[str, float] | None = None
+    state: RunState | None = None
+    rates: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, actuator: Actuator) -> Actuator:
+        """An actuator as it is in this state: aged, and moved by its laws."""
+        return actuator if self.state is None else strip_in_state(actuator, self.state, self.rates)
 
     def outputs(self, actuator: Actuator, outputs: Sequence[str]) -> FloatArray:
         """What an actuator answers, shape (n_output, n_time)."""
         return simulate_outputs(
-            actuator,
+            self.of(actuator),
             self.time,
             self.voltage,
             self.hold,
@@ -195,16 +206,19 @@ def known_in(fit: Fit, place: int | None, mounting: str | None = None) -> KnownC
     own: tuple[str, ...] = (ending_of(mounting),) if mounting else ()
     if place is not None:
         own = own_endings(place, fit.observations[place].mounting)
-    return known_of(fit.covariance, values_of(fit), list(fit.actuator.parameter_values), own)
+    return known_of(fit.covariance, values_of(fit), [*fit.actuator.parameter_values, *rates_of(fit)], own)
 
 
 def spread_of(
     known: KnownCovariance, actuator: Actuator, drive: Drive, outputs: Sequence[str]
 ) -> dict[str, FloatArray]:
     """Standard deviation of each output from what is not known of the parameters [SI]."""
+    names, covariance = known.names, known.covariance
+    if drive.state is not None:
+        names, covariance = known_in_state(known, actuator, drive.state, drive.rates)
     found = sensitivities(
-        actuator,
-        known.names,
+        drive.of(actuator),
+        names,
         drive.time,
         drive.voltage,
         drive.hold,
@@ -213,7 +227,7 @@ def spread_of(
         delay=drive.delay,
         asked=(),
     )
-    variances = np.einsum("kij,jl,kil->ki", found.parameters, known.covariance, found.parameters)
+    variances = np.einsum("kij,jl,kil->ki", found.parameters, covariance, found.parameters)
     return dict(zip(outputs, np.sqrt(np.maximum(variances, 0.0)), strict=True))
 
 

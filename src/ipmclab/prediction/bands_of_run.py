@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.environment.strip_in_state import rates_of
 from ipmclab.identification.mountings.own_of_mounting import apart, mountings_seen, own_of_mounting
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
@@ -25,6 +26,7 @@ from ipmclab.prediction.bands import (
     spread_of,
     spread_of_next,
 )
+from ipmclab.prediction.in_state import state_in
 from ipmclab.run import Finding, Run
 
 FloatArray = npt.NDArray[np.float64]
@@ -45,7 +47,7 @@ def band_of_run(
     ----------
     fit : Fit
     model : Actuator
-        As it was simulated for this record.
+        As it was simulated for this record, in the reference state of its laws.
     record : PreparedRun
     place : int or None
         Where the run stands in the fit; None where it is new.
@@ -59,7 +61,10 @@ def band_of_run(
     outputs = [name for name in noise_outputs(fit) if name in record.readings]
     if not outputs:
         return {}
-    drive = Drive(run.time, run.voltage, model_hold(record), delay, start)
+    state, rates = state_in(fit, fit.actuator, record.run), rates_of(fit)
+    if place is not None:
+        state = fit.observations[place].state
+    drive = Drive(run.time, run.voltage, model_hold(record), delay, start, state, rates)
 
     def seen(strip: Actuator) -> Actuator:
         return seen_from_sensor(strip, record.series_resistance)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import READ_OUTPUTS, model_hold, own_endings, own_values, prepare
 from ipmclab.model.outputs import simulate_outputs
@@ -38,8 +39,9 @@ def fitted_outputs(fit: Fit, run: Run, place: int) -> dict[str, Comparison]:
     values = {name: parameter.value for name, parameter in fit.parameters.items()}
     own = own_values(values, own_endings(place, observation.mounting))
     model = seen_from_sensor(fit.actuator.replace(**own), observation.series_resistance)
+    state = observation.state
     fitted = simulate_outputs(
-        model,
+        model if state is None else strip_in_state(model, state, rates_of(fit)),
         run.time,
         record.run.voltage,
         model_hold(record),

@@ -18,6 +18,7 @@ from ipmclab.fit.left_out import LeftOut
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.noise.shape import Shape
+from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
@@ -115,7 +116,7 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     begin = theta[kept]
     solution = descend(others, begin, evaluations=_EVALUATIONS)
     here, before = solution.evaluation, result.solution.evaluation
-    order = Order(whole.values(theta, whole.records[0].place))
+    order = Order(whole.in_reference(theta, whole.records[0].place))
     errors, were = entry_errors(here), entry_errors(before)[kept]
     shared = [place for place, unknown in enumerate(others.unknowns) if _is_of_strip(unknown)]
     own = [unknown for column, unknown in enumerate(whole.unknowns) if column not in kept and _is_of_strip(unknown)]
@@ -364,7 +365,7 @@ def _predicted(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> 
 def _strip(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> Actuator:
     """The actuator as the other runs have it."""
     others, order = theirs.problem, theirs.order
-    each = [others.values(theirs.theta, other.place) for other in others.records]
+    each = [others.in_reference(theirs.theta, other.place) for other in others.records]
     values = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
     for place, unknown in enumerate(others.unknowns):
         if unknown.base in values and unknown.belongs_to(record.place):
@@ -372,6 +373,10 @@ def _strip(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> Actu
     if itself is not None:
         for unknown, entry in zip(itself.unknowns, itself.entries, strict=True):
             values[unknown.base] = unknown.value(float(entry))
+    for place, unknown in enumerate(others.unknowns):
+        if unknown.base.startswith(AGE) and record.state is not None:
+            age = Age.of(unknown.base)
+            values[age.parameter] *= math.exp(unknown.value(float(theirs.theta[place])) * record.state.doses[age.scale])
     changes = {order(name): value for name, value in values.items()}
     return replace(theirs.fit.actuator.replace(**changes), fit_table=None)
 
@@ -403,7 +408,8 @@ def _reach(
     seen = [theirs.fit.observations[other.place] for other in others.records]
     outputs = [name for name in record.readings if any(name in observation.noise for observation in seen)]
     run = record.run
-    spread = spread_of(found, strip, Drive(run.time, run.voltage, model_hold(record), delay), outputs)
+    drive = Drive(run.time, run.voltage, model_hold(record), delay, state=record.state)
+    spread = spread_of(found, strip, drive, outputs)
     since = run.time - run.time[0]
     return {
         name: NORMAL_95 * np.hypot(spread[name], noise_of(seen, name, since, level=name not in zeros))

@@ -14,6 +14,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
+from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.mountings.own_of_mounting import own_of_mounting
 from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identification.problem.record import (
@@ -32,6 +33,7 @@ from ipmclab.model.given import need_actuator, need_run
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, own_mounting, place_in
+from ipmclab.prediction.in_state import environment_of_run, state_in
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.quality import check
 from ipmclab.run import Finding, Run, RunMetadata
@@ -199,6 +201,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         done.append(one)
         findings += _findings(one)
         findings += [*own_mounting(fit, run, label), *another_mounting(fit, run, label)] if fit is not None else []
+        findings += [] if one.used_in_fit else environment_of_run(fit, actuator, run, label)
     pooled = {
         output: _pooled(output, [(place, one) for place, one in enumerate(done) if output in one.comparisons])
         for output in READ_OUTPUTS
@@ -264,6 +267,8 @@ def _validate_run(
     if own is None:
         own = {} if fit is None else own_of_mounting(fit, run.metadata.mounting_id)
     model = seen_from_sensor(actuator.replace(**own) if own else actuator, record.series_resistance)
+    state = state_in(fit, actuator, run)
+    there = model if state is None else strip_in_state(model, state, rates_of(fit))
     moving = {finding.channel for finding in found if finding.code == "not-at-rest"}  # which is no zero of a sensor
     still = [name for name in outputs if name not in moving]
     found_zeros = {**{name: sensor_zero(record, name) for name in still}, **zeros_of_fit(fitted or {})}
@@ -271,10 +276,10 @@ def _validate_run(
     drifts, start = (fitted or {}).get("drift", {}), (fitted or {}).get("initial_state", {})
     since = run.time - run.time[0]
     measured = {name: run.channels[name] - zeros.get(name, 0.0) - drifts.get(name, 0.0) * since for name in outputs}
-    delay = edge_delay(model, record, measured, fitted or {}) if record.delay_is_free else None
-    every = np.array(predict(model, record, READ_OUTPUTS, delay or 0.0, start))
+    delay = edge_delay(there, record, measured, fitted or {}) if record.delay_is_free else None
+    every = np.array(predict(there, record, READ_OUTPUTS, delay or 0.0, start))
     read = record.readings.get("displacement")
-    blank_lost(every, READ_OUTPUTS, model.parameter_values, kept=None if read is None else read.exact)
+    blank_lost(every, READ_OUTPUTS, there.parameter_values, kept=None if read is None else read.exact)
     predicted = dict(zip(READ_OUTPUTS, every, strict=True))
     reach = {} if fit is None else band_of_run(fit, model, record, place_in(fit, run), delay or 0.0, start, zeros)
     comparisons = {
@@ -289,7 +294,7 @@ def _validate_run(
         origin="simulated",
         sample=actuator.sample,
         signal=run.metadata.signal,
-        findings=validity(model, answer, run.metadata.signal),
+        findings=validity(there, answer, run.metadata.signal),
     )
     return RunValidation(
         run=run,

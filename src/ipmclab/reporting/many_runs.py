@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from ipmclab.fit.state_rows import HEAD, state_rows
 from ipmclab.identification.mountings.mountings import why_unknown
 from ipmclab.identification.mountings.remarks import left_out_remarks
 from ipmclab.reporting.figures.mountings import fit_of_each, mountings_figure
@@ -62,6 +63,8 @@ def many_runs_part(fit: Fit) -> Markup:
             unknown=[f"The next mounting's {name} {reason}." for name, reason in told.unknown.items()]
             if told and not why
             else [],
+            state_head=HEAD,
+            states=[row.cells for row in state_rows(fit)],
             left_out=left_out,
             remarks=any(row.remark for row in left_out),
         )

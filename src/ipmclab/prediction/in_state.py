@@ -1,0 +1,107 @@
+"""A fitted strip in a state that its fit may never have seen: its parameters there, how well they are known, doubts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.fit.fit import Fit
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.remarks import doubtful, extrapolated
+from ipmclab.identification.environment.state_of_run import says_environment, state_of
+from ipmclab.identification.environment.strip_in_state import rates_of
+from ipmclab.identification.problem.age import AGE, Age
+from ipmclab.identification.problem.in_state import in_state
+from ipmclab.identification.uncertainty.known_covariance import KnownCovariance
+from ipmclab.model import Actuator
+from ipmclab.run import Finding, Run
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def state_in(fit: Fit | None, actuator: Actuator, run: Run) -> RunState | None:
+    """The state of a strip in a run; None where nothing follows it, or the run does not say it.
+
+    A run of the fit is in the state that the fit found; any other comes after the last run of the fit.
+
+    Parameters
+    ----------
+    fit : Fit or None
+        That the actuator carries.
+    actuator : Actuator
+    run : Run
+    """
+    if fit is not None:
+        for observation in fit.observations:
+            if observation.content_sha256 == run.content_sha256:
+                return observation.state
+    follows = bool(actuator.structure.environment) and says_environment(run)
+    rates = rates_of(fit)
+    if not follows and not rates:
+        return None
+    state = state_of(actuator, run, label="run") if follows else RunState()
+    seen = [one.state.doses for one in fit.observations if one.state is not None] if fit is not None else []
+    doses = {scale: max(one.get(scale, 0.0) for one in seen) for scale in {Age.of(name).scale for name in rates}}
+    return RunState(**{**state.to_table(), "doses": doses})
+
+
+def environment_of_run(fit: Fit | None, actuator: Actuator, run: Run, label: str) -> list[Finding]:
+    """What is to be said of the environment of a new run: where its fit never was, not in equilibrium, water on it.
+
+    Parameters
+    ----------
+    fit : Fit or None
+        That the actuator carries.
+    actuator : Actuator
+    run : Run
+    label : str
+        For the messages.
+    """
+    if not actuator.structure.environment:
+        return []
+    if not says_environment(run):
+        return [
+            Finding(
+                "environment-not-stated",
+                "warning",
+                f"{label} does not say its temperature and humidity: it was predicted in the state of reference",
+                "give the run its temperature and relative_humidity",
+            )
+        ]
+    state = state_in(fit, actuator, run)
+    if state is None:
+        return []
+    seen = [one.state for one in fit.observations if one.state is not None] if fit is not None else []
+    return [*extrapolated(state, seen, label), *doubtful(actuator, run, state, label)]
+
+
+def known_in_state(
+    known: KnownCovariance, actuator: Actuator, state: RunState, rates: Mapping[str, float]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """What is known of the parameters of a strip in a state, with what is known of its water content.
+
+    Parameters
+    ----------
+    known : KnownCovariance
+        Of the reference state, with the laws and with how fast parameters age.
+    actuator : Actuator
+        As it is in the reference state.
+    state : RunState
+    rates : mapping of name to float
+
+    Returns
+    -------
+    names : tuple of str
+    covariance : float array, shape (n_names, n_names) [SI]
+    """
+    own = [name for name in known.names if not name.startswith(AGE)]
+    there = in_state(actuator.parameter_values, state, own, water=state.found, rates=rates)
+    nothing = np.zeros(len(there.names))
+    rows = dict(zip(own, there.by, strict=True)) | {name: there.by_rate.get(name, nothing) for name in rates}
+    moves = np.array([rows.get(name, nothing) for name in known.names]).reshape(len(known.names), len(there.names))
+    covariance = moves.T @ known.covariance @ moves
+    if state.found is None:  # else it is a run of the fit, whose readings say how wet the strip was
+        covariance += np.outer(there.by_water, there.by_water) * state.standard_uncertainty**2
+    return there.names, covariance
