@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.kill_manners import manners
 from benchmarks.kills import EXPERIMENT, level, prepare, run_kills, stand_in, start
 from ipmclab import read_run
 from ipmclab.errors import IpmclabError
@@ -349,8 +350,8 @@ def test_two_rigs_record_into_one_folder_at_once(bench: Bench, tmp_path_factory:
 
 
 def test_recorders_killed_at_random_moments(tmp_path: Path) -> None:
-    """``python -m benchmarks.kills`` does two hundred."""
-    killed, wrong = run_kills(tmp_path, 4)
+    """``python -m benchmarks.kills`` does hundreds, half of them between system calls."""
+    killed, wrong = run_kills(tmp_path, manners(4))
     assert not wrong
     assert sum(one.energised for one in killed) >= 2
     assert sum(one.acknowledged for one in killed) > 20

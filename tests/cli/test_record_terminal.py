@@ -101,6 +101,32 @@ def test_control_d_is_as_control_c_at_a_prompt_and_ends_no_run_at_a_mark(key: st
     assert client.interrupted == (key == "\x04")
 
 
+def test_typed_text_is_no_key_that_ends_an_experiment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keys at these times [s]: a letter stops or aborts where it stands alone, once there is something to end."""
+    now = [100.0]
+    monkeypatch.setattr("ipmclab.cli.record.time.monotonic", lambda: now[0])
+
+    def asked(*keys: tuple[float, str], started: bool) -> list[str]:
+        recorder = Recorder()
+        client = terminal(recorder, joined=started)
+        now[0] += 10.0
+        begun = now[0]
+        for at, key in (*keys, (5.0, "")):
+            for now[0] in (begun + at, begun + at + 0.05):
+                client._obey_key()
+                if key and now[0] == begun + at:
+                    client._key(key)
+        return recorder.asked
+
+    assert asked((0.0, "a"), started=False) == []
+    assert asked((0.0, "a"), started=True) == ["abort"]
+    assert asked((0.0, "s"), started=True) == ["stop"]
+    assert asked((0.0, "c"), (0.1, "a"), (0.2, "t"), (0.3, "\r"), started=True) == []
+    assert asked((0.0, "a"), (0.15, "\r"), started=True) == []
+    assert asked((0.0, "x"), (0.5, "a"), started=True) == ["abort"]
+    assert asked((0.0, "h"), (0.1, "z"), started=False) == ["zero"]  # 0 V is never wrong
+
+
 def test_the_last_line_of_what_recorded_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     client = terminal(Recorder())
     client.interrupted = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -30,6 +31,9 @@ INTERRUPTED: Final = 130
 
 _LOOK: Final = 0.05
 """How often [s] keys and signals are looked at."""
+
+_ALONE: Final = 0.3
+"""A letter ends an experiment only where no other key came so long [s] before and after it: else it was typed text."""
 
 
 def record(
@@ -152,6 +156,9 @@ class _Terminal:
         self._reads_keys = sys.stdin.isatty()
         self._typed: str | None = None
         self._typed_since = 0.0
+        self._started = joined
+        self._last_key = -math.inf
+        self._pressed = ("", math.inf)
         self.interrupted = False
         self.plan: dict[str, Any] | None = None
 
@@ -182,6 +189,7 @@ class _Terminal:
                         self._key(key)
                         while key == "\x1b" and key_pressed(0.0):
                             pass  # what an arrow key sends after it: the last letter of one is an A
+                    self._obey_key()
                     self._obey_signals()
         finally:
             for number, handler in before.items():
@@ -200,6 +208,7 @@ class _Terminal:
                 if self._ask_first:
                     self._put({"step": "start", "text": "begin?", "choices": ["yes", "no"], "default": "yes"})
                 else:
+                    self._started = True
                     self._recorder.request("start")
             case "question" if not self._reads_keys:
                 self._unanswerable = values
@@ -230,20 +239,35 @@ class _Terminal:
         print(f"{text}; ipmclab record --attach {self._recorder.file.parent.parent} in a terminal can", file=sys.stderr)
 
     def _key(self, key: str) -> None:
+        """What a key means: typed for a prompt, or a letter that steers.
+
+        What was typed before there was anything to steer, or is a word for the next prompt or the shell, stops and
+        aborts nothing.
+        """
         if self._typed is not None:
             self._type(key)
             return
+        now = time.monotonic()
+        alone = now - self._last_key > _ALONE
+        self._last_key, self._pressed = now, ("", math.inf)
         match key.lower():
-            case "s":
-                self._recorder.request("stop")
-            case "a":
-                self._recorder.request("abort")
+            case "s" if alone and self._started:
+                self._pressed = ("stop", now + _ALONE)
+            case "a" if alone and self._started:
+                self._pressed = ("abort", now + _ALONE)
             case "z":
                 self._recorder.request("zero")
             case "m":
                 self._view.close()
-                self._typed, self._typed_since = "", time.monotonic()
+                self._typed, self._typed_since = "", now
                 self._view.write("  mark: ")
+
+    def _obey_key(self) -> None:
+        """Ask for what a letter means that stayed alone."""
+        what, due = self._pressed
+        if time.monotonic() >= due:
+            self._pressed = ("", math.inf)
+            self._recorder.request(what)
 
     def _type(self, key: str) -> None:
         assert self._typed is not None
@@ -285,7 +309,8 @@ class _Terminal:
             self._view.say(f"  {value!r} is none of {', '.join(question['choices'])}")
             self._put(question)
         elif question["step"] == "start":
-            self._recorder.request("start" if near[0] == "yes" else "stop")
+            self._started = near[0] == "yes"
+            self._recorder.request("start" if self._started else "stop")
         else:
             self._recorder.request("answer", number=question["number"], value=near[0])
 
