@@ -132,6 +132,10 @@ def test_the_model_predicts_what_it_never_saw(demo: dict) -> None:
     for output, score in demo["validation"]["scores"].items():
         assert score["fit_percent"] > 80, output
     assert len(demo["validation"]["runs"]) == 4
+    # One sentence says why both are true, the parameters that are open and the prediction that is good.
+    sentence = demo["open_and_predicted"]
+    assert sentence.startswith("Both are true: 4 of 9 parameters are not determined")
+    assert all(name in sentence for name in ("current 100 %", "displacement 99 %", "coupling.gain, coupling.zero"))
 
 
 def test_the_files_are_there_and_usable(demo: dict, folder: Path) -> None:
@@ -148,6 +152,9 @@ def test_a_second_demo_leaves_the_first_alone_and_tells_what_to_do_next(demo: di
     assert memory < 400.0  # the compiled kernels are in their cache now
     assert {path.name: path.read_bytes() for path in (folder / demo["folder"]).iterdir()} == before
     assert (folder / "ipmclab-demo-2" / "report.html").exists()
+    warned = re.findall(r"^warning +(.*)$", printed, re.MULTILINE)
+    assert len(warned) == len(set(warned)) >= 5  # two fits of the same runs, each warning once
+    assert "Both are true: 4 of 9 parameters" in " ".join(printed.split())
     assert printed.count("  ipmclab ") + printed.count("  uv run ipmclab ") == 3
     taken = subprocess.run(
         [sys.executable, "-m", "ipmclab", "demo", "--out", "ipmclab-demo"],

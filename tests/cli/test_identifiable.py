@@ -79,3 +79,18 @@ def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path
     page = (step.parent / "r.html").read_text("utf-8")
     assert "How well these runs tell the parameters apart" in page
     assert 'id="profiles-title"' in page
+
+
+def test_what_could_be_identified_is_asked_without_a_run(command: Command) -> None:
+    words = ("identifiability", "friend-2", "--free", f"electrical,{SHEET}")
+    shown = command(*words)
+    assert "show 5 of 6 combinations" in shown.out
+    assert "measure the sheet resistance (four probes)" in shown.out.replace("\n", " ")
+    document = command(*words, "--json").document
+    (open_one,) = document["undetermined"]
+    assert (document["rank"], open_one["cures"]) == (5, [f"measure {SHEET}", "record force", "record displacement"])
+    assert command(*words, "--outputs", "current,force", "--json").document["is_complete"]
+    for more, told in ((("--outputs", "heat"), "'heat'"), (("--voltage", "0 V"), "above 0"), (("--free", "x"), "'x'")):
+        refused = command(*words, *more)
+        assert refused.status == 2
+        assert told in refused.err

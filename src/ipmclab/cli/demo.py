@@ -19,7 +19,9 @@ from ipmclab.errors import InputError
 
 if TYPE_CHECKING:
     from ipmclab.cli.published import Comparison
+    from ipmclab.fit.fit import Fit
     from ipmclab.model import Actuator
+    from ipmclab.prediction.validate import Validation
     from ipmclab.rig.bench import Bench
     from ipmclab.run import Run
 
@@ -106,13 +108,14 @@ def demo(
         write_fit(fit, folder / "fitted.toml")
     say("")
     if not as_json:
-        print_fit(fit, where=f"{REPORT} in step 5")
+        print_fit(fit, where=f"{REPORT} in step 5", before=electrical)
 
     say("\n4. Predicting runs that the model never saw: the square, and every displacement")
     with progress("predicting"):
         validation = validate_actuator(fit.actuator, list(unseen.values()))
     if not as_json:
         print_validations(["fitted.toml"], [validation], [Path(name) for name in unseen], where="--json")
+        print_paragraph(open_and_predicted(fit, validation))
 
     say("\n5. Writing the report and one picture of it all")
     report, picture = folder / REPORT, folder / "overview.svg"
@@ -138,6 +141,7 @@ def demo(
                 "validation": validation_document("fitted.toml", validation, [folder / name for name in unseen]),
                 "report": report,
                 "picture": picture,
+                "open_and_predicted": open_and_predicted(fit, validation),
                 "comparison": [_comparison_document(row) for row in comparisons],
                 "finding": paragraphs,
             }
@@ -149,6 +153,30 @@ def demo(
         print()
         print_paragraph(paragraph)
     say("\n" + _next_steps(folder, report))
+
+
+def open_and_predicted(fit: Fit, validation: Validation) -> str:
+    """How parameters that are not determined go with a prediction that is good, in one sentence; or that all are.
+
+    Parameters
+    ----------
+    fit : Fit
+    validation : Validation
+        Of runs that the fit had not used.
+    """
+    scores = ", ".join(
+        f"{score.output} {score.fit_percent:.0f} %"
+        for score in validation.scores.values()
+        if score.fit_percent is not None
+    )
+    unknown = [name for name, one in fit.parameters.items() if not one.determined]
+    if not unknown:
+        return f"All {len(fit.parameters)} parameters are determined, and runs that the fit never saw follow: {scores}."
+    return (
+        f"Both are true: {len(unknown)} of {len(fit.parameters)} parameters are not determined, and runs that the fit "
+        f"never saw are predicted ({scores}), because these readings show what {', '.join(unknown)} do together and "
+        "not what each does alone, and a prediction at this rate needs only what they do together."
+    )
 
 
 def _new_folder(wanted: Path | None) -> Path:

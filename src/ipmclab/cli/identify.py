@@ -70,7 +70,9 @@ def identify(
         print(f"wrote {out}")
 
 
-def print_fit(fit: Fit, *, details: bool = False, where: str = "--details, or the report") -> None:
+def print_fit(
+    fit: Fit, *, details: bool = False, where: str = "--details, or the report", before: Fit | None = None
+) -> None:
     """Print a fit: in short, or with all that is known of its parameters, its noise and its findings.
 
     Parameters
@@ -79,13 +81,15 @@ def print_fit(fit: Fit, *, details: bool = False, where: str = "--details, or th
     details : bool
     where : str
         Where the findings stand that the short answer does not say.
+    before : Fit, optional
+        One that was printed before: a short answer does not repeat its findings.
     """
     from ipmclab.fit.answer import summary_of
 
     if details:
         print_details(fit)
     else:
-        print(summary_of(fit, where))
+        print(summary_of(fit, where, before))
 
 
 def print_details(fit: Fit) -> None:

@@ -112,17 +112,18 @@ class Answer:
         return "\n".join(lines)
 
 
-def answer_of(fit: Fit) -> Answer:
-    """The short answer of a fit."""
+def answer_of(fit: Fit, before: Fit | None = None) -> Answer:
+    """The short answer of a fit, without the findings of one that was answered before."""
     outputs = list(dict.fromkeys(name for one in fit.observations for name in one.noise))
     labels = [one.label for one in fit.observations]
-    findings, more = in_brief(fit.findings, outputs, labels)
+    said = [str(one) for one in answer_of(before).findings] if before is not None else []
+    findings, more = in_brief(fit.findings, outputs, labels, said=said)
     return Answer(parameter_rows(fit), known_rows(fit), verdict(fit), findings, more)
 
 
-def summary_of(fit: Fit, where: str = IN_PYTHON) -> str:
-    """The short answer as text; ``where`` the other findings stand."""
-    return answer_of(fit).text(where)
+def summary_of(fit: Fit, where: str = IN_PYTHON, before: Fit | None = None) -> str:
+    """The short answer as text; ``where`` the other findings stand, which fit was answered ``before``."""
+    return answer_of(fit, before).text(where)
 
 
 def parameter_rows(fit: Fit) -> tuple[Row, ...]:

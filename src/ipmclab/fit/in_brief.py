@@ -109,7 +109,12 @@ class Brief:
 
 
 def in_brief(
-    findings: Sequence[Finding], outputs: Collection[str] = (), labels: Sequence[str] = (), *, most: int = MOST
+    findings: Sequence[Finding],
+    outputs: Collection[str] = (),
+    labels: Sequence[str] = (),
+    *,
+    most: int = MOST,
+    said: Collection[str] = (),
 ) -> tuple[tuple[Brief, ...], int]:
     """The most important warnings and errors in one line each, and how many findings are not said.
 
@@ -121,6 +126,8 @@ def in_brief(
     labels : sequence of str
         Of the runs: of a single one the label is not repeated in each line.
     most : int
+    said : collection of str
+        Lines that were printed before: they are not repeated.
 
     Returns
     -------
@@ -141,9 +148,11 @@ def in_brief(
         return _SEVERITIES.index(one.severity) + lowered, _FOLLOWS.get(one.code, 0)
 
     told = sorted((one for one in consequences_silent(findings, outputs) if one.severity != "info"), key=rank)
-    chosen = _alike(told, labels)[:most]
-    lines = tuple(_line(members, outputs, labels) for members in chosen)
-    return lines, len(findings) - sum(map(len, chosen))
+    lines = [(_line(members, outputs, labels), len(members)) for members in _alike(told, labels)]
+    fresh = [(line, count) for line, count in lines if str(line) not in said]
+    known = sum(count for line, count in lines if str(line) in said)
+    chosen = fresh[:most]
+    return tuple(line for line, _ in chosen), len(findings) - known - sum(count for _, count in chosen)
 
 
 def more_in_words(more: int, where: str) -> str:
