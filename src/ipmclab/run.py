@@ -159,6 +159,10 @@ class RunMetadata:
         Whether it regulated while the strip was recorded: ``still`` is on, with fan and compressor off meanwhile.
     temperature : float [degC], relative_humidity : float [percent], optional
         The environment of the run: the mean of what was read, or as set or noted.
+    water_content : float, optional
+        Of the membrane as the run begins: molecules of water for each sulfonate group.
+    water_content_origin : "assumed", "computed" or "measured", optional
+        How that is known: assumed in equilibrium, computed from a history of the air, measured by mass.
     operator, notes : str, optional
     marks : tuple of Mark
     starts_from_rest : bool, optional
@@ -218,6 +222,8 @@ class RunMetadata:
     chamber: Literal["on", "still", "off"] | None = None
     temperature: float | None = None
     relative_humidity: float | None = None
+    water_content: float | None = None
+    water_content_origin: Literal["assumed", "computed", "measured"] | None = None
     operator: str | None = None
     notes: str | None = None
     marks: tuple[Mark, ...] = ()

@@ -15,7 +15,7 @@ from ipmclab.model.numerics.law_modal import Loop, law_loop
 from ipmclab.model.numerics.modal import coefficients, modes
 from ipmclab.model.numerics.reduce import reduced, seen_states
 from ipmclab.model.numerics.regular import Regular
-from ipmclab.model.numerics.timeline import Timeline, divided, side_by_side, timeline
+from ipmclab.model.numerics.timeline import Timeline, divided, is_regular, side_by_side, timeline
 from ipmclab.model.ports import INPUTS, OUTPUT_PORTS, OUTPUTS, choose_outputs, left_at_rest
 from ipmclab.model.request import check_hold, checked_force, checked_record, state_vector
 from ipmclab.model.stages.laser import read_far
@@ -80,7 +80,7 @@ def simulate_outputs(
     times, volts = checked_record(time, voltage)
     chosen = choose_outputs(outputs)
     names = [OUTPUTS[place] for place in chosen]
-    if external_force is None and initial_state is None and delay == 0.0 and _is_regular(times):
+    if external_force is None and initial_state is None and delay == 0.0 and is_regular(times):
         period = (times[-1] - times[0]) / (len(times) - 1)
         coefficients, with_law = modal_coefficients(actuator, period, hold), leaking_loop(actuator, period, hold)
         if coefficients is not None or with_law is not None:
@@ -157,8 +157,3 @@ def run_dense(system: System, lines: Sequence[Timeline], state: FloatArray, valu
     """
     lines = [divided(line, parts(system, line.durations)) for line in lines]
     Dense.of(system, lines[0].durations).run(side_by_side(lines), state, values)
-
-
-def _is_regular(times: FloatArray) -> bool:
-    steps = np.diff(times)
-    return bool(steps.max() - steps.min() <= 1e-6 * steps.mean())

@@ -6,13 +6,16 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator
+from ipmclab.model.changing import changing_outputs
+from ipmclab.model.environment import Environment, EnvironmentHistory
+from ipmclab.model.environment.in_run import AnyEnvironment, findings_in, with_environment
 from ipmclab.model.given import need_actuator
 from ipmclab.model.outputs import modal_coefficients, simulate_outputs
 from ipmclab.model.ports import OUTPUTS
@@ -43,6 +46,7 @@ def simulate(
     hold: Hold = "zero",
     initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
     external_force: npt.ArrayLike | None = None,
+    environment: AnyEnvironment | None = None,
 ) -> Run:
     """Simulate what an actuator answers to a voltage, exactly for the chosen hold.
 
@@ -65,6 +69,10 @@ def simulate(
     external_force : float array, shape (n_time,) [N], optional
         A force on the strip at its sensing point, one value for each row, positive as the displacement; between rows
         it does as the voltage does. A run does not keep it: a finding says that it acted.
+    environment : Environment, WaterState, EnvironmentHistory, or a text such as "20 degC, 80 %RH", optional
+        Of an actuator with laws (``environment.laws``). In one environment the strip has been for long. Through a
+        history, which begins at row 0, its parameters drift: they are renewed long before any has moved by 0.2 %, and
+        charge goes on. The actuator's state of reference where it is left out.
 
     Returns
     -------
@@ -75,8 +83,8 @@ def simulate(
     Raises
     ------
     InputError
-        No actuator; a duration, rate, hold, signal, array or state that cannot be used; a signal longer than the
-        record; an output that is not finite.
+        No actuator; a duration, rate, hold, signal, array, state or environment that cannot be used; a signal longer
+        than the record; an output that is not finite.
 
     Examples
     --------
@@ -87,11 +95,14 @@ def simulate(
     """
     need_actuator(actuator)
     if isinstance(signal, Run):
-        return _simulate_run(actuator, signal, duration, rate, initial_state, external_force)
+        return _simulate_run(actuator, signal, duration, rate, initial_state, external_force, environment)
     check_hold(hold)
     rows, frequency = count_rows(duration, rate)
     time = np.arange(rows) / frequency
     volts, given = _voltage(signal, time, duration, frequency)
+    if environment is not None:
+        asked = _Asked(time, volts, hold, given, initial_state, external_force)
+        return _in_environment(actuator, asked, environment)
     general = initial_state is not None or external_force is not None
     numbers = None if general else modal_coefficients(actuator, 1.0 / frequency, hold)
     if numbers is not None:
@@ -124,6 +135,41 @@ def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], Non
     return kernels.modal
 
 
+class _Known(TypedDict):
+    """What may be known beside the voltage."""
+
+    initial_state: Mapping[str, float] | npt.ArrayLike | None
+    external_force: npt.ArrayLike | None
+
+
+class _Asked(NamedTuple):
+    """What is asked of a strip, whatever the environment."""
+
+    time: FloatArray
+    voltage: FloatArray
+    hold: Hold
+    signal: Signal | str | None
+    initial_state: Mapping[str, float] | npt.ArrayLike | None
+    external_force: npt.ArrayLike | None
+
+
+def _in_environment(actuator: Actuator, asked: _Asked, environment: AnyEnvironment) -> Run:
+    """The run in an environment, which stands in it, with what is to be said of it."""
+    signal, known = asked.signal, _Known(initial_state=asked.initial_state, external_force=asked.external_force)
+    given = Environment.parse(environment) if isinstance(environment, str) else environment
+    there, water = actuator, None
+    if isinstance(given, EnvironmentHistory) and actuator.structure.hydration:
+        values, water = changing_outputs(actuator, asked.time, asked.voltage, asked.hold, given, **known)
+    else:
+        there = actuator.at(given.at(float(asked.time[0])) if isinstance(given, EnvironmentHistory) else given)
+        values = simulate_outputs(there, asked.time, asked.voltage, asked.hold, **known)
+    run = _as_run(there, asked.time, asked.voltage, values, asked.hold, signal, from_rest=asked.initial_state is None)
+    run = with_environment(run, given, actuator.parameter_values, water)
+    laws = bool(actuator.structure.environment or actuator.environment_laws)
+    run = _saying(run, *findings_in(run, given, laws, water))
+    return run if asked.external_force is None else _pushed(run)
+
+
 def _pushed(run: Run) -> Run:
     """The run, saying that a force acted which it does not keep."""
     said = Finding(
@@ -133,11 +179,21 @@ def _pushed(run: Run) -> Run:
         "a fit or a validation would take its effect for the strip's own",
         repair="compare it only with a simulation under the same force",
     )
-    return replace(run, metadata=replace(run.metadata, findings=(*run.metadata.findings, said)))
+    return _saying(run, said)
+
+
+def _saying(run: Run, *said: Finding) -> Run:
+    return replace(run, metadata=replace(run.metadata, findings=(*run.metadata.findings, *said))) if said else run
 
 
 def _simulate_run(
-    actuator: Actuator, run: Run, duration: Any, rate: Any, initial_state: Any, external_force: Any
+    actuator: Actuator,
+    run: Run,
+    duration: Any,
+    rate: Any,
+    initial_state: Any,
+    external_force: Any,
+    environment: AnyEnvironment | None,
 ) -> Run:
     for name, value in (("duration", duration), ("rate", rate)):
         if value is not None:
@@ -148,6 +204,15 @@ def _simulate_run(
                 repair="leave it out, or give run.voltage with a duration and a rate",
             )
     strip = with_shunt(actuator, run)
+    if environment is not None:
+        asked = _Asked(run.time, run.voltage, run.hold, run.metadata.signal, initial_state, external_force)
+        found = _in_environment(strip, asked, environment)
+        sensed = replace(
+            found.metadata,
+            voltage_sensed=run.metadata.voltage_sensed,
+            shunt_resistance=run.metadata.shunt_resistance,
+        )
+        return replace(found, metadata=sensed)
     values = simulate_outputs(
         strip, run.time, run.voltage, run.hold, initial_state=initial_state, external_force=external_force
     )

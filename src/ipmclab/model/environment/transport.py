@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.model.environment.conditions import Environment, WaterState
+from ipmclab.model.environment.conditions import WaterState
+from ipmclab.model.environment.history import EnvironmentHistory
 from ipmclab.model.environment.hydration import SITES, equilibrium, reference
 from ipmclab.model.environment.sorption import COEFFICIENTS, PREFIX, WATER, activity, saturation_concentration, slope
 
@@ -35,88 +36,6 @@ _FINE: Final = 20.0
 """Steps in the shortest time constant: one of fourth order then errs by less than 1e-7."""
 
 _MOST_NODES: Final = 4000
-
-
-@dataclass(frozen=True, eq=False)
-class EnvironmentHistory:
-    """An environment that changes: straight lines between its points, constant before the first and after the last.
-
-    Parameters
-    ----------
-    time : float array, shape (n_environment,) [s]
-        Increasing; 0 is the first row of the run that it belongs to.
-    temperature : float array, shape (n_environment,) [degC]
-    relative_humidity : float array, shape (n_environment,) [percent]
-
-    Raises
-    ------
-    InputError
-        Unequal lengths, a time that does not increase, a temperature or humidity that is none.
-
-    Examples
-    --------
-    >>> drying = EnvironmentHistory.of([(0.0, "20 degC, 80 %RH"), (300.0, "20 degC, 50 %RH")])
-    >>> drying.at(150.0)
-    Environment(temperature=20.0, relative_humidity=65.0, in_water=False)
-    """
-
-    time: FloatArray
-    temperature: FloatArray
-    relative_humidity: FloatArray
-
-    def __post_init__(self) -> None:
-        columns = {name: np.atleast_1d(np.array(getattr(self, name), dtype=np.float64)) for name in _COLUMNS}
-        lengths = {len(column) for column in columns.values()}
-        if len(lengths) != 1 or not all(column.ndim == 1 and len(column) for column in columns.values()):
-            raise InputError(
-                f"the columns of this environment have {', '.join(str(len(c)) for c in columns.values())} values",
-                code="unequal-lengths",
-                where="environment",
-                repair="give as many times as temperatures and humidities, at least one",
-            )
-        if not np.all(np.isfinite(columns["time"])) or np.any(np.diff(columns["time"]) <= 0.0):
-            raise InputError(
-                "the times of this environment do not increase",
-                code="bad-time",
-                where="environment.time",
-                repair="give increasing times in seconds",
-            )
-        for temperature, humidity in zip(columns["temperature"], columns["relative_humidity"], strict=True):
-            Environment(float(temperature), float(humidity))
-        for name, column in columns.items():
-            column.flags.writeable = False
-            object.__setattr__(self, name, column)
-
-    @classmethod
-    def of(cls, points: Any) -> EnvironmentHistory:
-        """From pairs of a time [s] and an environment (or its text); or one environment for all times."""
-        if isinstance(points, EnvironmentHistory):
-            return points
-        if isinstance(points, (Environment, str)):
-            points = [(0.0, points)]
-        read = [(time, Environment.parse(one) if isinstance(one, str) else one) for time, one in points]
-        return cls(
-            np.array([time for time, _ in read]),
-            np.array([one.temperature for _, one in read]),
-            np.array([one.relative_humidity for _, one in read]),
-        )
-
-    def at(self, time: float) -> Environment:
-        """The environment at one time [s]."""
-        temperature, humidity = (float(np.interp(time, self.time, column)) for column in self._air)
-        return Environment(temperature, humidity)
-
-    @property
-    def _air(self) -> tuple[FloatArray, FloatArray]:
-        return self.temperature, self.relative_humidity
-
-    @property
-    def key(self) -> tuple[bytes, ...]:
-        """The same for equal histories."""
-        return self.time.tobytes(), self.temperature.tobytes(), self.relative_humidity.tobytes()
-
-
-_COLUMNS: Final = ("time", "temperature", "relative_humidity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +131,8 @@ def water_course(
     first = equilibrium(values, history.at(begin)) if start is None else start
     membrane = _membrane(values)
     fastest = _fastest(values, history)
-    time = _nodes(values, history, begin, begin + duration, fastest)
+    corners = history.time if leak is None else np.concatenate([history.time, leak[0]])
+    time = _nodes(values, corners, begin, begin + duration, fastest)
     air = np.vstack(
         [
             np.interp(time, history.time, history.temperature),
@@ -388,12 +308,10 @@ def _fastest(values: Mapping[str, float], history: EnvironmentHistory) -> float:
     return film + dry_thickness(values) ** 2 / (math.pi**2 * values["hydration.diffusivity"])
 
 
-def _nodes(
-    values: Mapping[str, float], history: EnvironmentHistory, begin: float, end: float, fastest: float
-) -> FloatArray:
-    """Where the course is kept: fine enough for cubics in between, and at each corner of the air."""
+def _nodes(values: Mapping[str, float], corners: FloatArray, begin: float, end: float, fastest: float) -> FloatArray:
+    """Where the course is kept: fine enough for cubics in between, and at each corner of air and leak."""
     lag = values["hydration.thermal_time"]
-    step = min(fastest, lag) / 4.0 if lag > 0.0 and np.ptp(history.temperature) > 0.0 else fastest / 4.0
+    step = (min(fastest, lag) if lag > 0.0 else fastest) / 4.0
     count = int(np.clip(math.ceil((end - begin) / step), 1, _MOST_NODES))
-    inside = history.time[(history.time > begin) & (history.time < end)]
+    inside = corners[(corners > begin) & (corners < end)]
     return np.unique(np.concatenate([np.linspace(begin, end, count + 1), inside]))

@@ -66,7 +66,7 @@ class AtLaws(NamedTuple):
 
 
 @kernel
-def _see(ports: FloatArray, inputs: FloatArray, i: int, x: FloatArray, now: AtLaws) -> None:
+def see(ports: FloatArray, inputs: FloatArray, i: int, x: FloatArray, now: AtLaws) -> None:
     """What the ports read of the inputs in row i and of the state, but for what the laws lower themselves."""
     given = inputs.shape[1]
     for g in range(given):
@@ -81,7 +81,7 @@ def _see(ports: FloatArray, inputs: FloatArray, i: int, x: FloatArray, now: AtLa
 
 
 @kernel
-def _was_seen(inputs: FloatArray, i: int, now: AtLaws) -> bool:
+def was_seen(inputs: FloatArray, i: int, now: AtLaws) -> bool:
     """Whether p and w already hold for the inputs in row i."""
     same = True
     for g in range(inputs.shape[1]):
@@ -90,7 +90,7 @@ def _was_seen(inputs: FloatArray, i: int, now: AtLaws) -> bool:
 
 
 @kernel
-def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, w: FloatArray, outputs: FloatArray) -> None:
+def write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, w: FloatArray, outputs: FloatArray) -> None:
     """The outputs of row k."""
     given, n = reading.shape[1], x.shape[0]
     for o in range(outputs.shape[0]):
@@ -105,7 +105,7 @@ def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, w: Floa
 
 
 @kernel
-def _begin(start: FloatArray, end: FloatArray, i: int, x: FloatArray, w: FloatArray, from_here: FloatArray) -> None:
+def begin(start: FloatArray, end: FloatArray, i: int, x: FloatArray, w: FloatArray, from_here: FloatArray) -> None:
     """Inputs, their changes, state and laws as interval i begins, side by side."""
     given, n = start.shape[1], x.shape[0]
     for g in range(given):
@@ -143,21 +143,21 @@ def dense_laws(
     for i in range(row.shape[0]):
         k = row[i]
         if k >= 0:
-            if not _was_seen(reading, k, now):
-                _see(ports, reading, k, x, now)
+            if not was_seen(reading, k, now):
+                see(ports, reading, k, x, now)
                 if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                     return i
-            _write(read, reading, k, x, now.w, outputs)
+            write(read, reading, k, x, now.w, outputs)
         if i == interval.shape[0]:
             break
-        if not _was_seen(start, i, now):
-            _see(ports, start, i, x, now)
+        if not was_seen(start, i, now):
+            see(ports, start, i, x, now)
             if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                 return i
         kind = interval[i]
-        _begin(start, end, i, x, now.w, from_here)
+        begin(start, end, i, x, now.w, from_here)
         multiply(step, kind, from_here, base)
-        _see(ports, end, i, base, now)
+        see(ports, end, i, base, now)
         if not solve_several(forms, coefficients, drop[kind], now.r, now.p, now.w):
             return i
         for j in range(n):

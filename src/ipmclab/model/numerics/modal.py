@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -182,6 +182,19 @@ def _mode(pole: complex, period: float, hold: Hold) -> _Mode | None:
     return _Mode(a, period * first**2, period * second, -second / first**2)
 
 
+class Recursion(NamedTuple):
+    """The six modes over a period: how they move, what each output is of them and of the voltage, and their start.
+
+    ``numbers`` are a1, a2, and p, q, s of both pairs; ``weights`` has six entries for each output, ``direct`` one;
+    ``starts`` are the modes at row 0 for 1 V there (see ``kernels.modal``).
+    """
+
+    numbers: list[float]
+    weights: list[list[float]]
+    direct: list[float]
+    starts: list[float]
+
+
 def coefficients(modes: Modes, period: float, hold: Hold) -> npt.NDArray[np.float64] | None:
     """The numbers of ``kernels.modal`` for one period and hold.
 
@@ -197,6 +210,19 @@ def coefficients(modes: Modes, period: float, hold: Hold) -> npt.NDArray[np.floa
     coefficients : float array or None
         In the layout that ``kernels.modal`` documents; None when these modes do not fit it.
     """
+    found = recursion(modes, period, hold)
+    if found is None:
+        return None
+    current, applied, displacement, force = found.weights
+    if any(current[2:]) or any(applied[2:]) or any(force[4:]):
+        return None
+    direct = found.direct
+    reading = [*current[:2], direct[0], *applied[:2], direct[1], *displacement, direct[2], *force[:4], direct[3]]
+    return np.array([*found.numbers, *reading, *found.starts])
+
+
+def recursion(modes: Modes, period: float, hold: Hold) -> Recursion | None:
+    """The modes over a period, for any outputs; None when these modes do not fit the recursion."""
     if len(modes.poles) != SECTIONS or any(pole.imag for pole in modes.poles[0]):
         return None
     numbers: list[float] = []
@@ -236,9 +262,4 @@ def coefficients(modes: Modes, period: float, hold: Hold) -> npt.NDArray[np.floa
             combined = [[(w1 + w2).real, w2.real * apart] for w1, w2 in gains]
         for row, pair in zip(weights, combined, strict=True):
             row += pair
-    current, applied, displacement, force = weights
-    if any(current[2:]) or any(applied[2:]) or any(force[4:]):
-        return None
-    direct = [value.real for value in directs]
-    reading = [*current[:2], direct[0], *applied[:2], direct[1], *displacement, direct[2], *force[:4], direct[3]]
-    return np.array([*numbers, *reading, *starts])
+    return Recursion(numbers, weights, [value.real for value in directs], starts)

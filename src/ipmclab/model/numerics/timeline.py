@@ -117,6 +117,12 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
     )
 
 
+def is_regular(times: FloatArray) -> bool:
+    """Whether all rows are one period apart, but for the rounding of a clock."""
+    steps = np.diff(times)
+    return bool(steps.max() - steps.min() <= 1e-6 * steps.mean())
+
+
 def side_by_side(lines: Sequence[Timeline]) -> Course:
     """The course of several inputs, each of which has its own values on the same time line."""
     first = lines[0]

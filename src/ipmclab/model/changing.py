@@ -1,0 +1,324 @@
+"""What outputs read while the environment changes: parameters that drift, and a state that goes on.
+
+Parameters are constant in pieces, and renewed long before any has moved by 0.2 %: half of that would be seen in a
+reading. What goes on where they are renewed is the charge of each capacitor, not its voltage.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.actuator import Actuator
+from ipmclab.model.assemble import System
+from ipmclab.model.environment.history import EnvironmentHistory
+from ipmclab.model.environment.laws import moved_values
+from ipmclab.model.environment.path import Grid, Path, apart, path_of
+from ipmclab.model.environment.transport import WaterCourse, curl_displacement, water_course
+from ipmclab.model.numerics.course import Course, voltage_course
+from ipmclab.model.numerics.dense import check_solved, law_numbers, parts
+from ipmclab.model.numerics.discretise import transitions
+from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.numerics.timeline import divided, is_regular, side_by_side, timeline
+from ipmclab.model.ports import INPUTS, OUTPUTS
+from ipmclab.model.request import checked_force, checked_record, state_vector
+from ipmclab.model.stages.laser import read_far
+from ipmclab.run import Hold
+
+if TYPE_CHECKING:
+    from ipmclab.model.numerics.dense_laws_loop import LawTable
+    from ipmclab.model.numerics.drifting_loop import Knots
+    from ipmclab.model.numerics.drifting_modal_loop import Pieces
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+_SAME_WATER: Final = 2e-5
+"""Part by which a parameter may move when what leaks is known better, without another pass."""
+
+_MOST_PASSES: Final = 8
+_LEAK_PARTS: Final = 64
+
+_BRANCH: Final = re.compile(r"(?:^|\.)branches\.(\d+)\.voltage$")
+
+
+class Changing(NamedTuple):
+    """What a changing environment does to the outputs.
+
+    Parameters
+    ----------
+    values : float array, shape (n_outputs, n_time) [SI]
+    water : WaterCourse
+    """
+
+    values: FloatArray
+    water: WaterCourse
+
+
+class Asked(NamedTuple):
+    """A record that is asked for.
+
+    Parameters
+    ----------
+    durations : float array, shape (n_kinds,) [s]
+    course : Course
+        Of all inputs.
+    ends : float array, shape (n_intervals,) [s]
+        When each interval ends.
+    begin, end : float [s]
+        Of the rows.
+    """
+
+    durations: FloatArray
+    course: Course
+    ends: FloatArray
+    begin: float
+    end: float
+
+
+def changing_outputs(
+    actuator: Actuator,
+    time: npt.ArrayLike,
+    voltage: npt.ArrayLike,
+    hold: Hold,
+    history: EnvironmentHistory,
+    *,
+    initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
+    external_force: npt.ArrayLike | None = None,
+) -> Changing:
+    """What the outputs read at the rows of a record while the environment changes.
+
+    What leaks splits water, which changes what leaks: such a record is gone through until both agree.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With a table ``[hydration]``.
+    history : EnvironmentHistory
+        Its time 0 is that of the record.
+
+    The other parameters are those of ``outputs.simulate_outputs``.
+    """
+    times, volts = checked_record(time, voltage)
+    values = np.empty((len(OUTPUTS), len(times)))
+    simple = initial_state is None and external_force is None and is_regular(times)
+    kept = _kept_pieces(actuator, times, hold, history) if simple else None
+    if kept is not None:
+        from ipmclab.model.numerics.drifting_modal_loop import drifting_modal
+
+        pieces, water = kept
+        drifting_modal(volts, pieces, values)
+    else:
+        force = None if external_force is None else checked_force(external_force, len(times))
+        inputs = INPUTS[: 1 if force is None else 2]
+        asked = _asked(actuator.driven_by(inputs), times, volts, hold, force, from_rest=initial_state is None)
+        state = state_vector(actuator.state_names, initial_state)
+        water = _go_through(actuator, inputs, asked, state, history, values)
+    stated = actuator.parameter_values
+    if stated["hydration.linear_swelling"]:
+        values[OUTPUTS.index("displacement")] += curl_displacement(stated, water.gradients(times))
+    read_far(values, OUTPUTS, stated)
+    return Changing(values, water)
+
+
+def _kept_pieces(
+    actuator: Actuator, times: FloatArray, hold: Hold, history: EnvironmentHistory
+) -> tuple[Pieces, WaterCourse] | None:
+    """The modes of a linear strip over a record, kept with the actuator; None where another way must answer."""
+    if actuator.structure.leak:
+        return None
+    begin, end = float(times[0]), float(times[-1])
+    period = (end - begin) / (len(times) - 1)
+
+    def made() -> tuple[Pieces, WaterCourse] | None:
+        from ipmclab.model.numerics.drifting_modal import numbers_at, pieces_between
+
+        water = _water(actuator, history, begin, end, None)
+        path = path_of(actuator.parameter_values, water, begin, end)
+        grid, found = path.grid(actuator.parameter_values), []
+        for values in _values_at(actuator, grid):
+            blocks = actuator.blocks(values)
+            scale = _scale(actuator, [name for block in blocks for name in block.states], values)
+            own = numbers_at(blocks, scale, period, hold)
+            if own is None:
+                return None
+            found.append(own)
+        _, first, weights = _pieces(path, water, grid, times + 0.5 * period)
+        pieces = pieces_between(np.array(found), weights, np.append(first, len(times)))
+        return None if pieces is None else (pieces, water)
+
+    return actuator.keep(("changing", begin, len(times), period, hold, history.key), made)
+
+
+def _asked(
+    system: System, times: FloatArray, volts: FloatArray, hold: Hold, force: FloatArray | None, *, from_rest: bool
+) -> Asked:
+    period = float(times[-1] - times[0]) / (len(times) - 1)
+    if force is None and from_rest and is_regular(times) and parts(system, np.array([period]))[0] == 1:
+        before, after = volts[:-1], volts[1:]
+        start, end = (after if hold == "zero-before" else before), (before if hold == "zero" else after)
+        kind, row = np.zeros(len(before), dtype=np.int64), np.arange(len(volts), dtype=np.int64)
+        course, durations = voltage_course(kind, start, end, row, volts), np.array([period])
+    else:
+        each = [volts] if force is None else [volts, force]
+        lines = [timeline(times, one, hold, delay=0.0, from_rest=from_rest) for one in each]
+        lines = [divided(line, parts(system, line.durations)) for line in lines]
+        course, durations = side_by_side(lines), lines[0].durations
+    ends = times[0] + np.cumsum(durations[course.interval])
+    return Asked(durations, course, ends, float(times[0]), float(times[-1]))
+
+
+def _go_through(
+    actuator: Actuator,
+    inputs: Sequence[str],
+    asked: Asked,
+    state: FloatArray,
+    history: EnvironmentHistory,
+    values: FloatArray,
+) -> WaterCourse:
+    """Write the outputs; return the course of the water."""
+    begin, end = asked.begin, asked.end
+    water = _water(actuator, history, begin, end, None)
+    for _ in range(_MOST_PASSES):
+        leaked = _pass(actuator, inputs, asked, state, water, values)
+        if not actuator.structure.leak:
+            break
+        flowing = _density(actuator, asked, leaked)
+        water, before = _water(actuator, history, begin, end, flowing), water
+        if apart(actuator.parameter_values, water, before, begin, end) <= _SAME_WATER:
+            break
+    return water
+
+
+def _pass(
+    actuator: Actuator,
+    inputs: Sequence[str],
+    asked: Asked,
+    state: FloatArray,
+    water: WaterCourse,
+    values: FloatArray,
+) -> FloatArray:
+    """Write the outputs; return what leaks at the end of each interval [A]."""
+    from ipmclab.model.numerics.drifting_loop import Way, drifting
+
+    path = path_of(actuator.parameter_values, water, asked.begin, asked.end)
+    grid = path.grid(actuator.parameter_values)
+    systems, scales = [], []
+    for there in _values_at(actuator, grid):
+        system = actuator.assembled(there, inputs=inputs)
+        scales.append(_scale(actuator, system.states, there))
+        systems.append(_charged(system, scales[-1]))
+    every = range(len(OUTPUTS))
+    seen = seen_states(systems, every)
+    knots, table = _knots([reduced(system, every, seen) for system in systems], asked.durations)
+    piece, _, weights = _pieces(path, water, grid, asked.ends - 0.5 * asked.durations[asked.course.interval])
+    at_first = grid.weights(path.contents[:1], path.temperatures[:1])[0]
+    leaked, x = np.zeros(len(piece)), (state * (at_first @ np.array(scales)))[seen]
+    check_solved(drifting(knots, Way(piece, weights), table, asked.course, x, values, leaked))
+    return leaked
+
+
+def _knots(systems: Sequence[System], durations: FloatArray) -> tuple[Knots, LawTable]:
+    from ipmclab.model.numerics.dense_laws_loop import LawTable
+    from ipmclab.model.numerics.drifting_loop import Knots
+
+    count, kinds = len(systems), len(durations)
+    move = transitions(systems, durations)
+    read = np.array([np.hstack([one.d, one.c]) for one in systems])
+    laws = [law_numbers(one, move.law_end[k]) for k, one in enumerate(systems) if one.law_ports is not None]
+    if laws:
+        table = LawTable(laws[0].forms, laws[0].coefficients)
+        drop = np.array([one.drop for one in laws])
+        ports = np.array([np.hstack([one.ports[1], one.ports[0]]) for one in laws])
+        read = np.concatenate([read, np.array([one.reach for one in laws])], axis=2)
+    else:
+        table = LawTable(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+        drop, ports = np.zeros((count, kinds + 1, 0, 0)), np.zeros((count, 0, read.shape[2]))
+    step = np.concatenate([move.constant, move.slope, move.state, move.law_begin], axis=-1)
+    return Knots(np.ascontiguousarray(step), np.ascontiguousarray(move.law_end), drop, read, ports), table
+
+
+def _water(
+    actuator: Actuator, history: EnvironmentHistory, begin: float, end: float, leak: FloatArray | None
+) -> WaterCourse:
+    """From time 0 of the history, or the begin of the record where that is before it, to its end."""
+    zero = min(0.0, begin)
+    return water_course(actuator.parameter_values, history, end - zero, start=history.start, begin=zero, leak=leak)
+
+
+def _values_at(actuator: Actuator, grid: Grid) -> list[dict[str, float]]:
+    """The parameters at the points of a grid, all worked out at once."""
+    contents, temperatures = grid.states
+    moved = moved_values(actuator.parameter_values, contents, temperatures)
+    every = {name: np.broadcast_to(np.asarray(value, dtype=np.float64), len(contents)) for name, value in moved.items()}
+    return [{name: float(value[k]) for name, value in every.items()} for k in range(len(contents))]
+
+
+def _pieces(
+    path: Path, water: WaterCourse, grid: Grid, middles: FloatArray
+) -> tuple[IndexArray, IndexArray, FloatArray]:
+    """The piece of each interval, the first interval of each piece, and the weights of the grid in each.
+
+    Of a piece, the parameters are those in its middle.
+    """
+    number = path.pieces(middles)
+    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    last = np.append(first[1:], len(middles)) - 1
+    there = 0.5 * (middles[first] + middles[last])
+    span = (path.contents.min(), path.contents.max()), (path.temperatures.min(), path.temperatures.max())
+    weights = grid.weights(np.clip(water.contents(there), *span[0]), np.clip(water.temperatures(there), *span[1]))
+    return np.repeat(np.arange(len(first)), last + 1 - first), first, weights
+
+
+def _charged(system: System, scale: FloatArray) -> System:
+    """The system with charges as its states."""
+    ports = system.law_ports
+    return replace(
+        system,
+        a=system.a * scale[:, None] / scale,
+        b=system.b * scale[:, None],
+        c=system.c / scale,
+        law_ports=None if ports is None else replace(ports, drive=ports.drive * scale[:, None], c=ports.c / scale),
+    )
+
+
+def _scale(actuator: Actuator, states: Sequence[str], values: Mapping[str, float]) -> FloatArray:
+    """How many times each state is the charge that it was in the state of reference."""
+    return charges(states, values) / charges(states, actuator.parameter_values)
+
+
+def charges(states: Sequence[str], values: Mapping[str, float]) -> FloatArray:
+    """What a state is multiplied by to be a charge of its capacitor, up to an area; 1 for other states.
+
+    Examples
+    --------
+    >>> names = ("circuit.branches.0.voltage", "beam.displacement")
+    >>> charges(names, {"circuit.branches.0.permittivity": 0.3, "geometry.thickness": 0.001}).tolist()
+    [300.0, 1.0]
+    """
+    found = np.ones(len(states))
+    for place, name in enumerate(states):
+        match = _BRANCH.search(name)
+        if match:
+            permittivity = values[f"circuit.branches.{match[1]}.permittivity"]
+            found[place] = permittivity / values["geometry.thickness"]
+    return found
+
+
+def _density(actuator: Actuator, asked: Asked, leaked: FloatArray) -> FloatArray:
+    """Times, and the current density that leaks from each on [A/m^2]: means over parts of the record."""
+    ends, begin = asked.ends, asked.begin
+    edges = np.unique(np.linspace(0, len(ends), min(len(ends), _LEAK_PARTS) + 1).astype(np.int64))
+    lengths = np.diff(ends, prepend=begin)
+    area = sum(abs(part) for _, _, part in actuator.structure.law_ports(actuator.parameter_values))
+    spans = np.add.reduceat(lengths, edges[:-1])
+    means = np.add.reduceat(leaked * lengths, edges[:-1]) / spans / area
+    times = np.concatenate([[begin], ends[edges[1:-1] - 1]])
+    if begin > 0.0:  # nothing leaks before the record
+        times, means = np.insert(times, 0, 0.0), np.insert(means, 0, 0.0)
+    return np.vstack([times, means])

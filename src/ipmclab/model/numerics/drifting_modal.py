@@ -1,0 +1,99 @@
+"""The fast path of a linear strip whose parameters drift: modes in pieces, with numbers from a few states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.blocks import Block
+from ipmclab.model.numerics.drifting_modal_loop import Pieces
+from ipmclab.model.numerics.modal import modes, recursion
+from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
+from ipmclab.run import Hold
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+_OUTPUTS: Final = len(OUTPUT_PORTS)
+_MODES: Final = 6
+
+
+def with_states(block: Block) -> Block:
+    """The block with its states among its outputs."""
+    size = len(block.states)
+    return Block(
+        block.states,
+        block.inputs,
+        (*block.outputs, *block.states),
+        block.a,
+        block.b,
+        np.vstack([block.c, np.eye(size)]),
+        np.vstack([block.d, np.zeros((size, len(block.inputs)))]),
+    )
+
+
+def numbers_at(blocks: Sequence[Block], scale: FloatArray, period: float, hold: Hold) -> FloatArray | None:
+    """Everything that a piece needs of one system: numbers (26), starts (6), and its states of modes and voltage (42).
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+    scale : float array, shape (n_states,)
+        How many times each state is what goes on between pieces.
+    period : float [s]
+    hold : "zero", "zero-before" or "first"
+
+    Returns
+    -------
+    numbers : float array, shape (74,), or None
+        None where another way must answer.
+    """
+    states = [name for block in blocks for name in block.states]
+    if len(states) != _MODES:
+        return None
+    found = modes(
+        [with_states(block) for block in blocks],
+        external="voltage",
+        outputs=(*OUTPUT_PORTS, *states),
+        at_rest=left_at_rest(["voltage"]),
+    )
+    moving = None if found is None else recursion(found, period, hold)
+    if moving is None:
+        return None
+    current, applied, displacement, force = moving.weights[:_OUTPUTS]
+    if any(current[2:]) or any(applied[2:]) or any(force[4:]):
+        return None
+    direct = moving.direct
+    reading = [*current[:2], direct[0], *applied[:2], direct[1], *displacement, direct[2], *force[:4], direct[3]]
+    of_modes = np.column_stack([moving.weights[_OUTPUTS:], direct[_OUTPUTS:]]) * scale[:, None]
+    return np.concatenate([moving.numbers, reading, moving.starts, of_modes.ravel()])
+
+
+def pieces_between(knots: FloatArray, weights: FloatArray, first: IndexArray) -> Pieces | None:
+    """The pieces of a record from the numbers at some states.
+
+    Parameters
+    ----------
+    knots : float array, shape (n_knots, 74)
+    weights : float array, shape (n_pieces, n_knots)
+    first : int array, shape (n_pieces + 1,)
+
+    Returns
+    -------
+    pieces : Pieces or None
+        None where modes change their kind on the way, from two real ones to a pair.
+    """
+    kinds = knots[:, [3, 6]] != 0.0
+    if np.any(kinds != kinds[0]):
+        return None
+    numbers = weights @ knots
+    of_modes = numbers[:, 32:].reshape(-1, _MODES, _MODES + 1)
+    across = np.zeros_like(of_modes)
+    # The states go on: what they are of the modes before, less what the voltage gives to them now.
+    going = of_modes[:-1].copy()
+    going[:, :, -1] -= of_modes[1:, :, -1]
+    across[1:] = np.linalg.solve(of_modes[1:, :, :-1], going)
+    return Pieces(first, np.ascontiguousarray(numbers[:, :26]), numbers[0, 26:32].copy(), across)
