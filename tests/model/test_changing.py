@@ -9,15 +9,11 @@ import numpy.typing as npt
 import pytest
 from scipy.integrate import solve_ivp
 
-from ipmclab import InputError, Run, load_actuator, simulate
+from ipmclab import InputError, load_actuator, simulate
 from ipmclab.model import Actuator
 from ipmclab.model.changing import changing_outputs
 from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState, equilibrium, values_in
-from ipmclab.model.environment.findings import EnvironmentRange, extrapolated, not_in_equilibrium
-from ipmclab.model.environment.in_run import water_in_run
 from ipmclab.model.environment.laws import KINDS
-from ipmclab.model.environment.transport import time_constants
-from ipmclab.run import RunMetadata
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -190,36 +186,7 @@ def test_charge_is_kept_where_a_capacitance_changes() -> None:
     assert found.values[1, -1] == pytest.approx(expected, rel=2e-3)
 
 
-def test_what_is_known_of_the_water_of_a_run_says_how() -> None:
-    air = {"temperature": 20.0, "relative_humidity": 50.0}
-
-    def known(**told: float) -> WaterState:
-        about = RunMetadata(**air, **told)  # type: ignore[arg-type]
-        run = Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0], metadata=about)
-        found = water_in_run(STRIP.parameter_values, run)
-        assert found is not None
-        return found
-
-    assert known().origin == "assumed"
-    assert known().water_content == pytest.approx(3.4855)
-    wet, later = known(minutes_out_of_water=0.0), known(minutes_out_of_water=1e3)
-    assert (wet.origin, wet.water_content) == ("computed", 22.0)
-    assert later.water_content == pytest.approx(3.4855, rel=1e-6)
-    assert known(water_content=9.0) == WaterState(9.0, 20.0, 50.0, "measured")
-    assert water_in_run(STRIP.parameter_values, Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0])) is None
-
-
 def test_findings_of_the_environment() -> None:
-    fitted = EnvironmentRange((20.0, 30.0), (60.0, 80.0))
-    assert extrapolated(Environment(29.0, 61.0), fitted) is None
-    outside = extrapolated(Environment(20.0, 40.0), fitted)
-    assert outside is not None
-    assert outside.code == "environment-extrapolated"
-    lag = time_constants(STRIP.parameter_values, equilibrium(STRIP.parameter_values, Environment(20.0, 70.0))).whole
-    state = equilibrium(STRIP.parameter_values, Environment(20.0, 70.0))
-    early, late = (not_in_equilibrium(STRIP.parameter_values, state, part * lag) for part in (2.9, 3.1))
-    assert early is not None
-    assert late is None
     # A cold strip into warm and humid air: water condenses before the strip is warm.
     slow = STRIP.replace(**{"hydration.thermal_time": 60.0})
     warm = EnvironmentHistory.of([(0.0, "15 degC, 60 %RH"), (5.0, "35 degC, 80 %RH")])

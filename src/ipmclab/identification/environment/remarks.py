@@ -7,6 +7,7 @@ from typing import Final
 
 from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator
+from ipmclab.model.environment.findings import NEAR_DEW
 from ipmclab.model.environment.sorption import dew_point
 from ipmclab.run import Finding, Run
 
@@ -16,7 +17,6 @@ CONDENSATION: Final = "condensation"
 
 _WETTER: Final = 1.0  # percent of relative humidity
 _WARMER: Final = 1.0  # K
-_ABOVE_DEW_POINT: Final = 2.0  # K
 _SETTLED: Final = 3.0  # time constants of sorption
 
 
@@ -98,7 +98,7 @@ def condensation(state: RunState, label: str) -> list[Finding]:
     if state.relative_humidity is None or state.temperature is None:
         return []
     point = dew_point(state.temperature, state.relative_humidity)
-    if state.temperature >= point + _ABOVE_DEW_POINT:
+    if state.temperature >= point + NEAR_DEW:
         return []
     return [
         Finding(

@@ -127,6 +127,9 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
         )
     values, air = actuator.parameter_values, Environment(temperature, humidity)
     error = about.uncertainties.get("relative_humidity", HUMIDITY_ERROR)
+    if about.water_content is not None and about.water_content_origin in ("measured", "computed"):
+        spread = about.uncertainties.get("water_content", 0.0)
+        return RunState(about.water_content, spread, about.water_content_origin, temperature, humidity)
     weighed = _weighed(actuator, run)
     if weighed is not None:
         return RunState(*weighed, "measured", temperature, humidity)
@@ -194,7 +197,8 @@ def _computed(
 
 
 def _after(values: Mapping[str, float], state: WaterState, air: Environment, seconds: float) -> float:
-    from ipmclab.model.environment.transport import EnvironmentHistory, water_course
+    from ipmclab.model.environment import EnvironmentHistory
+    from ipmclab.model.environment.transport import water_course
 
     if seconds <= 0.0:
         return state.water_content

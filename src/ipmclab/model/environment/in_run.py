@@ -1,4 +1,4 @@
-"""The environment of a run: what stands in it, and what is known of the water of its strip."""
+"""The environment of a simulated run: what stands in it, and what is to be said of it."""
 
 from __future__ import annotations
 
@@ -10,71 +10,12 @@ import numpy as np
 from ipmclab.model.environment.conditions import Environment, WaterState
 from ipmclab.model.environment.findings import NEAR_DEW, condensation, ignored
 from ipmclab.model.environment.history import EnvironmentHistory
-from ipmclab.model.environment.hydration import LIQUID, equilibrium
+from ipmclab.model.environment.hydration import equilibrium
 from ipmclab.model.environment.sorption import activity, saturation_pressure
-from ipmclab.model.environment.transport import WaterCourse, water_course
+from ipmclab.model.environment.transport import WaterCourse
 from ipmclab.run import Finding, Run
 
 AnyEnvironment = Environment | WaterState | EnvironmentHistory | str
-
-
-def environment_of(run: Run) -> Environment | None:
-    """The mean environment that a run tells; None where it does not tell both temperature and humidity.
-
-    Examples
-    --------
-    >>> from ipmclab.run import RunMetadata
-    >>> told = RunMetadata(temperature=20.0, relative_humidity=80.0)
-    >>> environment_of(Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0], metadata=told))
-    Environment(temperature=20.0, relative_humidity=80.0, in_water=False)
-    """
-    about = run.metadata
-    found = []
-    for told, read in ((about.temperature, run.temperature), (about.relative_humidity, run.relative_humidity)):
-        known = read[np.isfinite(read)] if read is not None else np.zeros(0)
-        found.append(told if told is not None else float(known.mean()) if len(known) else None)
-    temperature, humidity = found
-    if temperature is None or humidity is None:
-        return None
-    return Environment(temperature, min(max(humidity, 0.0), 100.0))
-
-
-def water_in_run(values: Mapping[str, float], run: Run) -> WaterState | None:
-    """The water of a strip as its run begins, and how it is known.
-
-    It is **measured** where the run tells a content, **computed** where it tells how long the strip was out of water
-    (it dried in the air of the run), else **assumed** in equilibrium with that air; None where the run tells no air.
-
-    Parameters
-    ----------
-    values : mapping of dotted name to float [SI]
-        Of an actuator with a table ``[hydration]``.
-    run : Run
-
-    Examples
-    --------
-    >>> from ipmclab.model.environment.hydration import STANDARD
-    >>> from ipmclab.run import RunMetadata
-    >>> told = RunMetadata(temperature=20.0, relative_humidity=50.0, minutes_out_of_water=10.0)
-    >>> run = Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0], metadata=told)
-    >>> found = water_in_run({**STANDARD, "geometry.thickness": 0.2e-3}, run)
-    >>> round(found.water_content, 2), found.origin
-    (10.36, 'computed')
-    """
-    air, about = environment_of(run), run.metadata
-    if air is None:
-        return None
-    if about.water_content is not None:
-        origin = about.water_content_origin or "measured"
-        return WaterState(about.water_content, air.temperature, air.relative_humidity, origin)
-    if about.minutes_out_of_water is None:
-        return equilibrium(values, air)
-    seconds = 60.0 * about.minutes_out_of_water
-    wet = WaterState(values[LIQUID], air.temperature, 100.0)
-    if seconds == 0.0:
-        return replace(wet, relative_humidity=air.relative_humidity, origin="computed")
-    dried = water_course(values, EnvironmentHistory.of(air), seconds, start=wet)
-    return dried.state(seconds, air.relative_humidity)
 
 
 def with_environment(
