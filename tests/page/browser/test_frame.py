@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,26 +13,31 @@ from tests.page.test_live import RUN, Recorder
 pytest.importorskip("playwright")
 
 
-def test_every_section_opens(tmp_path: Path, open_page) -> None:
-    with served(tmp_path) as address:
-        page = open_page(address)
-        for title in ("Run", "Runs", "Identify", "Simulate", "Report"):
-            page.get_by_role("link", name=title, exact=True).click()
-            page.wait_for_function(f"document.title.startsWith('{title} ·')")
-            assert page.get_by_role("button", name="ZERO").is_enabled()
-        page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The page of an empty folder, for tests that record nothing."""
+    with served(tmp_path_factory.mktemp("quiet")) as address:
+        yield address
 
 
-def test_an_address_that_is_none_leads_back(tmp_path: Path, open_page) -> None:
-    with served(tmp_path) as address:
-        page = open_page(f"{address}/rusn")
-        page.get_by_text("There is no page /rusn").wait_for()
-        page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")  # it is live
-        assert serious(page) == []
-        page.get_by_role("button", name="ZERO").click()
-        page.get_by_text("no recorder is at the bench").wait_for()
-        page.get_by_role("link", name="Go to Run").click()
-        page.get_by_role("heading", name="Experiment").wait_for()
+def test_every_section_opens(quiet: str, open_page) -> None:
+    page = open_page(quiet)
+    for title in ("Run", "Runs", "Identify", "Simulate", "Report"):
+        page.get_by_role("link", name=title, exact=True).click()
+        page.wait_for_function(f"document.title.startsWith('{title} ·')")
+        assert page.get_by_role("button", name="ZERO").is_enabled()
+    page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
+
+
+def test_an_address_that_is_none_leads_back(quiet: str, open_page) -> None:
+    page = open_page(f"{quiet}/rusn")
+    page.get_by_text("There is no page /rusn").wait_for()
+    page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")  # it is live
+    assert serious(page) == []
+    page.get_by_role("button", name="ZERO").click()
+    page.get_by_text("no recorder is at the bench").wait_for()
+    page.get_by_role("link", name="Go to Run").click()
+    page.get_by_role("heading", name="Experiment").wait_for()
 
 
 def test_the_token_is_asked_once_and_opens_the_page(tmp_path: Path, open_page) -> None:
@@ -48,23 +54,22 @@ def test_the_token_is_asked_once_and_opens_the_page(tmp_path: Path, open_page) -
         page.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
 
 
-def test_who_comes_by_a_foreign_link_keeps_the_bench(tmp_path: Path, open_page) -> None:
-    with served(tmp_path) as address:
-        page = open_page(address)
-        page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
+def test_who_comes_by_a_foreign_link_keeps_the_bench(quiet: str, open_page) -> None:
+    page = open_page(quiet)
+    page.wait_for_function("document.getElementById('lab-bench-word').textContent === 'idle'")
 
-        def seats() -> set[str]:
-            return {one["value"] for one in page.context.cookies(address) if one["name"].startswith("ipmclab-seat")}
+    def seats() -> set[str]:
+        return {one["value"] for one in page.context.cookies(quiet) if one["name"].startswith("ipmclab-seat")}
 
-        first = seats()
-        other = page.context.new_page()
-        other.route("http://foreign.test/", lambda route: route.fulfill(
-            content_type="text/html", body=f'<a href="{address}/run">to the lab</a>'
-        ))  # fmt: skip
-        other.goto("http://foreign.test/")
-        other.get_by_role("link").click()
-        other.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
-        assert seats() == first
+    first = seats()
+    other = page.context.new_page()
+    other.route("http://foreign.test/", lambda route: route.fulfill(
+        content_type="text/html", body=f'<a href="{quiet}/run">to the lab</a>'
+    ))  # fmt: skip
+    other.goto("http://foreign.test/")
+    other.get_by_role("link").click()
+    other.wait_for_function("document.getElementById('lab-bench-word')?.textContent === 'idle'")
+    assert seats() == first
 
 
 FULL = "Storage.prototype.setItem = () => { throw new DOMException('full', 'QuotaExceededError'); }"

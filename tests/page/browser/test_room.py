@@ -84,35 +84,44 @@ def test_runs_have_their_findings_in_sight_and_the_one_that_was_asked_for(
         assert box.evaluate("one => one.scrollTop") == 0
 
 
+LONG_NAME = f"begin{290 * 'x'}ending"
+"""Of a sample, such as another program may have written."""
+
+
+@pytest.fixture(scope="module")
+def of_long_names(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The page of a folder with one run, of such a sample."""
+    folder = tmp_path_factory.mktemp("long")
+    (folder / "runs").mkdir()
+    run = simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0)
+    about = replace(run.metadata, sample=Sample(id=LONG_NAME), mounting_id=f"{LONG_NAME}-2")
+    write_run(replace(run, metadata=about), folder / "runs" / "one.nc")
+    with served(folder) as found:
+        yield found
+
+
 @pytest.mark.parametrize("width", [820, 1280])
 @pytest.mark.parametrize("section", ["runs", "identify"])
-def test_long_names_of_samples_leave_room_for_all_else(tmp_path: Path, open_page, section: str, width: int) -> None:
-    """Such as another program may have written."""
-    (tmp_path / "runs").mkdir()
-    run = simulate(load_actuator("friend-2"), "step 1 V", duration=10.0, rate=50.0)
-    name = f"begin{290 * 'x'}ending"
-    about = replace(run.metadata, sample=Sample(id=name), mounting_id=f"{name}-2")
-    write_run(replace(run, metadata=about), tmp_path / "runs" / "one.nc")
-    with served(tmp_path) as address:
-        page = open_page(f"{address}/{section}", width=width)
-        page.get_by_text("1 of 1 runs" if section == "runs" else "0 to identify from").wait_for(timeout=LONG)
-        table = page.locator(".lab-run-table")
-        long = table.get_by_title(name, exact=True)
-        long.wait_for(timeout=LONG)
-        assert long.inner_text().splitlines()[0] == "beginxxxxx…xxxxxxending"
-        page.wait_for_function("document.querySelector('.lab-run-table tbody td.lab-is-findings')")
-        frame, row = table.bounding_box(), table.locator("tbody tr").bounding_box()
-        assert row["height"] < 120
-        assert table.evaluate("one => one.scrollWidth - one.clientWidth") <= (0 if section == "runs" else 1), frame
-        assert serious(page) == []
-        whole = long.get_by_text(name)
-        assert whole.bounding_box()["width"] <= 1
-        assert long.bounding_box()["height"] <= row["height"]
-        long.focus()
-        box = whole.bounding_box()
-        assert frame["x"] <= box["x"]
-        assert box["x"] + box["width"] <= frame["x"] + frame["width"] + 1
-        assert whole.evaluate("one => one.scrollWidth <= one.clientWidth + 1")
+def test_long_names_of_samples_leave_room_for_all_else(of_long_names: str, open_page, section: str, width: int) -> None:
+    page = open_page(f"{of_long_names}/{section}", width=width)
+    page.get_by_text("1 of 1 runs" if section == "runs" else "0 to identify from").wait_for(timeout=LONG)
+    table = page.locator(".lab-run-table")
+    long = table.get_by_title(LONG_NAME, exact=True)
+    long.wait_for(timeout=LONG)
+    assert long.inner_text().splitlines()[0] == "beginxxxxx…xxxxxxending"
+    page.wait_for_function("document.querySelector('.lab-run-table tbody td.lab-is-findings')")
+    frame, row = table.bounding_box(), table.locator("tbody tr").bounding_box()
+    assert row["height"] < 120
+    assert table.evaluate("one => one.scrollWidth - one.clientWidth") <= (0 if section == "runs" else 1), frame
+    assert serious(page) == []
+    whole = long.get_by_text(LONG_NAME)
+    assert whole.bounding_box()["width"] <= 1
+    assert long.bounding_box()["height"] <= row["height"]
+    long.focus()
+    box = whole.bounding_box()
+    assert frame["x"] <= box["x"]
+    assert box["x"] + box["width"] <= frame["x"] + frame["width"] + 1
+    assert whole.evaluate("one => one.scrollWidth <= one.clientWidth + 1")
 
 
 @pytest.mark.parametrize("largest", [12345678.0, 1e9, 1.0, 2.5e-7])
