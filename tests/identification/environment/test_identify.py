@@ -1,0 +1,97 @@
+"""``identify`` of runs in many environments, and what command line and report say of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import Run, RunMetadata, identify, load_actuator, read_fit, simulate, write_fit
+from ipmclab.cli.identify import fit_document, print_fit
+from ipmclab.errors import InputError
+from ipmclab.fit.fit import Fit
+from ipmclab.identification.problem.free import parse_free
+from ipmclab.identification.problem.priors import with_priors
+from ipmclab.model.environment import Environment
+from ipmclab.reporting.many_runs import many_runs_part
+
+STRIP = load_actuator("friend-2+environment.permittivity")
+TRUE = STRIP.replace(**{"environment.permittivity.exponent": 0.6})
+LAW = "environment.permittivity.exponent"
+BRANCHES = ["circuit.branches.0.permittivity", "circuit.branches.1.permittivity"]
+
+
+def runs(humidities: tuple[float, ...]) -> list[Run]:
+    noise = np.random.default_rng(20261123)
+    found = []
+    for number, humidity in enumerate(humidities):
+        clean = simulate(TRUE.at(Environment(20.0, humidity)), "step 0.5 V", duration=12, rate=8)
+        assert clean.current is not None
+        about = RunMetadata(
+            temperature=20.0, relative_humidity=humidity + 2.0 * noise.standard_normal(), run_number=number
+        )
+        current = clean.current + 1e-4 * noise.standard_normal(len(clean))
+        found.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, metadata=about))
+    return found
+
+
+@pytest.fixture(scope="module")
+def fit() -> Fit:
+    return identify(STRIP, runs((80.0, 50.0, 80.0)), free=[*BRANCHES, "environment"], prior="environment")
+
+
+def test_the_law_is_found_beside_the_strip_in_its_reference(fit: Fit) -> None:
+    one = fit.parameters[LAW]
+    assert one.interval[0] < 0.6 < one.interval[1]
+    assert fit.actuator["circuit.branches.0.permittivity"] == pytest.approx(0.12, rel=0.1)
+    assert not any(finding.code == "prefix-disagrees" for finding in fit.findings)  # other air, another answer
+
+
+def test_a_prior_of_the_literature_is_marked_as_such(fit: Fit, tmp_path: Path) -> None:
+    assert fit.parameters[LAW].prior_of_literature
+    assert "with the literature's prior" in fit.summary()
+    (said,) = [finding.message for finding in fit.findings if finding.code == "prior"]
+    assert "as the literature has it" in said
+    write_fit(fit, tmp_path / "fitted.toml")
+    assert read_fit(tmp_path / "fitted.toml").parameters[LAW].prior_of_literature
+
+
+def test_a_group_has_the_priors_that_are_known() -> None:
+    names = parse_free(STRIP.parameter_values, [*BRANCHES, "environment"])
+    assert list(with_priors(STRIP, names, "environment").priors) == [LAW]
+    with pytest.raises(InputError, match="nothing is known beforehand"):
+        with_priors(STRIP, names, "circuit.branches.0.permittivity")
+
+
+def test_command_line_and_report_show_each_state(fit: Fit, capsys: pytest.CaptureFixture[str]) -> None:
+    print_fit(fit, details=True)
+    told = capsys.readouterr().out
+    assert "water content" in told
+    assert "assumed" in told
+    page = str(many_runs_part(fit))
+    assert "The state of the strip in each run" in page
+    document = fit_document(fit)["observations"][0]["state"]
+    assert document["how"] == "assumed"
+    assert document["found"] == pytest.approx(document["water_content"], rel=0.3)
+
+
+def test_a_law_that_one_condition_leaves_open_is_named_with_the_condition_that_tells() -> None:
+    fit = identify(STRIP, runs((80.0,)), free=[*BRANCHES, LAW])
+    (said,) = [finding for finding in fit.findings if finding.code == "law-undetermined"]
+    assert LAW in said.message
+    assert said.values["relative_humidity"] in (30.0, 45.0)
+    assert not fit.parameters[LAW].determined
+
+
+def test_what_ages_is_named_by_scale_and_parameter() -> None:
+    known = STRIP.parameter_values
+    assert parse_free(known, "electrical,age.hours.coupling.gain").age == ("age.hours.coupling.gain",)
+    for name, said in (
+        ("age.years.coupling.gain", "does not say with what"),
+        ("age.runs.coupling.gian", "no such parameter"),
+    ):
+        with pytest.raises(InputError, match=said):
+            parse_free(known, name)
+    with pytest.raises(InputError, match="runs at different doses"):
+        parse_free(known, "electrical", per_run="age.runs.coupling.gain")
