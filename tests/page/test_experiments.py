@@ -180,7 +180,7 @@ def test_the_waits_are_checked_without_an_environment_that_is_waited_for(lab: La
     checked = check(lab, with_values(Draft.new(), sample="s", **{"environment.settle": "1 min"}))
     assert checked.errors == {}
     assert checked.experiment is not None
-    assert checked.experiment.environment is None
+    assert checked.experiment.environments == ()
 
 
 @pytest.mark.parametrize("repeats", ["0", "1001", "200000000", "9" * 5000])

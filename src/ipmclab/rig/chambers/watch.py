@@ -148,15 +148,14 @@ class ChamberWatch:
     def safe(self) -> None:
         """Let it stand by, whatever happened. Raises ChamberError only where it could not be told."""
         self._asked, self._is_still = None, False
+        self._stop_reading()  # a line that fails is asked no more than this
         self._chamber.safe()
         if self._keeper is not None:
             self._keeper(False)
 
     def close(self) -> None:
         """Read it no more, and let go of it."""
-        self._ended.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(PERIOD)
+        self._stop_reading()
         self._chamber.close()
 
     def take(self) -> dict[str, FloatArray]:
@@ -194,16 +193,22 @@ class ChamberWatch:
     def _start(self) -> None:
         if not self._is_simulated and self._thread is None:
             self._heard = self._clock()
-            self._thread = threading.Thread(target=self._read_on, name="chamber", daemon=True)
+            self._ended = threading.Event()
+            self._thread = threading.Thread(target=self._read_on, args=(self._ended,), name="chamber", daemon=True)
             self._thread.start()
 
-    def _read_on(self) -> None:
-        while not self._ended.is_set():
+    def _stop_reading(self) -> None:
+        """Begin no further reading; one that is under way ends by its own deadline."""
+        self._ended.set()
+        self._thread = None
+
+    def _read_on(self, ended: threading.Event) -> None:
+        while not ended.is_set():
             began = self._clock()
             while not self._later.empty():
                 self._later.get()()
             self._read()
-            self._ended.wait(max(0.05, PERIOD - (self._clock() - began)))
+            ended.wait(max(0.05, PERIOD - (self._clock() - began)))
 
     def _look(self) -> None:
         """At a simulated bench: read when it is due by its clock."""
