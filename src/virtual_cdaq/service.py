@@ -10,6 +10,7 @@ from virtual_cdaq.attributes.device import PhysicalChannel, find_device, find_ph
 from virtual_cdaq.model.chassis import Chassis, HostedTask
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.names import expand
+from virtual_cdaq.model.scales import find_scale
 from virtual_cdaq.protocol import AttributeCall
 from virtual_cdaq.sessions import Sessions
 
@@ -17,8 +18,8 @@ BY_CHANNEL = 0  # DAQmx_Val_GroupByChannel
 
 Call = Callable[["Service", Any], Any]
 CALLS: dict[str, Call] = {}
-# The stand-in keeps no tasks, channels and scales; what the driver says of one that does not exist.
-NOTHING_SAVED = {"PersistedTask": -200485, "PersistedChan": -200882, "PersistedScale": -200378, "Scale": -200378}
+# The stand-in saves no tasks, channels and scales; what the driver says of one that does not exist.
+NOTHING_SAVED = {"PersistedTask": -200485, "PersistedChan": -200882, "PersistedScale": -200378}
 
 
 def call(name: str) -> Callable[[Call], Call]:
@@ -51,8 +52,9 @@ class Service:
         """Get, set or reset a property: one function for all of them."""
         number = request.attribute_raw or request.attribute
         name = wanted.names.get(number, f"0x{number:X}")
-        if wanted.verb != "Get" and "device_names" in request.DESCRIPTOR.fields_by_name and request.device_names:
-            raise ChassisError(-201118, f"Property: {name}\nDevices: {request.device_names}")
+        named = getattr(request, "device_names", "")
+        if named and name not in attributes.OF_A_MODULE:
+            raise ChassisError(-201118, f"Property: {name}\nDevices: {named}")
         table = attributes.TABLES.get(wanted.scope, {})
         things = self._things(wanted.scope, request)
         if wanted.verb == "Reset":
@@ -78,6 +80,8 @@ class Service:
             return [find_device(self.chassis, request.device_name)]
         if scope == "PhysicalChan":
             return [_find_physical(self.chassis, (expand(request.physical_channel) or [""])[0])]
+        if scope == "Scale":
+            return [find_scale(self.chassis.scales, request.scale_name)]
         if scope in NOTHING_SAVED:
             raise ChassisError(NOTHING_SAVED[scope])
         if "task" not in request.DESCRIPTOR.fields_by_name:

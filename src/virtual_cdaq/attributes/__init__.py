@@ -2,8 +2,9 @@
 
 from virtual_cdaq.attributes.channel import CHANNEL
 from virtual_cdaq.attributes.device import DEVICE, PHYSICAL, SYSTEM
+from virtual_cdaq.attributes.scale import SCALE
 from virtual_cdaq.attributes.table import Property, Table, get, put, reset
-from virtual_cdaq.attributes.task import BUFFER, EXPORTED, READ, TASK, TIMING, TRIGGER, WRITE
+from virtual_cdaq.attributes.task import BUFFER, EXPORTED, OF_A_MODULE, READ, TASK, TIMING, TRIGGER, WRITE
 
 TABLES: dict[str, Table] = {
     "Buffer": BUFFER,
@@ -12,6 +13,7 @@ TABLES: dict[str, Table] = {
     "ExportedSignal": EXPORTED,
     "PhysicalChan": PHYSICAL,
     "Read": READ,
+    "Scale": SCALE,
     "SystemInfo": SYSTEM,
     "Task": TASK,
     "Timing": TIMING,
@@ -20,4 +22,4 @@ TABLES: dict[str, Table] = {
 }
 """Tables by the scope in the name of a call, ``GetChanAttributeDouble``: ``Chan``."""
 
-__all__ = ["TABLES", "Property", "Table", "get", "put", "reset"]
+__all__ = ["OF_A_MODULE", "TABLES", "Property", "Table", "get", "put", "reset"]

@@ -68,7 +68,7 @@ def find_device(chassis: Chassis, name: str) -> Device:
     for device in chassis.devices:
         if device.lower() == wanted.lower():
             return Device(chassis, device)
-    raise ChassisError(-200220, f"Device: {wanted}")
+    raise ChassisError(-200220, f"Device Specified: {wanted}")
 
 
 def find_physical(chassis: Chassis, name: str) -> PhysicalChannel:
@@ -81,6 +81,7 @@ def find_physical(chassis: Chassis, name: str) -> PhysicalChannel:
     """
     device = find_device(chassis, name)
     port = name.strip().strip("/").rpartition("/")[2].lower()
+    port = chassis.inner_channels.get(port, port)
     for slot in device.slots if "/" in name.strip().strip("/") else []:
         digits = port.removeprefix(slot.module.kind)
         if digits != port and digits.isdecimal() and int(digits) < slot.module.channels:

@@ -7,16 +7,17 @@ from typing import Any
 
 from virtual_cdaq.attributes.table import Property, Table, constant, kept
 from virtual_cdaq.model.chassis import HostedTask
-from virtual_cdaq.model.clock import TICKS_PER_SECOND, sample_period
+from virtual_cdaq.model.clock import TICKS_PER_SECOND, sample_period, ticks
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.names import expand
 from virtual_cdaq.model.task import CONTINUOUS, FEWEST_SAMPLES, FINITE, ON_DEMAND, SAMPLE_CLOCK, State, Timing
 
 ALLOW_REGENERATION, NO_REGENERATION = 10097, 10158
 OVERWRITE, DO_NOT_OVERWRITE = 10252, 10159
-RISING = 10280
+RISING, PULSE = 10280, 10265
 CURRENT_READ_POSITION, CURRENT_WRITE_POSITION = 10425, 10430
 NO_TRIGGER, DIGITAL_EDGE = 10230, 10150
+CONVERSION_PADDING = 10e-6  # s
 NEW_DEFAULTS = Timing()
 
 
@@ -84,8 +85,40 @@ def _terminal(task: HostedTask, signal: str) -> str:
     return f"/{task.chassis.name}/{engine.name}/{signal}"
 
 
-def _conversion_rate(task: HostedTask) -> float:
-    return task.rate * max(1, len(task.channels)) if task.hardware_timed else task.highest_rate
+def _fastest_conversion(task: HostedTask) -> float:
+    return task.highest_rate * max(1, len(task.channels))
+
+
+def _conversion_ticks(task: HostedTask) -> int:
+    """From one channel of a scan to the next [ticks]: 10 us more than it takes, where the sample clock leaves room."""
+    chosen = task.properties.get("AI_CONV_TIMEBASE_DIV")
+    if chosen is not None:
+        return int(chosen)
+    padded = ticks(1.0 / _fastest_conversion(task) + CONVERSION_PADDING) + 1
+    if not task.hardware_timed:
+        return padded
+    return min(padded, sample_period(task.timing.rate) // max(1, len(task.channels)))
+
+
+def _set_conversion_ticks(task: HostedTask, value: int) -> None:
+    task.refuse_while_running()
+    fastest = _fastest_conversion(task)
+    if not 0 < TICKS_PER_SECOND / max(value, 1) <= fastest * (1 + 1e-9):
+        raise unsupported_value("AIConv.Rate", TICKS_PER_SECOND / max(value, 1), f"at most {fastest:g} conversions/s")
+    task.properties["AI_CONV_TIMEBASE_DIV"] = value
+
+
+def _forget_conversion(task: HostedTask) -> None:
+    task.properties.pop("AI_CONV_TIMEBASE_DIV", None)
+
+
+OF_A_MODULE = {
+    "AI_CONV_ACTIVE_EDGE",
+    "AI_CONV_MAX_RATE",
+    "AI_CONV_RATE",
+    "AI_CONV_TIMEBASE_DIV",
+}
+"""Timing that each module of a task has for itself: a client may name the module."""
 
 
 TIMING: Table = {
@@ -105,8 +138,15 @@ TIMING: Table = {
     "SAMP_CLK_TIMEBASE_TERM": Property(lambda t: f"/{t.chassis.name}/80MHzTimebase"),
     "SAMP_QUANT_SAMP_MODE": _timing("mode"),
     "SAMP_QUANT_SAMP_PER_CHAN": _timing("samples"),
-    "AI_CONV_RATE": Property(_conversion_rate),
-    "AI_CONV_MAX_RATE": Property(lambda t: t.highest_rate * max(1, len(t.channels))),
+    "AI_CONV_ACTIVE_EDGE": kept("AI_CONV_ACTIVE_EDGE", RISING),
+    "AI_CONV_RATE": Property(
+        lambda t: TICKS_PER_SECOND / _conversion_ticks(t),
+        lambda t, value: _set_conversion_ticks(t, round(TICKS_PER_SECOND / value) if value > 0.0 else 0),
+        _forget_conversion,
+    ),
+    "AI_CONV_MAX_RATE": Property(_fastest_conversion),
+    "AI_CONV_TIMEBASE_DIV": Property(_conversion_ticks, _set_conversion_ticks, _forget_conversion),
+    "ON_DEMAND_SIMULTANEOUS_AO_ENABLE": kept("ON_DEMAND_SIMULTANEOUS_AO_ENABLE", False),
     "REF_CLK_SRC": kept("REF_CLK_SRC", "None"),
 }
 
@@ -300,13 +340,14 @@ WRITE: Table = {
 TASK: Table = {
     "CHANNELS": Property(_names),
     "COMPLETE": Property(lambda t: _looked_at(t).done),
-    "DEVICES": Property(lambda t: ", ".join(t.devices)),
+    "DEVICES": Property(lambda t: ", ".join(t.all_devices)),
     "NAME": Property(lambda t: t.name),
     "NUM_CHANS": Property(lambda t: len(t.channels)),
-    "NUM_DEVICES": Property(lambda t: len(t.devices)),
+    "NUM_DEVICES": Property(lambda t: len(t.all_devices)),
 }
 
 EXPORTED: Table = {
+    "SAMP_CLK_OUTPUT_BEHAVIOR": kept("SAMP_CLK_OUTPUT_BEHAVIOR", PULSE),
     "SAMP_CLK_OUTPUT_TERM": kept("SAMP_CLK_OUTPUT_TERM", ""),
     "START_TRIG_OUTPUT_TERM": kept("START_TRIG_OUTPUT_TERM", ""),
 }

@@ -7,16 +7,17 @@ from typing import Any, Literal
 
 from virtual_cdaq.attributes.channel import INTERNAL
 from virtual_cdaq.attributes.device import PhysicalChannel, find_physical
-from virtual_cdaq.model.channels import DEGREES_C, OHMS, VOLTS, Channel
+from virtual_cdaq.model.channels import CUSTOM, DEGREES_C, DEGREES_F, DEGREES_R, KELVINS, OHMS, VOLTS, Channel
 from virtual_cdaq.model.chassis import HostedTask
-from virtual_cdaq.model.converters import RTD_CURVES, choose_range
+from virtual_cdaq.model.converters import RTD_CURVES
 from virtual_cdaq.model.errors import ChassisError, unsupported_value
 from virtual_cdaq.model.modules import EXCITATION, Differential
-from virtual_cdaq.model.names import expand
+from virtual_cdaq.model.names import assigned, expand
+from virtual_cdaq.model.scales import find_scale
 from virtual_cdaq.model.waiting import gate
 
 DEFAULT_TERMINAL = -1
-FROM_CUSTOM_SCALE = 10065
+DEGREES = (DEGREES_C, DEGREES_F, KELVINS, DEGREES_R)
 FEWEST_WIRES = 3  # the NI 9217 measures with three or four
 
 
@@ -37,11 +38,8 @@ def _physical(
         module = channel.slot.module
         if module.kind != kind or module.resistive != resistive:
             raise ChassisError(-200431, f"Physical channel: {channel.name} ({module.product})\nTask: {task.name}")
-    names = expand(request.name_to_assign_to_channel)
-    if len(names) == 1 and len(channels) > 1:
-        names = [f"{names[0]}{index}" for index in range(len(channels))]
-    for index, channel in enumerate(channels):
-        yield channel, names[index] if index < len(names) else channel.name
+    names = assigned(request.name_to_assign_to_channel, len(channels)) or [channel.name for channel in channels]
+    yield from zip(channels, names, strict=True)
 
 
 def _add(task: HostedTask, channel: PhysicalChannel, name: str, request: Any, **more: Any) -> None:
@@ -49,25 +47,19 @@ def _add(task: HostedTask, channel: PhysicalChannel, name: str, request: Any, **
     module = channel.slot.module
     if not low < high:
         raise ChassisError(-200082, f"Minimum: {low:g}\nMaximum: {high:g}\nChannel: {channel.name}")
-    chosen = module.ranges[-1] if more["measurement"] == "rtd" else choose_range(module, low, high)
-    if chosen is None:
-        most = module.ranges[-1]
-        which, value = ("Max", high) if high > most.high else ("Min", low)
-        raise unsupported_value(
-            f"{module.kind.upper()}.{which}", value, f"{most.low:g} to {most.high:g}\nChannel: {channel.name}"
-        )
-    task.add(
-        Channel(
-            name=name,
-            physical=channel.name,
-            device=channel.slot.device,
-            module=module,
-            low=low,
-            high=high,
-            chosen=chosen,
-            **more,
-        )
+    made = Channel(
+        name=name,
+        physical=channel.name,
+        device=channel.slot.device,
+        module=module,
+        low=low,
+        high=high,
+        chosen=module.ranges[-1],
+        scales=task.chassis.scales,
+        **more,
     )
+    made.fit(low, high)
+    task.add(made)
 
 
 def voltage_input(task: HostedTask, request: Any) -> None:
@@ -81,15 +73,14 @@ def voltage_input(task: HostedTask, request: Any) -> None:
             terminal = module.terminals[1] if single else module.terminals[0]
         if terminal not in module.terminals or (single and terminal == Differential):
             raise unsupported_value("AI.TermCfg", terminal, f"{module.terminals}\nChannel: {channel.name}")
-        _refuse_scale(request)
-        _add(task, channel, name, request, measurement="voltage", units=VOLTS, terminal=terminal)
+        units = _units(task, request, VOLTS)
+        _add(task, channel, name, request, measurement="voltage", terminal=terminal, **units)
 
 
 def voltage_output(task: HostedTask, request: Any) -> None:
     """Add voltage outputs."""
     for channel, name in _physical(task, request, "ao", resistive=False):
-        _refuse_scale(request)
-        _add(task, channel, name, request, measurement="voltage", units=VOLTS)
+        _add(task, channel, name, request, measurement="voltage", **_units(task, request, VOLTS))
 
 
 def rtd(task: HostedTask, request: Any) -> None:
@@ -105,11 +96,11 @@ def rtd(task: HostedTask, request: Any) -> None:
             name,
             request,
             measurement="rtd",
-            units=_chosen(request, "units") or DEGREES_C,
             terminal=Differential,
             rtd_type=kind,
             r0=request.r0,
             wires=wires,
+            **_units(task, request, *DEGREES),
         )
 
 
@@ -117,16 +108,15 @@ def resistance(task: HostedTask, request: Any) -> None:
     """Add resistances."""
     for channel, name in _physical(task, request, "ai", resistive=True):
         wires = _check_excitation(request)
-        _refuse_scale(request)
         _add(
             task,
             channel,
             name,
             request,
             measurement="resistance",
-            units=OHMS,
             terminal=Differential,
             wires=wires,
+            **_units(task, request, OHMS),
         )
 
 
@@ -141,6 +131,12 @@ def _check_excitation(request: Any) -> int:
     return wires
 
 
-def _refuse_scale(request: Any) -> None:
-    if _chosen(request, "units") == FROM_CUSTOM_SCALE:
-        raise ChassisError(-200452, f"Custom scale: {request.custom_scale_name} (the stand-in has none)")
+def _units(task: HostedTask, request: Any, *own: int) -> dict[str, Any]:
+    """The units of a channel, of which the first of its own is the default, or its custom scale."""
+    wanted = _chosen(request, "units")
+    if wanted != CUSTOM:
+        return {"units": wanted if wanted in own else own[0]}
+    scale = find_scale(task.chassis.scales, request.custom_scale_name)
+    if scale.units_before not in own:
+        raise unsupported_value("Scale.PreScaledUnits", scale.units_before, f"{own}\nCustom scale: {scale.name}")
+    return {"units": CUSTOM, "scale_name": scale.name}

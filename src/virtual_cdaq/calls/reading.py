@@ -79,24 +79,37 @@ def _read_scalar(service: Service, request: Any) -> Any:
     return message("ReadAnalogScalarF64Response")(value=float(values[0, 0]))
 
 
-def _read_integers(service: Service, request: Any, response: str, shift: int, low: int, high: int) -> Any:
+def _read_integers(service: Service, request: Any, response: str, bits: int, *, signed: bool) -> Any:
+    """Codes as whole numbers of so many bits; without a sign the same bits are read as a number from 0 on."""
     task = service.task(request)
     codes, status = transfer.read(task, request.num_samps_per_chan, request.timeout)
     _, codes = _selected(task, codes)
     by_channel = (request.fill_mode_raw or request.fill_mode) == BY_CHANNEL
-    shifted = np.clip(codes.astype(np.int64) + shift, low, high)
-    flat = _laid_out(shifted, request.num_samps_per_chan, request.array_size_in_samps, by_channel=by_channel)
+    whole = np.clip(codes.astype(np.int64), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    if not signed:
+        whole &= 2**bits - 1
+    flat = _laid_out(whole, request.num_samps_per_chan, request.array_size_in_samps, by_channel=by_channel)
     return message(response)(status=status, samps_per_chan_read=codes.shape[1], read_array=flat.tolist())
 
 
 @call("ReadBinaryI16")
 def _read_i16(service: Service, request: Any) -> Any:
-    return _read_integers(service, request, "ReadBinaryI16Response", 0, -(2**15), 2**15 - 1)
+    return _read_integers(service, request, "ReadBinaryI16Response", 16, signed=True)
 
 
 @call("ReadBinaryI32")
 def _read_i32(service: Service, request: Any) -> Any:
-    return _read_integers(service, request, "ReadBinaryI32Response", 0, -(2**31), 2**31 - 1)
+    return _read_integers(service, request, "ReadBinaryI32Response", 32, signed=True)
+
+
+@call("ReadBinaryU16")
+def _read_u16(service: Service, request: Any) -> Any:
+    return _read_integers(service, request, "ReadBinaryU16Response", 16, signed=False)
+
+
+@call("ReadBinaryU32")
+def _read_u32(service: Service, request: Any) -> Any:
+    return _read_integers(service, request, "ReadBinaryU32Response", 32, signed=False)
 
 
 @call("ReadRaw")
@@ -109,7 +122,9 @@ def _read_raw(service: Service, request: Any) -> Any:
         raise ChassisError(-200229, f"Bytes: {len(data)}, room: {request.array_size_in_bytes}", done=0)
     return message("ReadRawResponse")(
         status=status,
-        read_array=data,
+        read_array=data.ljust(
+            request.array_size_in_bytes, b"\0"
+        ),  # the whole of the caller's room, as NI's server sends it
         samps_read=codes.shape[1],
         num_bytes_per_samp=(4 if wide else 2) * codes.shape[0],
     )

@@ -54,7 +54,7 @@ def _wait_until_task_done(service: Service, request: Any) -> Any:
 
 @call("GetNthTaskDevice")
 def _nth_device(service: Service, request: Any) -> Any:
-    return message("GetNthTaskDeviceResponse")(buffer=_nth(service.task(request).devices, request.index))
+    return message("GetNthTaskDeviceResponse")(buffer=_nth(service.task(request).all_devices, request.index))
 
 
 @call("GetNthTaskChannel")

@@ -38,7 +38,9 @@ def _read_waveforms(service: Service, request: Any) -> Any:
         if mode & WITH_PROPERTIES:
             channel = task.channels[row]
             waveform.attributes["NI_ChannelName"].string_value = channel.name
-            waveform.attributes["NI_UnitDescription"].string_value = UNITS[channel.units]
+            waveform.attributes["NI_UnitDescription"].string_value = (
+                UNITS[channel.units] if channel.custom is None else channel.custom.units_after
+            )
     return response
 
 

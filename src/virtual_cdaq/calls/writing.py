@@ -57,6 +57,18 @@ def _write_i32(service: Service, request: Any) -> Any:
     return _written(service, request, values, "WriteBinaryI32Response")
 
 
+@call("WriteBinaryU16")
+def _write_u16(service: Service, request: Any) -> Any:
+    values = np.array(request.write_array, dtype=np.uint32).astype(np.uint16).view(np.int16).astype(np.int32)
+    return _written(service, request, values, "WriteBinaryU16Response")
+
+
+@call("WriteBinaryU32")
+def _write_u32(service: Service, request: Any) -> Any:
+    values = np.array(request.write_array, dtype=np.uint32).view(np.int32)
+    return _written(service, request, values, "WriteBinaryU32Response")
+
+
 @call("WriteRaw")
 def _write_raw(service: Service, request: Any) -> Any:
     task = service.task(request)

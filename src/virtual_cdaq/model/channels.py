@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -15,6 +16,7 @@ from virtual_cdaq.model.converters import (
     Codes,
     Floats,
     channel_key,
+    choose_range,
     code_limits,
     decode,
     encode,
@@ -22,10 +24,13 @@ from virtual_cdaq.model.converters import (
     rtd_temperature,
     step,
 )
+from virtual_cdaq.model.errors import unsupported_value
 from virtual_cdaq.model.modules import HIGH_RESOLUTION_NOISE, Module, Range
+from virtual_cdaq.model.scales import Scale, find_scale
 
 DEGREES_C, DEGREES_F, KELVINS, DEGREES_R = 10143, 10144, 10325, 10145  # DAQmx_Val_DegC, _DegF, _Kelvins, _DegR
-VOLTS, OHMS = 10348, 10384
+VOLTS, OHMS, CUSTOM = 10348, 10384, 10065  # DAQmx_Val_Volts, _Ohms, _FromCustomScale
+RTD_LIMITS = (0.0, 100.0)  # of a new channel, in its units
 STOCK = 256  # samples of noise that are drawn at once
 FARTHEST = 1_000_000  # samples between two of a slow module that one drawing bridges
 HIGH_SPEED, HIGH_RESOLUTION, AUTOMATIC = 14712, 10195, 16097
@@ -53,6 +58,10 @@ class Channel:
         DAQmx number.
     terminal : int
         DAQmx number of the terminal configuration; 0 for an output.
+    scale_name : str
+        Of its custom scale.
+    scales : mapping of str to Scale
+        Those of the chassis.
     properties : dict
         Values that were set and that nothing here depends on.
     """
@@ -71,6 +80,8 @@ class Channel:
     r0: float = 100.0
     wires: int = 4
     timing_mode: int = AUTOMATIC
+    scale_name: str = ""
+    scales: Mapping[str, Scale] = field(default_factory=dict)
     properties: dict[str, Any] = field(default_factory=dict)
 
     def curve(self) -> tuple[float, float, float]:
@@ -82,16 +93,63 @@ class Channel:
     def scale(self, codes: Codes) -> Floats:
         """Codes of the converter in the units of the channel."""
         values = decode(self.module, self.chosen, codes)
+        custom = self.custom
+        if self.measurement == "rtd":
+            celsius = rtd_temperature(values, self.r0, self.curve())
+            values = _in_degrees(celsius, self.units if custom is None else custom.units_before)
+        return values if custom is None else custom.forward(values)
+
+    def unscale(self, values: Floats) -> Floats:
+        """Values in the units of the channel as volts or ohms; not of an RTD."""
+        custom = self.custom
+        return values if custom is None else custom.reverse(values)
+
+    @property
+    def custom(self) -> Scale | None:
+        """Its custom scale; None where it has units of its own."""
+        return find_scale(self.scales, self.scale_name) if self.units == CUSTOM else None
+
+    def fit(self, low: float, high: float) -> None:
+        """Take limits in the units of the channel, and the smallest range of the module that holds them.
+
+        Raises
+        ------
+        ChassisError
+            -200077, none does.
+        """
         if self.measurement != "rtd":
-            return values
-        celsius = rtd_temperature(values, self.r0, self.curve())
-        if self.units == DEGREES_F:
-            return celsius * 1.8 + 32.0
-        if self.units == KELVINS:
-            return celsius + ZERO_CELSIUS
-        if self.units == DEGREES_R:
-            return (celsius + ZERO_CELSIUS) * 1.8
-        return celsius
+            least, most = sorted(self.unscale(np.array([low, high])).tolist())
+            chosen = choose_range(self.module, least, most)
+            if chosen is None:
+                widest = self.module.ranges[-1]
+                which, value = ("Max", high) if most > widest.high else ("Min", low)
+                allowed = f"{widest.low:g} to {widest.high:g}\nChannel: {self.name}"
+                raise unsupported_value(f"{self.module.kind.upper()}.{which}", value, allowed)
+            self.chosen = chosen
+        self.low, self.high = low, high
+
+    def range_ends(self) -> tuple[float, float]:
+        """What its range comes to in the units of the channel, the lower end first; not of an RTD."""
+        return self._ends(self.chosen)
+
+    def widest(self) -> tuple[float, float]:
+        """The limits that it has by default, in its units."""
+        return RTD_LIMITS if self.measurement == "rtd" else self._ends(self.module.ranges[-1])
+
+    def _ends(self, chosen: Range) -> tuple[float, float]:
+        ends = np.array([chosen.low, chosen.high])
+        low, high = sorted((ends if self.custom is None else self.custom.forward(ends)).tolist())
+        return low, high
+
+
+def _in_degrees(celsius: Floats, units: int) -> Floats:
+    if units == DEGREES_F:
+        return celsius * 1.8 + 32.0
+    if units == KELVINS:
+        return celsius + ZERO_CELSIUS
+    if units == DEGREES_R:
+        return (celsius + ZERO_CELSIUS) * 1.8
+    return celsius
 
 
 class Converter:

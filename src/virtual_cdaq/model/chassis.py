@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from virtual_cdaq.model.faults import Fault, Faults
 from virtual_cdaq.model.listening import tell
 from virtual_cdaq.model.modules import MODULES, Module
 from virtual_cdaq.model.plant import Plant
+from virtual_cdaq.model.scales import Scale
 from virtual_cdaq.model.task import FINITE, State, Task
 
 SEED = 20261121
@@ -56,6 +58,11 @@ class HostedTask(Task):
 
     chassis: Chassis
 
+    @property
+    def all_devices(self) -> list[str]:
+        """The modules of its channels, and the chassis that they are in."""
+        return list(dict.fromkeys([*self.devices, self.chassis.name])) if self.channels else []
+
 
 class Chassis:
     """A cDAQ-9174 with its modules and whatever is wired to them.
@@ -84,6 +91,7 @@ class Chassis:
     product = "cDAQ-9174"
     number = 29885
     trigger_inputs: tuple[str, ...] = ()  # a cDAQ-9174 has none without a digital module
+    inner_channels: ClassVar[Mapping[str, str]] = {}  # names of inputs within the device; it has none
     category = 14658  # DAQmx_Val_CompactDAQChassis
     input_engines = INPUT_ENGINES
     fastest_slow_clock = 400.0  # S/s, of a task with nothing but slow modules
@@ -117,6 +125,7 @@ class Chassis:
         }
         self.engines = {engine: Engine(engine) for engine in (*self.input_engines, OUTPUT_ENGINE)}
         self.tasks: list[HostedTask] = []
+        self.scales: dict[str, Scale] = {}
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
         self.caller = threading.local()
@@ -213,6 +222,11 @@ class Chassis:
         if parts[-1] in self.trigger_inputs:
             return None
         raise ChassisError(-89120, f"Terminal: {terminal}")
+
+    def check_destination(self, terminal: str) -> None:
+        """Refuse to route a signal to where this chassis has no terminal to give it away (-89121)."""
+        if terminal and terminal.rpartition("/")[2] not in self.trigger_inputs:
+            raise ChassisError(-89121, f"Destination: {terminal}")
 
     def full_terminal(self, terminal: str) -> str:
         """A terminal with the name of its device: ``/cDAQ1/te0/SampleClock``.

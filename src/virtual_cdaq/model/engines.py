@@ -1,7 +1,8 @@
 """Timing engines: what gives a task its sample clock, and how many of them there are.
 
 A cDAQ-9174 has three for analog input and one for analog output. A task gets one when it is reserved, and which one it
-gets is the chassis's choice: a program that needs the terminal asks the reserved task for it.
+gets is the chassis's choice: a program that needs the terminal asks the reserved task for it. A first input task gets
+``ai``: published programs start an output with it by ``/cDAQ1/ai/StartTrigger``.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 Ticks = NDArray[np.int64]
 
-INPUT_ENGINES = ("te0", "te1", "ai")
+INPUT_ENGINES = ("ai", "te0", "te1")
 OUTPUT_ENGINE = "ao"
 START_DELAY = 80  # ticks (1 us) from the start of a task to its first edge
 

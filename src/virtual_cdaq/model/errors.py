@@ -1,6 +1,7 @@
 """What the chassis refuses, with the codes of NI-DAQmx.
 
-The codes are NI's (the client's ``nidaqmx.error_codes`` lists them); the sentences are our own.
+The codes are NI's (the client's ``nidaqmx.error_codes`` lists them); the sentences are our own, but for -200077,
+-200284 and -200524: programs look for how NI's begin, and the client has the second one in itself.
 """
 
 from __future__ import annotations
@@ -11,19 +12,30 @@ OWN_TEXT = {
     -88709: "The task was aborted, or its device was reset or removed.",
     -88710: "The operation was cut short: the task was aborted, or its device was reset or removed.",
     -89120: "The source terminal does not exist on this chassis.",
-    -200077: "The requested value is not a supported value for this property.",
+    -89121: "The destination terminal does not exist on this chassis.",
+    -200077: (
+        "Requested value is not a supported value for this property."
+        " The property value may be invalid because it conflicts with another property."
+    ),
     -200082: "The minimum is not below the maximum.",
     -200088: "The task does not exist: it was never made, was cleared, or the server was started anew.",
     -200170: "The physical channel does not exist on this device.",
     -200197: "The device does not support this property.",
     -200220: "The device identifier is invalid: no device of this name.",
     -200229: "The buffer is too small for the samples to be read.",
+    -200262: "A task without a sample clock cannot wait for a trigger.",
     -200278: "The samples will never be available: the finite acquisition has ended and everything was read.",
     -200279: (
         "The application cannot keep up with the hardware acquisition: unread samples were overwritten."
         " Read more at a time, more often, or give the task a larger buffer."
     ),
-    -200284: "Some or all of the samples requested have not been acquired yet.",
+    -200284: (
+        "Some or all of the samples requested have not yet been acquired.\n\nTo wait for the samples to become"
+        " available use a longer read timeout or read later in your program. To make the samples available sooner,"
+        " increase the sample rate. If your task uses a start trigger, make sure that your start trigger is configured"
+        " correctly. It is also possible that you configured the task for external timing, and no clock was supplied."
+        " If this is the case, supply an external clock."
+    ),
     -200288: "Samples cannot be written beyond the end of a finite generation.",
     -200290: (
         "The generation has stopped so that old samples are not generated again: the application did not write"
@@ -41,7 +53,10 @@ OWN_TEXT = {
     -200485: "There is no saved task of this name.",
     -200486: "The channel is not in the task.",
     -200489: "The channel is in the task already.",
-    -200524: "The number of channels in the data is not that of the task.",
+    -200524: (
+        "Write cannot be performed, because the number of channels in the data does not match the number of channels"
+        " in the task."
+    ),
     -200547: "The write does not fit a buffer of automatic size.",
     -200557: "The property cannot be set while the task runs.",
     -200559: "All channels of a task must be of one kind.",

@@ -21,6 +21,7 @@ from virtual_cdaq.model.modules import HIGH_RESOLUTION_CONVERSION, HIGH_SPEED_CO
 FINITE, CONTINUOUS, SINGLE_POINT = 10178, 10123, 12522  # DAQmx_Val_FiniteSamps, _ContSamps, _HWTimedSinglePoint
 FEWEST_SAMPLES = 2  # of a finite task
 STOPPED_BEFORE_DONE = 200010  # a warning
+EXPORTED_TO = ("SAMP_CLK_OUTPUT_TERM", "START_TRIG_OUTPUT_TERM")
 ON_DEMAND, SAMPLE_CLOCK = 10390, 10388  # DAQmx_Val_OnDemand, _SampClk
 
 
@@ -77,6 +78,9 @@ class Host(Protocol):
 
     def check_present(self, task: Task) -> None:
         """Refuse when the chassis is unplugged."""
+
+    def check_destination(self, terminal: str) -> None:
+        """Refuse to route a signal to a terminal that is not there."""
 
     def take(self, task: Task) -> None:
         """Reserve an engine and the modules for a task."""
@@ -264,6 +268,10 @@ class Task:
             raise ChassisError(-200478, f"Task: {self.name}")
         self.check_samples()
         self.check_rate(self.timing)
+        if self.trigger and not self.hardware_timed:
+            raise ChassisError(-200262, f"Task: {self.name}")
+        for signal in EXPORTED_TO:
+            self.chassis.check_destination(self.properties.get(signal, ""))
         self.chassis.check_present(self)
         self.state = max(self.state, State.VERIFIED)
 

@@ -104,22 +104,24 @@ def _read_on_demand(task: HostedTask, count: int) -> Codes:
             task.stop()
 
 
-def to_codes(task: HostedTask, volts: Floats) -> Codes:
-    """Volts of shape (channels, n) as codes of the converters; refused outside the range of a channel."""
-    if not len(task.channels) == volts.shape[0]:
-        raise ChassisError(-200524, f"Channels: {len(task.channels)}, in the data: {volts.shape[0]}", done=0)
-    codes = np.empty(volts.shape, dtype=np.int32)
+def to_codes(task: HostedTask, values: Floats) -> Codes:
+    """Values of shape (channels, n) in the units of their channels as codes; refused outside their limits."""
+    if not len(task.channels) == values.shape[0]:
+        raise ChassisError(-200524, f"Channels: {len(task.channels)}, in the data: {values.shape[0]}", done=0)
+    codes = np.empty(values.shape, dtype=np.int32)
     for row, channel in enumerate(task.channels):
-        bad = ~((volts[row] >= channel.low - 1e-9) & (volts[row] <= channel.high + 1e-9))
+        bad = ~((values[row] >= channel.low - 1e-9) & (values[row] <= channel.high + 1e-9))
         if bad.any():
             at = int(np.argmax(bad))
+            unit = " V" if channel.custom is None else ""
             raise ChassisError(
                 -200561,
-                f"Value: {volts[row, at]:g} V, sample {at}\nAllowed: {channel.low:g} V to {channel.high:g} V"
+                f"Value: {values[row, at]:g}{unit}, sample {at}"
+                f"\nAllowed: {channel.low:g}{unit} to {channel.high:g}{unit}"
                 f"\nChannel: {channel.name}\nTask: {task.name}",
                 done=0,
             )
-        codes[row] = encode(channel.module, channel.chosen, volts[row])
+        codes[row] = encode(channel.module, channel.chosen, channel.unscale(values[row]))
     return codes
 
 
