@@ -1,10 +1,10 @@
 """NI's own examples and tests on the stand-in chassis, through NI's client.
 
 Run ``python -m benchmarks.ni_client FOLDER [--gate] [--record]``, where FOLDER holds github.com/ni/nidaqmx-python.
-Nothing of it is kept here. Of the tests those of ``tests/component`` and ``tests/acceptance`` are asked, the half of them
-that goes through gRPC: once with the stand-in dressed up as the multifunction device that they are written for, and
-those that look for a cDAQ-9189 once more with it as such a chassis. What passes, what does not apply and why, and what
-failed is written down by name; the gate is that nothing has failed.
+Nothing of it is kept here. Of the tests, that half of ``tests/component`` and ``tests/acceptance`` is asked that goes
+through gRPC: once with the stand-in dressed up as the multifunction device that they are written for, and what looks
+for a cDAQ-9189 once more with it as such a chassis. What passes, what does not apply and why, and what failed is
+written down by name; the gate is that nothing has failed.
 """
 
 from __future__ import annotations
@@ -35,6 +35,17 @@ def environment(folder: Path, **more: str) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": paths, "LC_ALL": "C.UTF-8", "MPLBACKEND": "Agg", **more}
 
 
+def _said(command: list[str], variables: dict[str, str], room: str) -> tuple[str, str]:
+    """The last line that a program said, and what went wrong."""
+    try:
+        told = subprocess.run(
+            command, env=variables, cwd=room, capture_output=True, text=True, timeout=LONGEST_EXAMPLE, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return "", f"it has not ended within {LONGEST_EXAMPLE:g} s"
+    return (told.stdout.splitlines() or [""])[-1], told.stderr
+
+
 def examples(folder: Path) -> list[dict[str, Any]]:
     """How each of NI's examples ended."""
     lines = []
@@ -43,18 +54,9 @@ def examples(folder: Path) -> list[dict[str, Any]]:
             continue
         command = [sys.executable, "-m", "benchmarks.ni_suite.example", str(program)]
         with tempfile.TemporaryDirectory() as room:
-            told = subprocess.run(
-                command,
-                env=environment(folder),
-                cwd=room,
-                capture_output=True,
-                text=True,
-                timeout=LONGEST_EXAMPLE,
-                check=False,
-            )
-        end = told.stdout.splitlines()[-1] if told.stdout else "{}"
-        line = json.loads(end) if end.startswith("{") else {}
-        line = {"end": FAILED, "text": told.stderr, "refused": [], "moved": []} | line
+            said, wrong = _said(command, environment(folder), room)
+        line = json.loads(said) if said.startswith("{") else {}
+        line = {"end": FAILED, "text": wrong, "refused": [], "moved": []} | line
         lines.append(line | {"name": program.relative_to(folder).as_posix()})
     return lines
 
@@ -95,9 +97,12 @@ def report(title: str, verdicts: list[Verdict]) -> tuple[list[str], list[str]]:
     counts += [f"| {PASSED} | {len(ends[PASSED])} |", f"| {FAILED} | {len(ends[FAILED])} |"]
     counts += [f"| not applicable: {end} | {len(ends[end])} |" for end in others]
     lines = [f"## {title}", "", *counts]
-    for end in (FAILED, PASSED, *others):
+    if ends[FAILED]:
+        lines += ["", "### Failed", ""]
+        lines += [f"* `{verdict.name}`: {verdict.cause}" for verdict in verdicts if verdict.end == FAILED]
+    for end in (PASSED, *others):
         if ends[end]:
-            head = end.capitalize() if end in (PASSED, FAILED) else f"Not applicable: {end}"
+            head = "Passed" if end == PASSED else f"Not applicable: {end}"
             lines += ["", f"### {head}", "", *listed(ends[end])]
     return lines, ends[FAILED]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 from ipmclab import platform
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError
+from ipmclab.rig.process import hub
 from ipmclab.rig.safety.guarded_output import Target, connect
 from ipmclab.rig.safety.guardian_process import Watch
 from ipmclab.run import RunMetadata
@@ -120,18 +122,41 @@ def test_rights_are_given_by_the_number_of_the_user(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(subprocess, "run", run)
     monkeypatch.setenv("SYSTEMROOT", r"C:\Windows")
     windows = as_on_windows(monkeypatch, {"msvcrt": SimpleNamespace()})
-    windows.write_for_owner_only(tmp_path / "a", "token")
+    assert windows.write_for_owner_only(tmp_path / "a", "token") == ""
     assert (tmp_path / "a").read_text() == "token"
     assert asked[1][-3:] == ["/inheritance:r", "/grant:r", "*S-1-5-21-7-8-1001:F"]
     assert all(Path(command[0]).name in ("whoami.exe", "icacls.exe") for command in asked)
     assert all(command[0].startswith("C:") for command in asked)  # not the first of that name on the path
 
-    def fail(command: list[str], **_: Any) -> SimpleNamespace:
-        raise subprocess.CalledProcessError(1332, command)
 
-    monkeypatch.setattr(subprocess, "run", fail)
-    windows.write_for_owner_only(tmp_path / "b", "token")
-    assert (tmp_path / "b").read_text() == "token"
+@pytest.mark.parametrize(
+    ("program", "failure", "why"),
+    [
+        ("icacls.exe", subprocess.CalledProcessError(5, "", stderr=b"No.\r\n"), "icacls failed with 5: No."),
+        ("icacls.exe", subprocess.CalledProcessError(1332, ""), "icacls failed with 1332"),
+        ("icacls.exe", FileNotFoundError("no such file"), "icacls could not be run: no such file"),
+        ("whoami.exe", PermissionError("refused"), "whoami could not be run: refused"),
+        ("whoami.exe", None, "whoami did not tell the number of the user"),
+    ],
+)  # fmt: skip
+def test_rights_that_cannot_be_given_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, failure: Exception | None, why: str
+) -> None:
+    def run(command: list[str], **_: Any) -> SimpleNamespace:
+        if command[0].endswith(program) and failure is not None:
+            raise failure
+        return SimpleNamespace(stdout=b"" if failure is None else b'"lab","S-1-5-21-7-8-1001"\r\n')
+
+    monkeypatch.setattr(subprocess, "run", run)
+    windows = as_on_windows(monkeypatch, {"msvcrt": SimpleNamespace()})
+    assert windows.write_for_owner_only(tmp_path / "token", "token") == why
+    assert (tmp_path / "token").read_text() == "token"
+    # The recorder goes on, and whoever looks at it is told.
+    monkeypatch.setattr(hub, "write_for_owner_only", windows.write_for_owner_only)
+    with contextlib.closing(hub.Hub(tmp_path, lambda _: None)) as recorder:
+        (note,) = recorder._past
+    assert (note.kind, why in note["text"], note["passing"]) == ("note", True, False)
+    assert note["text"].startswith("other users of this computer may be able to steer this recorder")
 
 
 def test_the_pipes_of_children_are_utf_8_whatever_the_locale_is(tmp_path: Path) -> None:

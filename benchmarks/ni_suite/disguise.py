@@ -17,6 +17,7 @@ from virtual_cdaq.model.channels import Channel, Converter
 from virtual_cdaq.model.chassis import Chassis
 from virtual_cdaq.model.clock import RealClock
 from virtual_cdaq.model.modules import MODULES, NI9205, NI9263, Range
+from virtual_cdaq.model.plant import RcPlant
 from virtual_cdaq.model.scales import Scale
 
 LOOPED = 30
@@ -91,6 +92,11 @@ def multifunction() -> Chassis:
         made.scales[name] = Scale(name, "linear", (0.0, slope), (), VOLTS)
     made.scales["polynomial_scale"] = Scale("polynomial_scale", "polynomial", (0.0, 1.0), (0.0, 1.0), VOLTS)
     return made
+
+
+def chassis_for(source: str) -> Chassis:
+    """What an example asks for: the chassis under its own name, or the multifunction device."""
+    return Chassis(RcPlant(), RealClock()) if "cDAQ1Mod" in source else multifunction()
 
 
 def network() -> Chassis:

@@ -7,16 +7,18 @@ last line of the output is a line of JSON: how it ended, what was refused, and w
 
 from __future__ import annotations
 
-import _thread
 import builtins
 import functools
 import json
+import os
 import runpy
+import signal
 import sys
 import threading
 import time
 import traceback
 import warnings
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -24,7 +26,7 @@ import nidaqmx
 import nidaqmx.system
 
 from benchmarks.ni_suite import evidence
-from benchmarks.ni_suite.disguise import multifunction
+from benchmarks.ni_suite.disguise import chassis_for
 from virtual_cdaq.server import Server
 
 ENTER, INTERRUPT = 2.5, 5.0  # s until somebody who watches the program ends it
@@ -32,7 +34,7 @@ ENTER, INTERRUPT = 2.5, 5.0  # s until somebody who watches the program ends it
 
 def _interrupt() -> None:
     time.sleep(INTERRUPT)
-    _thread.interrupt_main()
+    os.kill(os.getpid(), signal.SIGINT)  # a signal, for the program may be waiting for an answer
 
 
 def _enter(*_: object) -> str:
@@ -42,7 +44,7 @@ def _enter(*_: object) -> str:
 
 def main(program: str) -> None:
     """Run it, and tell how it ended."""
-    chassis = multifunction()
+    chassis = chassis_for(Path(program).read_text(encoding="utf-8-sig"))
     moved: set[str] = set()
     chassis.on_level = lambda levels: moved.update(name for name, level in levels.items() if level != 0.0)
     server = Server(chassis)
@@ -73,6 +75,7 @@ def main(program: str) -> None:
         end = {"end": "failed", "text": traceback.format_exc()}
     over.set()
     print("\n" + json.dumps({**end, "refused": evidence.refused, "moved": sorted(moved)}), flush=True)
+    os._exit(0)  # what the program left behind, such as a stream of events, would be waited for
 
 
 if __name__ == "__main__":

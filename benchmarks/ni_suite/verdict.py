@@ -51,10 +51,13 @@ class Verdict:
     name : str
     end : str
         `PASSED`, `FAILED`, or why it is not applicable.
+    cause : str
+        What a failure said last.
     """
 
     name: str
     end: str
+    cause: str = ""
 
 
 def judge(line: dict[str, Any]) -> Verdict:
@@ -75,7 +78,8 @@ def judge(line: dict[str, Any]) -> Verdict:
     for pattern, why in RULES:
         if re.search(pattern, asked):
             return Verdict(line["name"], why)
-    return Verdict(line["name"], FAILED)
+    said = [one.strip() for one in line["text"].splitlines() if one.strip()]
+    return Verdict(line["name"], FAILED, said[-1] if said else "")
 
 
 def listed(names: Iterable[str]) -> list[str]:

@@ -47,33 +47,55 @@ def own_stdin() -> BinaryIO:
     return stream
 
 
-def write_for_owner_only(path: Path, text: str) -> None:
+def write_for_owner_only(path: Path, text: str) -> str:
     """Write a small file that no other user can read.
+
+    Returns
+    -------
+    str
+        Why others may be able to read it all the same; empty where only its owner can.
 
     Raises
     ------
     OSError
         Also when the file exists.
     """
+    why = ""
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as stream:
         if sys.platform == "win32":
-            _leave_to_owner(path)
+            why = _leave_to_owner(path)
         stream.write(text)
+    return why
 
 
-def _leave_to_owner(path: Path) -> None:
+def _leave_to_owner(path: Path) -> str:
     """Take the inherited rights to a file of Windows away, where its mode means nothing, and leave the owner his.
 
     By the number of the user, for a name may be another one's, or spelled otherwise in the system's language. Where a
-    disk knows no rights (a USB stick) they stay as they are: that is no reason not to record.
+    disk knows no rights (a USB stick) they stay as they are: that is no reason not to record, and is told.
+
+    Returns
+    -------
+    str
+        What failed; empty where nothing did.
     """
     system = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32")
     quiet: dict[str, Any] = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), "capture_output": True}
-    with suppress(OSError, subprocess.SubprocessError, IndexError):
+    asked = "whoami"
+    try:
         told = subprocess.run([str(system / "whoami.exe"), "/user", "/fo", "csv", "/nh"], check=True, **quiet).stdout
         number = told.decode(errors="replace").strip().rsplit(",", 1)[1].strip('"')
         rights = ["/inheritance:r", "/grant:r", f"*{number}:F"]
+        asked = "icacls"
         subprocess.run([str(system / "icacls.exe"), str(path), *rights], check=True, **quiet)
+    except subprocess.CalledProcessError as error:
+        said = (error.stderr or b"").decode(errors="replace").strip()
+        return f"{asked} failed with {error.returncode}" + (f": {said}" if said else "")
+    except IndexError:
+        return "whoami did not tell the number of the user"
+    except (OSError, subprocess.SubprocessError) as error:
+        return f"{asked} could not be run: {error}"
+    return ""
 
 
 if sys.platform == "win32":

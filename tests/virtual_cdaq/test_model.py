@@ -139,7 +139,7 @@ def test_a_fourth_input_engine_and_a_second_task_on_a_module_are_refused():
             tasks.append(task)
         for task in tasks[:3]:
             task.reserve()
-        assert [task.engine.name for task in tasks[:3]] == ["te0", "te1", "ai"]
+        assert [task.engine.name for task in tasks[:3]] == ["ai", "te0", "te1"]
         with pytest.raises(ChassisError) as engines:
             tasks[3].reserve()
         second = chassis.new_task("second")

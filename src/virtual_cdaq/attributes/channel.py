@@ -123,6 +123,8 @@ def _units_of(*own: int) -> Property:
     def put(channel: Channel, value: int) -> None:
         if value not in (*own, CUSTOM):
             raise unsupported_value("units", value, str((*own, CUSTOM)))
+        if value == CUSTOM and find_scale(channel.scales, channel.scale_name).units_before not in own:
+            raise unsupported_value("Scale.PreScaledUnits", channel.scale_name, str(own))
         channel.units = value
 
     return Property(lambda channel: channel.units, put, lambda channel: put(channel, own[0]))

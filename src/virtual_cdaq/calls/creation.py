@@ -136,7 +136,7 @@ def _units(task: HostedTask, request: Any, *own: int) -> dict[str, Any]:
     wanted = _chosen(request, "units")
     if wanted != CUSTOM:
         return {"units": wanted if wanted in own else own[0]}
-    scale = find_scale(task.chassis.scales, request.custom_scale_name)
+    scale = find_scale(task.chassis.scales, getattr(request, "custom_scale_name", ""))
     if scale.units_before not in own:
         raise unsupported_value("Scale.PreScaledUnits", scale.units_before, f"{own}\nCustom scale: {scale.name}")
     return {"units": CUSTOM, "scale_name": scale.name}

@@ -73,6 +73,13 @@ def hang_up(connection: Connection) -> None:
             there.detach()
 
 
+def _others_may_steer(file: Path, why: str) -> str:
+    return (
+        f"other users of this computer may be able to steer this recorder: the rights to {file} could not be left to "
+        f"you alone ({why}); keep the laboratory folder where only you can read"
+    )
+
+
 class Hub:
     """Listens on 127.0.0.1, lets in who knows the token, and tells every client the same.
 
@@ -105,11 +112,13 @@ class Hub:
         told = {"address": f"{host}:{port}", "token": self._token.hex(), "process": os.getpid(), **(about or {})}
         new = self.file.with_suffix(".new")  # whoever looks for recorders finds a whole file or none
         try:
-            write_for_owner_only(new, json.dumps(told) + "\n")
+            open_to_others = write_for_owner_only(new, json.dumps(told) + "\n")
             move_file(new, self.file)
         except OSError:
             self._listener.close()
             raise
+        if open_to_others:
+            self.tell(Message("note", {"text": _others_may_steer(self.file, open_to_others), "passing": False}))
         self._door = threading.Thread(target=self._accept, name="recorder door", daemon=True)
         self._door.start()
 

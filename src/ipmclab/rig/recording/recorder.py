@@ -21,6 +21,7 @@ from ipmclab.rig.recording.zeroing import Rest, read_rest, wait_for_preload
 from ipmclab.rig.request import check_measured, check_rate
 from ipmclab.rig.rows import RowSource
 from ipmclab.rig.safety.guarded_bench import GuardedBench
+from ipmclab.rig.safety.own_clock import OPENING, own_pauses_told
 from ipmclab.rig.safety.session_end import told_of_the_end
 from ipmclab.run import SLOW_CHANNELS, Mark, Run, ZeroReading
 from ipmclab.signals import Signal
@@ -157,7 +158,8 @@ def capture(
         bench.zero()
 
     with told_to_end(bench.zero), told_of_the_end(leave), _closing(guarded) as closed:
-        guarded.open(recording.names, rate)
+        with own_pauses_told(OPENING):
+            guarded.open(recording.names, rate)
         try:
             rest = _rest_before(guarded, recording, request, attendants.listeners)
         except EndedEarly as ended:

@@ -20,6 +20,7 @@ from ipmclab.rig.bench import Bench, BenchError
 from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.safety.guard import Guard
 from ipmclab.rig.safety.limits import Limits
+from ipmclab.rig.safety.own_clock import OPENING, own_pauses_told
 from ipmclab.rig.scaling import Scaling
 from ipmclab.run import SLOW_CHANNELS, ZeroReading
 from ipmclab.signals import Step
@@ -98,13 +99,17 @@ def read_rest(
     guard.zeroed(-1)
     plain = Scaling([bench.rig[name] for name in names if name in ("voltage", "current")], {})
     blocks = []
-    for block in bench.apply(Step(0.0), max(1, round(duration * rate))):
-        alarms = guard.look(block.first_row, plain.values(block.readings)) if "voltage" in names else ()
-        if alarms:
-            raise BenchError(str(alarms[0]), code="output-stuck", where="voltage", repair="see the output amplifier")
-        blocks.append(block)
-        if on_block is not None:
-            on_block()
+    with own_pauses_told("while the channels were read at 0 V") as clock:
+        for block in bench.apply(Step(0.0), max(1, round(duration * rate))):
+            clock.progress()
+            alarms = guard.look(block.first_row, plain.values(block.readings)) if "voltage" in names else ()
+            if alarms:
+                raise BenchError(
+                    str(alarms[0]), code="output-stuck", where="voltage", repair="see the output amplifier"
+                )
+            blocks.append(block)
+            if on_block is not None:
+                on_block()
     zeros, noise, ends = [], {}, {}
     for name in names:
         if name in SLOW_CHANNELS:
@@ -140,7 +145,8 @@ def read_tare(bench: Bench, rate: float, *, when: When, duration: float = ZERO_T
     ('tare', True)
     """
     names = ("voltage", "force")
-    bench.open(names, rate)
+    with own_pauses_told(OPENING):
+        bench.open(names, rate)
     try:
         return read_rest(bench, names, rate, when=when, duration=duration, force="tare")["force"]
     finally:
