@@ -28,8 +28,8 @@ VOLTS = 10348  # DAQmx_Val_Volts
 # A simulated device of NI's is without noise, and its codes end at its range.
 _ENDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _RANGES = tuple(Range(-end, end, end, 0.0) for end in _ENDS)
-INPUTS = replace(NI9205, product="PCIe-6363 inputs", ranges=_RANGES, rate=2e6, aggregate_rate=1e6, offset=0.0)
-OUTPUTS = replace(NI9263, product="PCIe-6363 outputs", ranges=(Range(-10.0, 10.0, 10.0, 0.0),), rate=2.86e6)
+INPUTS = replace(NI9205, product="PCIe-6363 inputs", ranges=_RANGES, offset=0.0)
+OUTPUTS = replace(NI9263, product="PCIe-6363 outputs", ranges=(Range(-10.0, 10.0, 10.0, 0.0),))
 MODULES.update({module.product: module for module in (INPUTS, OUTPUTS)})
 
 

@@ -63,6 +63,7 @@ def main(program: str) -> None:
 
     threading.Thread(target=pulse, daemon=True).start()
     threading.Thread(target=_interrupt, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a program in the background would take no notice
     warnings.simplefilter("ignore")
     end: dict[str, Any] = {"end": "passed", "text": ""}
     try:

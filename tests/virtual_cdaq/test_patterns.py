@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from nidaqmx import DaqError
-from nidaqmx.constants import AcquisitionType, Edge, ProductCategory, TaskMode
+from nidaqmx.constants import AcquisitionType, Edge, ProductCategory, RegenerationMode, TaskMode
 from nidaqmx.stream_readers import AnalogUnscaledReader
 from nidaqmx.stream_writers import AnalogUnscaledWriter
+
+from virtual_cdaq.model.buffers import OutputBuffer
 
 
 def test_an_output_is_started_by_the_first_input_task_of_the_device_that_it_names(bench):
@@ -120,3 +122,25 @@ def test_the_texts_that_programs_look_for(bench):
     assert errors[-200524].startswith("Write cannot be performed, because the number of channels in the data does not")
     with pytest.raises(DaqError, match="Device Specified: Gerät\n"):
         bench.system.devices["Gerät"].reset_device()
+
+
+def test_a_write_as_large_as_the_buffer_never_lets_it_run_empty(bench, monkeypatch):
+    """Programs write a buffer of samples again and again while the output runs."""
+    left = []
+    put = OutputBuffer.put
+
+    def noting(buffer, codes):
+        left.append(buffer.written - buffer.generated)
+        put(buffer, codes)
+
+    with bench.task() as task:
+        task.ao_channels.add_ao_voltage_chan("cDAQ1Mod2/ao0")
+        task.out_stream.regen_mode = RegenerationMode.DONT_ALLOW_REGENERATION
+        task.timing.cfg_samp_clk_timing(1000.0, sample_mode=AcquisitionType.CONTINUOUS)
+        task.write(np.zeros(1000))
+        task.start()
+        monkeypatch.setattr(OutputBuffer, "put", noting)
+        for _ in range(3):
+            assert task.write(np.ones(1000)) == 1000
+        assert task.out_stream.curr_write_pos == 4000
+    assert min(left) >= 900

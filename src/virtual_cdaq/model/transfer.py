@@ -14,6 +14,7 @@ from virtual_cdaq.model.task import State
 from virtual_cdaq.model.waiting import gate, wait
 
 ALL_AVAILABLE = -1
+PIECES = 10  # of an output buffer, of which one must be free for a write to go on
 
 
 def read(task: HostedTask, count: int, timeout: float) -> tuple[Codes, int]:
@@ -160,7 +161,8 @@ def write(task: HostedTask, codes: Codes, *, auto_start: bool, timeout: float) -
         raise ChassisError(-200547, f"Buffer: {buffer.size} samples, written: {count}\nTask: {task.name}", done=0)
     put = 0
     while put < count:
-        piece = min(count - put, buffer.size)
+        # To a task that runs samples go as room comes: an output whose buffer had to be empty first would run dry.
+        piece = min(count - put, max(1, buffer.size // PIECES) if task.running else buffer.size)
         came = (
             wait(
                 chassis,
