@@ -116,7 +116,9 @@ class Emulator:
             case None:
                 write(answer)
             case "late":
-                self._stop.wait(seconds)
+                fault, until = self._fault, time.monotonic() + seconds
+                while time.monotonic() < until and self._fault is fault and not self._stop.is_set():
+                    time.sleep(0.02)
                 write(answer)
             case "halves":
                 write(answer[:middle])

@@ -17,15 +17,25 @@ class Deadline:
     >>> whole = Deadline(10.0)
     >>> 9.0 < whole.left <= 10.0, whole.within(2.0).left <= 2.0, Deadline(0.0).is_over
     (True, True, True)
+    >>> part = whole.within(5.0)
+    >>> whole.cut()
+    >>> part.is_over
+    True
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, whole: Deadline | None = None) -> None:
         self._end = time.monotonic() + seconds
+        self._whole = whole
 
     @property
     def left(self) -> float:
         """What is left of it [s], never below 0."""
-        return max(0.0, self._end - time.monotonic())
+        own = max(0.0, self._end - time.monotonic())
+        return own if self._whole is None else min(own, self._whole.left)
+
+    def cut(self) -> None:
+        """Let it, and every part of it, be over now; may be called from another thread."""
+        self._end = time.monotonic()
 
     @property
     def is_over(self) -> bool:
@@ -34,4 +44,4 @@ class Deadline:
 
     def within(self, seconds: float) -> Deadline:
         """The earlier of this one and so many seconds from now."""
-        return Deadline(min(seconds, self.left))
+        return Deadline(seconds, self)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -13,14 +14,22 @@ from typing import Final
 from ipmclab.rig.chambers.chamber import ChamberError, Conditions, Mode, Ranges, Stillness
 from ipmclab.rig.chambers.deadline import Deadline
 
-READ_TIME: Final = 8.0
+READ_TIME: Final = 6.0
 """A reading takes at most so long [s], and whoever comes second waits at most so long for the line."""
 
-SET_TIME: Final = 12.0
+_POLITE: Final = 1.0
+"""So long [s] a reading is left to end by itself where something else is to be done."""
+
+SET_TIME: Final = 10.0
 """Setting takes at most so long [s]; where it fails, bringing the chamber to standby comes on top."""
 
 SAFE_TIME: Final = 7.0
 """Bringing a chamber to standby takes at most so long [s]."""
+
+AGAIN_TIME: Final = 3.0
+"""And where that has failed within the last ``AGAIN`` s, so long."""
+
+AGAIN: Final = 15.0
 
 TEMPERATURE_STEP: Final = 0.11
 HUMIDITY_STEP: Final = 0.6
@@ -68,6 +77,9 @@ class Driver(ABC):
         self.where = where
         self._ranges = ranges
         self._lock = threading.RLock()
+        self._unsafe_at = -math.inf
+        self._begun: Deadline | None = None
+        self._reads = False
         self._is_known = False
         self._asked: Asked | None = None
         self._is_still = False
@@ -90,12 +102,12 @@ class Driver(ABC):
 
     def read(self) -> Conditions:
         """What it is like now: see ``Chamber.read``."""
-        with self._turn(READ_TIME) as deadline:
+        with self._turn(READ_TIME, reads=True) as deadline:
             return self._state(deadline)
 
     def still(self, longest: float) -> Stillness:
         """Standby, which stops fan and compressor: see ``Chamber.still``. How far the air drifts is not known here."""
-        with self._turn(SET_TIME) as deadline:
+        with self._turn(SAFE_TIME) as deadline:
             self._stop(deadline)
             self._is_still = True
         return Stillness(longest)
@@ -108,8 +120,9 @@ class Driver(ABC):
             self._is_still = False
 
     def safe(self) -> None:
-        """Standby: see ``Chamber.safe``."""
-        with self._turn(SAFE_TIME, known=False) as deadline:  # whoever it is, it can be told to stop
+        """Standby: see ``Chamber.safe``. What another thread has begun is cut short."""
+        self._cut_short()
+        with self._turn(self._safe_time, known=False) as deadline:  # whoever it is, it can be told to stop
             try:
                 self._stop(deadline)
             except ChamberError as error:
@@ -124,6 +137,7 @@ class Driver(ABC):
 
     def close(self) -> None:
         """Let go of the line: see ``Chamber.close``."""
+        self._cut_short()
         taken = self._lock.acquire(timeout=READ_TIME)
         try:
             self._hang_up()
@@ -167,14 +181,24 @@ class Driver(ABC):
 
     def _try_to_stop(self) -> str:
         try:
-            self._stop(Deadline(SAFE_TIME))
+            self._stop(Deadline(self._safe_time))
         except ChamberError:
             return "it could not be brought to standby either"
         return _STOPPED
 
+    @property
+    def _safe_time(self) -> float:
+        """How long standby is tried for [s]: whoever could not be told just now is not waited for as long again."""
+        return AGAIN_TIME if time.monotonic() - self._unsafe_at < AGAIN else SAFE_TIME
+
     def _stop(self, deadline: Deadline) -> None:
-        self._standby(deadline)
-        self._wait_for(_REGULATES_NOTHING, deadline)
+        try:
+            self._standby(deadline)
+            self._wait_for(_REGULATES_NOTHING, deadline)
+        except ChamberError:
+            self._unsafe_at = time.monotonic()
+            raise
+        self._unsafe_at = -math.inf
 
     def _wait_for(self, modes: tuple[Mode, ...], deadline: Deadline) -> None:
         """Wait until it does what it was told. Raises ChamberError."""
@@ -193,18 +217,31 @@ class Driver(ABC):
             why, code="chamber-in-use", where=self.where, repair="end that, and see that nobody else uses the chamber"
         )
 
+    def _cut_short(self) -> None:
+        """Let another thread's call end as soon as it looks at its deadline."""
+        begun = self._begun
+        if begun is not None:
+            begun.cut()
+
     @contextmanager
-    def _turn(self, seconds: float, *, known: bool = True) -> Iterator[Deadline]:
-        """Have the line for oneself. What another thread has begun ends by its own deadline."""
-        if not self._lock.acquire(timeout=READ_TIME):
+    def _turn(self, seconds: float, *, known: bool = True, reads: bool = False) -> Iterator[Deadline]:
+        """Have the line for oneself. A reading that does not end is cut short for anything else than a reading."""
+        taken = self._lock.acquire(timeout=_POLITE)
+        if not taken:
+            if self._reads and not reads:
+                self._cut_short()
+            taken = self._lock.acquire(timeout=READ_TIME)
+        if not taken:
             raise self._in_use(f"another part of this program has been speaking to it for {READ_TIME:g} s")
         try:
-            deadline = Deadline(seconds)
+            self._reads, self._begun = reads, Deadline(seconds)
+            deadline = self._begun
             if known and not self._is_known:
                 self._identify(deadline)
                 self._is_known = True
             yield deadline
         finally:
+            self._begun = None
             self._lock.release()
 
     @abstractmethod

@@ -6,6 +6,7 @@ right place once an answer was missed.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -194,18 +195,24 @@ class Registers:
             raise unreachable(self.where, error) from error
 
 
+def _pymodbus(where: str) -> Any:
+    """pymodbus's clients, which write to nobody's terminal. Raises ChamberError."""
+    try:
+        from pymodbus import client
+    except ImportError as error:
+        raise missing(error.name, where) from error
+    logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+    return client
+
+
 def by_tcp(host: str, port: int, where: str) -> Client:
     """A client by TCP."""
 
     def open_(deadline: Deadline) -> Any:
-        try:
-            from pymodbus.client import ModbusTcpClient
-        except ImportError as error:
-            raise missing(error.name, where) from error
-
+        clients = _pymodbus(where)
         deadline = deadline.within(CONNECT_TIME)
         for *_, address in address_of(host, port, deadline, where):
-            client: Any = ModbusTcpClient(str(address[0]), port=port, timeout=max(deadline.left, 1e-2), retries=0)
+            client = clients.ModbusTcpClient(str(address[0]), port=port, timeout=max(deadline.left, 1e-2), retries=0)
             if client.connect():
                 return client
         raise unreachable(where, "it takes no connection")
@@ -218,11 +225,7 @@ def by_serial_port(port: str, baud_rate: int, parity: Parity, where: str) -> Cli
 
     def open_(deadline: Deadline) -> Any:
         serial_client(where)
-        try:
-            from pymodbus.client import ModbusSerialClient
-        except ImportError as error:
-            raise missing(error.name, where) from error
-        client = ModbusSerialClient(
+        client = _pymodbus(where).ModbusSerialClient(
             port,
             baudrate=baud_rate,
             parity=parity[0].upper(),

@@ -21,9 +21,9 @@ FloatArray = npt.NDArray[np.float64]
 PERIOD: Final = 1.0
 """How often [s] a chamber is read."""
 
-SILENT: Final = 20.0
-"""After so long [s] without a reading the chamber counts as lost: with the last attempt, what is recorded ends within
-``DEADLINE``."""
+SILENT: Final = 12.0
+"""After so long [s] without a reading the chamber counts as lost: with the last attempt to read it, and that to let it
+stand by, what is recorded ends within ``DEADLINE``."""
 
 _TWICE: Final = 2
 """An alarm, or a set point that nobody asked for, counts once it stands in so many readings."""

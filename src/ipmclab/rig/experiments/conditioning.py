@@ -176,10 +176,9 @@ class Conditioning:
         self.known["chamber"] = "still"
         self._chamber.still(environment.longest_still)
         self._recent, self._most, self._still_since = {}, {}, None
-        try:
-            yield
-        finally:
-            # Whatever ended the run: how that is told is up to what did.
+        yield
+        if not self._desk.is_over():  # what is over, also by an error, ends in standby and sets no chamber to work
+            # Where it fails the chamber is in standby, which the next reading tells.
             with suppress(ChamberError):
                 self._chamber.resume()
         self._still_for = seconds
