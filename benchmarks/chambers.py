@@ -52,7 +52,7 @@ from tests.rig.test_session import Desk
 SOURCES = ("src/ipmclab/rig/chambers", "src/ipmclab/rig/experiments", "tests/rig/chambers")
 
 SEED = 20261123
-MOMENTS = (("chamber-on", 0.5), ("equilibrium", 6.0), ("apply", 8.0), ("apply", 8.0), ("standby", 0.2))
+MOMENTS = (("chamber-on", 0.5), ("equilibrium", 6.0), ("apply", 8.0), ("apply", 8.0), ("standby", 0.01))
 """A fault comes while this step is done, at most so long [s] after its begin."""
 
 INSIDE = ("alarm", "unit", "another client", "a program", "deaf", "locked", "no water")
@@ -176,6 +176,7 @@ class Ended:
     drawn: Drawn
     reason: str = ""
     came: bool = False
+    volts: float = 0.0
     after: float = float("nan")
     longest_call: float = 0.0
     standby: bool = False
@@ -264,7 +265,8 @@ def hold(drawn: Drawn, folder: Path) -> Ended:
         ended.longest_call = timed.longest
         ended.standby = pair.room.mode in ("STANDBY", "OFF")
         said = " ".join([ended.reason, *desk.texts()])
-        judge(ended, pair, bench.output, said)
+        ended.volts = bench.output
+        judge(ended, pair, said)
         mend(pair)
         time.sleep(0.2)
         try:
@@ -277,11 +279,11 @@ def hold(drawn: Drawn, folder: Path) -> Ended:
     return ended
 
 
-def judge(ended: Ended, pair: Pair, output: float, said: str) -> None:
+def judge(ended: Ended, pair: Pair, said: str) -> None:
     """What is wrong with the end of an experiment."""
     drawn = ended.drawn
-    if output != 0.0:
-        ended.wrong.append(f"the strip is at {output:g} V")
+    if ended.volts != 0.0:
+        ended.wrong.append(f"the strip is at {ended.volts:g} V")
     if ended.longest_call > DEADLINE:
         ended.wrong.append(f"a call took {ended.longest_call:.1f} s")
     if ended.after > DEADLINE:
@@ -359,7 +361,7 @@ def report(done: list[Ended], seconds: float) -> str:
         f"* {len(done)} faults in {len({str(one.drawn.kind) for one in done})} kinds of chamber and line; "
         f"{sum(one.came for one in done)} of them came before the end; {seconds:.0f} s in all; seed {SEED}",
         f"* {len(for_it)} experiments ended with a reason, {len(done) - len(for_it)} were complete; "
-        "the strip at 0 V in all",
+        f"the strip at 0 V at the end of {sum(one.volts == 0.0 for one in done)}",
         f"* from the fault to the end: {np.median(after):.1f} s (median), {after.max():.1f} s at most; "
         f"bound {DEADLINE:g} s",
         f"* longest call of a chamber: {np.median(calls):.2f} s (median), {calls.max():.1f} s at most; "
@@ -374,8 +376,8 @@ def report(done: list[Ended], seconds: float) -> str:
     counts = Counter(one.drawn.what for one in done if one.came)
     for what in sorted(counts):
         of = [one for one in for_it if one.drawn.what == what]
-        longest = max((one.after for one in of if np.isfinite(one.after)), default=float("nan"))
-        lines.append(f"| {what} | {counts[what]} | {len(of)} | {longest:.1f} |")
+        longest = max((one.after for one in of if np.isfinite(one.after)), default=None)
+        lines.append(f"| {what} | {counts[what]} | {len(of)} | {'-' if longest is None else f'{longest:.1f}'} |")
     return "\n".join(lines)
 
 
