@@ -40,6 +40,9 @@ def simulate(
     rate: Annotated[str, typer.Option(metavar="FREQUENCY", help='Rows a second, for example "50 Hz".')],
     out: Annotated[Path, typer.Option(metavar="FILE.nc", help="The run to write.")],
     hold: Annotated[str, typer.Option(metavar="|".join(HOLDS), help="What the voltage does between rows.")] = "zero",
+    environment: Annotated[
+        str | None, typer.Option(metavar="TEXT", help='Of a strip with laws: "25 degC, 45 %RH" or "25 degC, in water".')
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -62,7 +65,8 @@ def simulate(
     check_output(out, force=force, suffixes=(".nc",), reads=[*actuator_files(actuator), *played])
     model = load_actuator(actuator)
     with progress(f"simulating {model.name}"):
-        run = simulate_actuator(model, applied, duration=seconds, rate=hertz, hold=hold)
+        strip = model if model.fit_table is None else _as_it_is_now(model)
+        run = simulate_actuator(strip, applied, duration=seconds, rate=hertz, hold=hold, environment=environment)
         write_run(run, out, overwrite=force)
         sure = _sureness(model, run, actuator)
 
@@ -118,6 +122,13 @@ def _sureness(model: Actuator, run: Run, named: str) -> SureAnswer | None:
     from ipmclab.prediction.answer import sure_answer
 
     return sure_answer(model, run, named=named)
+
+
+def _as_it_is_now(model: Actuator) -> Actuator:
+    """A fitted strip after the last run of its fit, where something of it ages."""
+    from ipmclab.prediction.in_state import as_it_is_now
+
+    return as_it_is_now(model)
 
 
 def _intervals(sure: SureAnswer | None, run: Run, output: str, row: int) -> dict[str, Ends | None]:

@@ -17,6 +17,7 @@ from ipmclab.identification.problem.record import READ_OUTPUTS
 from ipmclab.model import Actuator
 from ipmclab.model.actuator_file import load_actuator, stages_after
 from ipmclab.prediction.bands import Bands, prediction_bands
+from ipmclab.prediction.in_state import environment_of_run
 from ipmclab.run import Run
 
 MOST_ROWS: Final = 200_000
@@ -51,6 +52,8 @@ class SureAnswer:
         Codes of what the fit itself warns of.
     own : tuple of str
         Parameters of which each mounting of the fit has its own.
+    environment : tuple of str
+        What is to be said of the environment in which the strip was asked.
     """
 
     here: Bands | None
@@ -61,6 +64,7 @@ class SureAnswer:
     not_read: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     own: tuple[str, ...] = ()
+    environment: tuple[str, ...] = ()
 
     def sentences(self) -> list[str]:
         """What must be known with the numbers."""
@@ -74,6 +78,7 @@ class SureAnswer:
                 f"Each of them has its own {listed(self.own)}: the answer is that of the average over the runs, "
                 "and the intervals hold what each mounting answers."
             )
+        told += [f"{said[0].upper()}{said[1:]}." for said in self.environment]
         if some.left_out:
             names = listed(some.left_out)
             told.append(f"What {names} may change beyond what the runs of the fit show is not in them.")
@@ -142,6 +147,7 @@ def sure_answer(actuator: Actuator, run: Run, *, named: str = "") -> SureAnswer 
         not_read=tuple(name for name in READ_OUTPUTS if name not in here.predicted and name in run.channels),
         warnings=tuple(code for code in codes if code not in (_AVERAGE, _TOLD)),
         own=apart(fit),
+        environment=tuple(one.message for one in environment_of_run(fit, fit.actuator, run, "this answer")),
     )
 
 

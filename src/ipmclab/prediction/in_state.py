@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +48,24 @@ def state_in(fit: Fit | None, actuator: Actuator, run: Run) -> RunState | None:
     seen = [one.state.doses for one in fit.observations if one.state is not None] if fit is not None else []
     doses = {scale: max(one.get(scale, 0.0) for one in seen) for scale in {Age.of(name).scale for name in rates}}
     return RunState(**{**state.to_table(), "doses": doses})
+
+
+def as_it_is_now(actuator: Actuator) -> Actuator:
+    """A fitted strip after the last run of its fit, in the reference state; the same where nothing of it ages.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        With the table of its fit.
+    """
+    table: Mapping[str, Any] = actuator.fit_table or {}
+    rates = [(one["name"], one["value"]) for one in table.get("parameters", ()) if one["name"].startswith(AGE)]
+    doses = [run["state"]["doses"] for run in table.get("runs", ()) if "state" in run]
+    changes = dict(actuator.parameter_values)
+    for name, rate in rates:
+        age = Age.of(name)
+        changes[age.parameter] *= math.exp(rate * max(one[age.scale] for one in doses))
+    return replace(actuator, parameter_values=changes) if rates else actuator
 
 
 def environment_of_run(fit: Fit | None, actuator: Actuator, run: Run, label: str) -> list[Finding]:

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import Run, RunMetadata, identify, load_actuator, read_fit, simulate, write_fit
+from ipmclab import Run, RunMetadata, identify, load_actuator, read_fit, read_run, simulate, write_fit
 from ipmclab.cli.identify import fit_document, print_fit
+from ipmclab.cli.simulate import simulate as simulate_verb
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free import parse_free
@@ -95,3 +96,29 @@ def test_what_ages_is_named_by_scale_and_parameter() -> None:
             parse_free(known, name)
     with pytest.raises(InputError, match="runs at different doses"):
         parse_free(known, "electrical", per_run="age.runs.coupling.gain")
+
+
+def test_a_fitted_strip_is_simulated_in_an_environment_with_its_interval(
+    fit: Fit, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_fit(fit, tmp_path / "fitted.toml")
+    told = {}
+    for environment in ("20 degC, 65 %RH", "45 degC, 65 %RH"):
+        out = tmp_path / f"{environment[:2]}.nc"
+        simulate_verb(
+            str(tmp_path / "fitted.toml"),
+            signal="step 0.5 V",
+            duration="12 s",
+            rate="8 Hz",
+            out=out,
+            environment=environment,
+        )
+        told[environment] = capsys.readouterr().out
+        found = read_run(out)
+        there = TRUE.at(Environment.parse(environment))
+        true = simulate(there, "step 0.5 V", duration=12, rate=8)
+        assert found.current == pytest.approx(true.current, rel=0.05)
+        assert found.metadata.relative_humidity == 65.0
+    assert "95 % interval" in told["20 degC, 65 %RH"]
+    assert "the laws were never asked there" not in told["20 degC, 65 %RH"]
+    assert "the laws were never asked there" in " ".join(told["45 degC, 65 %RH"].split())

@@ -31,7 +31,8 @@ def problem() -> Problem:
     clean = simulate(STRIP, "step 0.5 V", duration=2, rate=10)
     clean = replace(clean, force=None, applied_voltage=None)
     sample = Sample(id="a", dry_mass=1.1e-4)
-    ways = [{}, {"mass": 1.2e-4, "sample": sample}, {"minutes_out_of_water": 5.0}]
+    read = {"uncertainties": {"relative_humidity": 2.0}}
+    ways = [read, {"mass": 1.2e-4, "sample": sample}, {"minutes_out_of_water": 5.0}]
     runs: list[Run] = []
     for number, way in enumerate(ways):
         known = {"temperature": 20.0 + 5.0 * number, "relative_humidity": 60.0 + 10.0 * number, **way}

@@ -14,7 +14,7 @@ from ipmclab.identification.problem.age import Age
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, WaterState, equilibrium
-from ipmclab.model.environment.hydration import LIQUID
+from ipmclab.model.environment.hydration import FILM, LIQUID
 from ipmclab.model.environment.sorption import slope
 from ipmclab.run import Run
 
@@ -24,7 +24,6 @@ HUMIDITY_ERROR: Final = 2.0
 _MASS_ERROR: Final = 1e-7
 """Standard uncertainty of a mass [kg] where a run states none: a blotted strip on a laboratory balance."""
 
-_FILM: Final = "hydration.film"
 _FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
 _LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
 
@@ -126,7 +125,9 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
             repair="give the run its temperature and relative_humidity, or leave the laws out of the actuator",
         )
     values, air = actuator.parameter_values, Environment(temperature, humidity)
-    error = about.uncertainties.get("relative_humidity", HUMIDITY_ERROR)
+    # A simulated strip is asked in an environment that is known.
+    usual = 0.0 if about.origin == "simulated" else HUMIDITY_ERROR
+    error = about.uncertainties.get("relative_humidity", usual)
     if about.water_content is not None and about.water_content_origin in ("measured", "computed"):
         spread = about.uncertainties.get("water_content", 0.0)
         return RunState(about.water_content, spread, about.water_content_origin, temperature, humidity)
@@ -183,7 +184,7 @@ def _computed(
     """The water content after a while in some air, with what the start, the humidity and the film leave open."""
     state, of_start, seconds = start
     values = dict(actuator.parameter_values)
-    relative = actuator.standard_uncertainties.get(_FILM, _FILM_ERROR * values[_FILM]) / values[_FILM]
+    relative = actuator.standard_uncertainties.get(FILM, _FILM_ERROR * values[FILM]) / values[FILM]
     wetter = Environment(air.temperature, min(air.relative_humidity + error, 100.0))
     drier = Environment(air.temperature, max(air.relative_humidity - error, 0.0))
     more = WaterState(state.water_content + of_start, state.temperature)
@@ -191,7 +192,7 @@ def _computed(
     parts = (
         _after(values, more, air, seconds) - middle,
         0.5 * (_after(values, state, wetter, seconds) - _after(values, state, drier, seconds)),
-        _after({**values, _FILM: values[_FILM] * (1.0 + relative)}, state, air, seconds) - middle,
+        _after({**values, FILM: values[FILM] * (1.0 + relative)}, state, air, seconds) - middle,
     )
     return middle, math.hypot(*parts)
 

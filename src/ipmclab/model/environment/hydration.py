@@ -16,6 +16,7 @@ REFERENCE_TEMPERATURE: Final = "hydration.reference_temperature"
 PERCOLATION: Final = "hydration.percolation"
 SITES: Final = "hydration.site_density"
 LIQUID: Final = "hydration.liquid_water_content"
+FILM: Final = "hydration.film"
 
 _SORPTION: Final = tuple(
     Declaration(f"{PREFIX}{name}", NUMBER, f"s_{power}", -1e3, 1e3, "linear", default=value)
@@ -36,7 +37,7 @@ DECLARATIONS: Final = (
     # Density 1980 kg/m^3 over 1.1 kg for each mol of sulfonate (Springer, 1991).
     Declaration(SITES, CONCENTRATION, "C_s", 1.0, 1e5, default=1800.0),
     # Still air by the analogy of heat and mass, from 4 to 10 W/(m^2 K).
-    Declaration("hydration.film", MASS_TRANSFER, "k_a", 1e-6, 10.0, default=5e-3, likely=(3e-3, 10e-3)),
+    Declaration(FILM, MASS_TRANSFER, "k_a", 1e-6, 10.0, default=5e-3, likely=(3e-3, 10e-3)),
     Declaration("hydration.asymmetry", NUMBER, "α_s", 0.01, 1e3, default=1.0),
     Declaration("hydration.face_difference", NUMBER, "β_f", -1.0, 1.0, "linear", default=0.0),
     # Published values span four decades, by method.
