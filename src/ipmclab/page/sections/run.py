@@ -44,11 +44,11 @@ _STEERING: Final = """
   <div id="lab-steer"></div>
   <p id="lab-run-said" role="status"></p>
 </section>
-<section class="lab-card" id="lab-climate-card" aria-label="Environment" hidden><h2>Environment</h2>
+<section class="lab-card" id="lab-climate-card" aria-label="Conditions" hidden><h2>Conditions</h2>
   <div id="lab-climate"></div>
   <div id="lab-equilibrium" hidden>
     <progress aria-label="Within tolerance" max="1" value="0"></progress><span></span></div>
-  <ol id="lab-conditions" tabindex="0" aria-label="Conditions"></ol></section>
+  <ol id="lab-conditions" tabindex="0" aria-label="Each condition in its turn"></ol></section>
 <section class="lab-card" id="lab-steps-card" aria-label="Steps">
   <ol id="lab-steps" tabindex="0" aria-label="Steps"></ol>
   <details id="lab-watched"></details>

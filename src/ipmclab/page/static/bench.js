@@ -21,8 +21,8 @@
     force: ["force", "mN", 1e3, 3],
     temperature: ["temperature", "°C", 1, 1],
     relative_humidity: ["relative humidity", "%", 1, 1],
-    chamber_temperature: ["chamber's own", "°C", 1, 1],
-    chamber_relative_humidity: ["chamber's own", "%", 1, 1],
+    chamber_temperature: ["chamber temperature", "°C", 1, 1],
+    chamber_relative_humidity: ["chamber humidity", "%", 1, 1],
   };
   const duration = (seconds) => {
     const whole = Math.round(seconds);
