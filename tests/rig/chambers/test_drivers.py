@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 
@@ -164,3 +165,21 @@ def test_a_chamber_that_is_not_there(tmp_path: Path) -> None:
             chamber.safe()
         assert caught.value.code == "chamber-not-safe", kind
         assert time.monotonic() - began < 5.0
+
+
+@pytest.mark.parametrize(
+    "kind", [KINDS[0], *(kind for kind in KINDS if kind.driver == "modbus" or kind.serial)], ids=str
+)
+def test_without_its_client_a_chamber_says_what_to_install(
+    kind: Kind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with paired(kind, tmp_path) as pair:
+        for name in ("serial", "pymodbus", "pymodbus.client"):
+            monkeypatch.setitem(sys.modules, name, None)
+        if kind == KINDS[0]:
+            pair.chamber.set(*WANTED)  # a text line by TCP needs neither
+            return
+        with pytest.raises(ChamberError) as caught:
+            pair.chamber.read()
+        assert caught.value.code == "no-chamber-client"
+        assert "chamber" in caught.value.repair
