@@ -15,6 +15,7 @@ from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.diagnostics.beyond import beyond_findings
 from ipmclab.identification.diagnostics.diagnose import diagnose
+from ipmclab.identification.environment.contradicted import water_contradicted
 from ipmclab.identification.environment.inseparable import inseparable
 from ipmclab.identification.environment.next_condition import next_condition
 from ipmclab.identification.environment.remarks import doubtful
@@ -211,7 +212,8 @@ def environment_findings(actuator: Actuator, runs: Sequence[Run], fit: Fit, resu
         for finding in doubtful(actuator, run, record.state, record.label)
     ]
     problem, solution = result.correlated.problem.plain, result.correlated.solution
-    return [*doubts, *inseparable(problem, solution), *next_condition(fit, problem, solution)]
+    held = water_contradicted(problem, solution)
+    return [*doubts, *held, *inseparable(problem, solution), *next_condition(fit, problem, solution)]
 
 
 def _what_it_lacks(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,3 +123,12 @@ def test_a_fitted_strip_is_simulated_in_an_environment_with_its_interval(
     assert "95 % interval" in told["20 degC, 65 %RH"]
     assert "the laws were never asked there" not in told["20 degC, 65 %RH"]
     assert "the laws were never asked there" in " ".join(told["45 degC, 65 %RH"].split())
+
+
+def test_runs_that_no_law_brings_together_are_named() -> None:
+    given = runs((80.0, 50.0, 65.0))
+    about = replace(given[2].metadata, relative_humidity=85.0)  # a sensor that stood in a wet corner
+    wrong = replace(given[2], metadata=about)
+    fit = identify(STRIP.replace(**{LAW: 0.6}), [*given[:2], wrong], free=BRANCHES)
+    (said,) = [finding for finding in fit.findings if finding.code == "water-contradicted"]
+    assert "run 2" in said.message

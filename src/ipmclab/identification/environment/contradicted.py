@@ -1,0 +1,51 @@
+"""Whether the laws hold: the readings of each run want a water content, and its sensor or its mass says one."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.search.solve import Solution
+from ipmclab.run import Finding
+
+CODE: Final = "water-contradicted"
+
+_SURELY: Final = 1e-3
+
+
+def water_contradicted(problem: Problem, solution: Solution) -> list[Finding]:
+    """``water-contradicted``: the runs ask for other water than is known of them (chi-square, 0.1 %).
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+    """
+    from scipy.special import chdtrc
+
+    away = {
+        place: (float(solution.theta[place]) - unknown.prior[0]) / unknown.prior[1]
+        for place, unknown in enumerate(problem.unknowns)
+        if unknown.is_water and unknown.prior is not None
+    }
+    total = sum(one * one for one in away.values())
+    if not away or chdtrc(len(away), total) > _SURELY:
+        return []
+    worst = max(away, key=lambda place: abs(away[place]))
+    run = problem.unknowns[worst].place
+    assert run is not None
+    record = problem.record_at(run)
+    state, found = record.state, problem.water(solution.theta, run)
+    assert state is not None
+    assert found is not None
+    return [
+        Finding(
+            CODE,
+            "warning",
+            f"the laws do not bring the runs together: their readings ask for water contents that their sensors "
+            f"contradict (p < 0.1 %), most in {record.label}: {found:.3g}, where {state.water_content:.3g} is "
+            f"{state.how} ({abs(away[worst]):.2g} standard uncertainties)",
+            "see whether the strip was in equilibrium, and whether a parameter without a law changes; weigh the strip",
+            values={"chi_square": total, "runs": len(away)},
+        )
+    ]
