@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +47,13 @@ def humming(generator: np.random.Generator, current: FloatArray) -> FloatArray:
 Instrument = Callable[[np.random.Generator, FloatArray], FloatArray]
 
 
+FIRST = 5000
+"""Seed of the first trial of an instrument."""
+
+
+@cache
 def fitted(instrument: Instrument, seed: int) -> Fit:
+    """Of the circuit, from records of one instrument: several tests ask for the same."""
     generator = np.random.default_rng(seed)
     runs: list[Run] = []
     for run in CLEAN:
@@ -59,8 +66,8 @@ def fitted(instrument: Instrument, seed: int) -> Fit:
 def test_intervals_hold_the_true_values(instrument: Instrument) -> None:
     """Without an allowance for them 72 % do for the steps of the converter, and 80 % for noise that grows."""
     inside = []
-    for seed in range(40):
-        for name, one in fitted(instrument, 5000 + seed).parameters.items():
+    for seed in range(FIRST, FIRST + 40):
+        for name, one in fitted(instrument, seed).parameters.items():
             if one.determined:
                 low, high = one.interval
                 inside.append(low <= FRIEND[name] <= high)
@@ -80,7 +87,7 @@ def test_noise_that_grows_is_told_with_how_far() -> None:
 
 
 def test_noise_of_one_size_is_said_to_grow_once_in_a_thousand() -> None:
-    fits = [fitted(even, seed) for seed in range(30)]
+    fits = [fitted(even, seed) for seed in range(FIRST, FIRST + 30)]
     assert sum(one.code == "noise-grows" for fit in fits for one in fit.findings) <= 1
 
 
