@@ -231,6 +231,8 @@ STYLES: dict[str, Style] = {
             "channels.force.column": "none",
             "channels.temperature.column": "none",
             "channels.relative_humidity.column": "none",
+            "channels.chamber_temperature.column": "none",
+            "channels.chamber_relative_humidity.column": "none",
         },
     ),
     "sensor in volts": Style(

@@ -104,7 +104,7 @@ def test_the_hold_of_a_foreign_record_is_unknown_unless_stated() -> None:
         ("metadata.minutes_in_environment", "-5 min", "'-5 min' is outside 0 to inf min"),
         ("metadata.minutes_out_of_water", 5, "5 has no unit; write for example '5 min'"),
         ("metadata.minutes_out_of_water", "2 V", "metadata.minutes_out_of_water: '2 V' is not a time"),
-        ("metadata.chamber", "ajar", "metadata.chamber: 'ajar' is not 'on' or 'off'"),
+        ("metadata.chamber", "ajar", "metadata.chamber: 'ajar' is not 'on', 'still' or 'off'"),
         (
             "metadata",
             {"voltage_sensed": "upstream of shunt"},

@@ -263,7 +263,7 @@ def turn_time_back(path: Path) -> None:
         (edit_document(lambda d: d["metadata"].update(chambre="on")), "unknown key 'chambre'; did you mean 'chamber'"),
         (
             edit_document(lambda d: d["metadata"].update(chamber="ajar")),
-            "metadata_json.metadata.chamber: 'ajar' is not 'on' or 'off'",
+            "metadata_json.metadata.chamber: 'ajar' is not 'on', 'still' or 'off'",
         ),
         (edit_document(lambda d: d["metadata"].update(run_number="3")), "run_number: '3' is not a whole number"),
         (
