@@ -78,6 +78,7 @@ class Strike:
         self.done = 0.0
         self.killed = math.nan
         self._tracer: subprocess.Popen[bytes] | None = None
+        self._watcher: threading.Thread | None = None
         self._recorder, self._manner = recorder, manner
         self._guardian = guardian_of(recorder.process) if manner.victim != "recorder" else 0
 
@@ -85,7 +86,9 @@ class Strike:
         """Kill, or let a call kill."""
         manner, first = self._manner, self._recorder.process
         victim = first if manner.victim == "recorder" else self._guardian
-        threading.Thread(target=self._watch, args=(first if manner.victim == "both" else victim,), daemon=True).start()
+        watched = first if manner.victim == "both" else victim
+        self._watcher = threading.Thread(target=self._watch, args=(watched,), daemon=True)
+        self._watcher.start()
         if manner.point is not None:
             self._tracer = attach(victim, manner.point)
         if manner.stop:
@@ -101,6 +104,12 @@ class Strike:
         while is_alive(process):
             time.sleep(0.003)
         self.killed = time.time()
+
+    def when(self) -> float:
+        """When the victim was gone [s since 1970]; nan where nothing was done to it."""
+        if self._watcher is not None:
+            self._watcher.join(10.0)
+        return self.killed
 
     def end(self) -> None:
         """Leave nothing behind: a guardian that still acts would disturb the next one."""

@@ -189,7 +189,7 @@ def kill(recorder: Recorder, levels: Path, manner: Manner, meanwhile: Callable[[
     except IpmclabError:
         pass  # its process is gone
     recorder.close()
-    killed = strike.killed
+    killed = strike.when()
     while level(levels)[0] != 0.0 and time.time() < killed + (WITHIN if manner.victim == "both" else 10.0):
         time.sleep(0.01)
     volts, since = level(levels)
@@ -224,8 +224,10 @@ def check(folder: Path, killed: Kill) -> list[str]:
         return wrong + ([f"no run, and {killed.acknowledged} rows were acknowledged"] if killed.acknowledged else [])
     run = read_run(found[0])
     reason = run.metadata.state_reason or ""
-    if run.metadata.state not in states_of(manner):
-        wrong.append(f"its state is {run.metadata.state}")
+    # A recorder that strace and a busy machine hold up for half a second is ended by its guardian, before the call.
+    held_up = manner.point is not None and "held the recording up" in reason
+    if run.metadata.state not in states_of(manner) and not held_up:
+        wrong.append(f"its state is {run.metadata.state}: {reason}")
     if "0 V" in reason and "never" not in reason and "NOT" not in reason and math.isinf(killed.zero_after):
         wrong.append(f"its output had a voltage, and it says: {reason}")
     if len(run) < killed.acknowledged:

@@ -15,6 +15,7 @@ import xarray
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ipmclab import load_actuator, simulate
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.run import QUALITY_FLAGS, Run, RunMetadata
 from ipmclab.sample import Sample
@@ -311,3 +312,28 @@ def test_no_damage_gives_a_traceback_or_other_numbers(
         return
     assert got.content_sha256 == run.content_sha256
     assert got.metadata == run.metadata
+
+
+def test_a_heap_that_hdf5_would_walk_for_ever_is_refused(tmp_path: Path) -> None:
+    """One flipped bit in the length of a text: the walk comes to free room of no length, and stays there."""
+    path = tmp_path / "step.nc"
+    write_run(simulate(load_actuator("friend-2"), "step 1 V", duration=1.0, rate=50.0), path)
+    content = bytearray(path.read_bytes())
+    heap = content.index(b"GCOL\x01\0\0\0")
+    end = heap + int.from_bytes(content[heap + 8 : heap + 16], "little")
+    place, endless = heap + 16, []
+    while number := int.from_bytes(content[place : place + 2], "little"):
+        length = int.from_bytes(content[place + 8 : place + 16], "little")
+        for bit in range(12):
+            there = place + 16 + ((length ^ (1 << bit)) + 7) // 8 * 8
+            if there + 16 <= end and not any(content[there : there + 16]):
+                endless.append((place + 8, length ^ (1 << bit), number))
+        place += 16 + (length + 7) // 8 * 8
+    assert endless
+    at, wrong, _ = endless[0]
+    content[at : at + 8] = wrong.to_bytes(8, "little")
+    (tmp_path / "flipped.nc").write_bytes(content)
+    with pytest.raises(InputError, match=rf"its texts cannot be told apart \(heap at byte {heap}\)") as caught:
+        read_run(tmp_path / "flipped.nc")
+    assert caught.value.code == "damaged-file"
+    assert len(read_run(path)) == 50

@@ -15,6 +15,7 @@ from ipmclab.destination import replacing
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Run, raw_name
 from ipmclab.store.document import checked, flat_attributes, from_document, to_document
+from ipmclab.store.heap import refuse_endless_heap
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def read_run(path: str | os.PathLike[str]) -> Run:
     source = Path(path)
     where = str(source)
     _check_signature(source)
+    refuse_endless_heap(source)
     import h5py  # h5netcdf would be slower to load, and prints a traceback when a file cannot be opened
 
     try:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
+from ipmclab.store.heap import refuse_endless_heap
 from ipmclab.store.importers.columns import Columns, open_error
 from ipmclab.store.strict import Strict
 
@@ -38,6 +39,8 @@ def read(path: Path, options: MatFile) -> Columns:  # noqa: ARG001  # every impo
     """
     with path.open("rb") as stream:
         version_7_3 = b"MATLAB 7.3" in stream.read(128)
+    if version_7_3:
+        refuse_endless_heap(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about variables that SciPy cannot read, which no map can name
