@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ipmclab.errors import InputError
+from ipmclab.model.environment.sorption import saturation_pressure
 from ipmclab.rig.chambers.chamber import Chamber, ChamberError, Ranges
-from ipmclab.rig.chambers.humid_air import saturation_pressure
 from ipmclab.rig.chambers.virtual import VirtualChamber, VirtualClimate
 
 

@@ -11,11 +11,11 @@ import time
 from typing import Final
 
 from ipmclab.errors import InputError
+from ipmclab.model.environment.sorption import saturation_pressure
 from ipmclab.rig.chambers.chamber import Conditions, Mode, Ranges
 from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.dialogue import Dialogue
 from ipmclab.rig.chambers.driver import Driver
-from ipmclab.rig.chambers.humid_air import saturation_pressure
 from ipmclab.rig.chambers.line import Line
 from ipmclab.rig.chambers.readings import SAME_TEMPERATURE, number, temperature
 

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.environment.sorption import saturation_pressure
 from ipmclab.rig.chambers.chamber import ChamberError, Conditions, Mode, Ranges, Stillness
-from ipmclab.rig.chambers.humid_air import saturation_pressure
 
 FloatArray = npt.NDArray[np.float64]
 
