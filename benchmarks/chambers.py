@@ -49,7 +49,13 @@ from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, pa
 from tests.rig.chambers.wire import LINE_FAULTS, Fault
 from tests.rig.test_session import Desk
 
-SOURCES = ("src/ipmclab/rig/chambers", "src/ipmclab/rig/experiments", "tests/rig/chambers")
+SOURCES = (
+    "src/ipmclab/rig/chambers",
+    "src/ipmclab/rig/experiments",
+    "tests/rig/chambers/benches_of_chambers.py",
+    "tests/rig/chambers/devices.py",
+    "tests/rig/chambers/wire.py",
+)
 
 SEED = 20261123
 MOMENTS = (("chamber-on", 0.5), ("equilibrium", 6.0), ("apply", 8.0), ("apply", 8.0), ("standby", 0.01))
