@@ -102,3 +102,25 @@ def test_an_actuator_without_a_fit_is_told_as_before(command) -> None:
         assert "fit" not in told
         assert set(told["outputs"]["current"]["peak"]) == {"value", "unit", "time"}
         assert "nterval" not in command("simulate", named, *WORDS).out
+
+
+def test_at_an_environment_the_condition_stands_in_title_document_and_run(command, tmp_path: Path) -> None:
+    name = "friend-2+environment.coupling_gain"
+    dry = command("simulate", name, *WORDS, "--at", "20 degC, 60 %RH")
+    assert "at 20 degC, 60 %RH" in dry.out
+    assert "water content as the run begins: 4.159" in dry.out
+    peaks = []
+    for at in ("20 degC, 80 %RH", "20 degC, 60 %RH", "0 s: 20 degC, 80 %RH; 8 s: 20 degC, 60 %RH", "run.nc"):
+        document = command("simulate", name, *WORDS, "--at", at, "--json").document
+        peaks.append(document["outputs"]["displacement"]["peak"]["value"])
+        assert document["environment"]["water_content_origin"] == (
+            "computed" if ":" in at or ".nc" in at else "assumed"
+        )
+        assert document["environment"]["temperature"]["value"] == pytest.approx(20.0)
+    assert peaks[1] == pytest.approx(peaks[0] * 4.159 / 7.219, rel=1e-3)
+    assert peaks[1] < peaks[2] < peaks[0]
+    run = read_run("run.nc")
+    assert run.relative_humidity is not None
+    assert run.metadata.water_content == pytest.approx(7.219)
+    for at, said in (("20 degC", "is not an environment"), ("20 degC, 80 %RH; 5 s: 20 degC, 50 %RH", "has no time")):
+        assert said in command("simulate", name, *WORDS, "--at", at).err

@@ -21,10 +21,11 @@ from ipmclab.cli.output import (
     with_unit,
 )
 from ipmclab.errors import InputError, suggest
-from ipmclab.units import CHANNELS, FREQUENCY, TIME, Quantity
+from ipmclab.units import CHANNELS, FREQUENCY, TIME, Quantity, parse_quantity
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
+    from ipmclab.model.environment import Environment, EnvironmentHistory
     from ipmclab.prediction.answer import SureAnswer
     from ipmclab.run import Hold, Run
 
@@ -41,7 +42,15 @@ def simulate(
     out: Annotated[Path, typer.Option(metavar="FILE.nc", help="The run to write.")],
     hold: Annotated[str, typer.Option(metavar="|".join(HOLDS), help="What the voltage does between rows.")] = "zero",
     environment: Annotated[
-        str | None, typer.Option(metavar="TEXT", help='Of a strip with laws: "25 degC, 45 %RH" or "25 degC, in water".')
+        str | None,
+        typer.Option(
+            "--environment",
+            "--at",
+            metavar="TEXT",
+            help='Of a strip with laws: "25 degC, 45 %RH" or "25 degC, in water"; several with their times, '
+            '"0 s: 20 degC, 80 %RH; 5 min: 20 degC, 50 %RH"; or a run (.nc) whose air was read.',
+            show_default=False,
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -62,15 +71,22 @@ def simulate(
     applied = signals.parse(signal)
     parts = applied.signals if isinstance(applied, signals.Sequence) else (applied,)
     played = [one.path for one in parts if isinstance(one, signals.Samples)]
-    check_output(out, force=force, suffixes=(".nc",), reads=[*actuator_files(actuator), *played])
+    air = None if environment is None else _environment(environment)
+    read_from = [Path(environment)] if environment is not None and environment.endswith(".nc") else []
+    check_output(out, force=force, suffixes=(".nc",), reads=[*actuator_files(actuator), *played, *read_from])
     model = load_actuator(actuator)
     with progress(f"simulating {model.name}"):
         strip = model if model.fit_table is None else _as_it_is_now(model)
-        run = simulate_actuator(strip, applied, duration=seconds, rate=hertz, hold=hold, environment=environment)
+        run = simulate_actuator(strip, applied, duration=seconds, rate=hertz, hold=hold, environment=air)
         write_run(run, out, overwrite=force)
-        sure = _sureness(model, run, actuator)
+        changes = run.time_environment is not None
+        sure = None if changes else _sureness(model, run, actuator)
 
     told = [sentence(finding) for finding in run.metadata.findings]
+    if changes and model.fit_table is not None:
+        told.append(
+            "how sure this answer is, is told of environments that stand; simulate one of them for its interval"
+        )
     peaks = {name: _peak(run, name) for name in run.channels if name != "voltage"}
     if as_json:
         print_json(
@@ -80,6 +96,7 @@ def simulate(
                 "rows": len(run),
                 "rate": with_unit(run.rate, "Hz"),
                 "hold": run.hold,
+                **({} if environment is None else {"environment": _air_of(run)}),
                 "outputs": {
                     name: {
                         "peak": with_unit(float(run.channels[name][row]), CHANNELS[name].unit)
@@ -101,11 +118,55 @@ def simulate(
         values, quantity = run.channels[name], CHANNELS[name]
         peak, time = read(float(values[row]), quantity), read(float(run.time[row]), TIME)
         rows.append([quantity.name, peak, time, read(float(values[-1]), quantity)])
-    print_table(["output", "peak", "at", "end"], rows, title=f"{model.name} under {applied}, {len(run)} rows")
+    where = "" if environment is None else f" at {_told(environment)}"
+    print_table(["output", "peak", "at", "end"], rows, title=f"{model.name} under {applied}{where}, {len(run)} rows")
+    if run.metadata.water_content is not None:
+        print(f"water content as the run begins: {significant(run.metadata.water_content, 4)}")
     if sure is not None:
         _print_sureness(sure, run, peaks)
     print_remarks(told, "warning")
     print(f"wrote {out}")
+
+
+def _environment(text: str) -> Environment | EnvironmentHistory:
+    """The environment that the option names."""
+    from ipmclab import read_run
+    from ipmclab.model.environment import Environment, EnvironmentHistory
+
+    if text.endswith(".nc"):
+        return EnvironmentHistory.of_run(read_run(Path(text)))
+    if ":" not in text:
+        return Environment.parse(text, where="--environment")
+    points = []
+    for part in filter(None, (piece.strip() for piece in text.split(";"))):
+        time, colon, air = part.partition(":")
+        if not colon:
+            raise InputError(
+                f"{part!r} has no time",
+                code="bad-environment",
+                where="--environment",
+                repair="write for example '5 min: 20 degC, 50 %RH'",
+            )
+        points.append(
+            (parse_quantity(time, TIME, where="--environment"), Environment.parse(air, where="--environment"))
+        )
+    return EnvironmentHistory.of(points)
+
+
+def _told(text: str) -> str:
+    """An environment as the title of a table says it."""
+    return "an environment that changes" if ":" in text or text.endswith(".nc") else text
+
+
+def _air_of(run: Run) -> dict[str, Any]:
+    """The environment of a run, for a JSON document."""
+    about = run.metadata
+    return {
+        "temperature": None if about.temperature is None else with_unit(about.temperature, "degC"),
+        "relative_humidity": None if about.relative_humidity is None else with_unit(about.relative_humidity, "percent"),
+        "water_content": about.water_content,
+        "water_content_origin": about.water_content_origin,
+    }
 
 
 def _peak(run: Run, channel: str) -> int:

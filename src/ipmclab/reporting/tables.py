@@ -23,7 +23,7 @@ from ipmclab.reporting.wording import (
     with_error,
     with_unit,
 )
-from ipmclab.run import Run
+from ipmclab.run import Run, RunMetadata
 from ipmclab.units import ANGLE, CHANNELS
 
 if TYPE_CHECKING:
@@ -318,6 +318,12 @@ def sample_facts(actuator: Actuator, runs: Sequence[Run]) -> list[tuple[str, str
     return facts
 
 
+def _water(about: RunMetadata) -> str | None:
+    if about.water_content is None:
+        return None
+    return f"{about.water_content:.3g} for each sulfonate group ({about.water_content_origin or 'stated'})"
+
+
 def run_facts(run: Run) -> list[tuple[str, str]]:
     """What a record says of itself, as name and value; what it does not say is left out."""
     about = run.metadata
@@ -341,6 +347,7 @@ def run_facts(run: Run) -> list[tuple[str, str]]:
         ("in this environment", _minutes(about.minutes_in_environment)),
         ("temperature", None if about.temperature is None else f"{about.temperature:g} °C"),
         ("relative humidity", None if about.relative_humidity is None else f"{about.relative_humidity:g} %"),
+        ("water content", _water(about)),
         ("clamp pressure", None if about.clamp_pressure is None else f"{about.clamp_pressure / 1e3:g} kPa"),
         ("chamber", about.chamber),
         ("bench", about.bench),
