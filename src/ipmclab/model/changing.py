@@ -32,7 +32,7 @@ from ipmclab.run import Hold
 
 if TYPE_CHECKING:
     from ipmclab.model.numerics.dense_laws_loop import LawTable
-    from ipmclab.model.numerics.drifting_loop import Knots
+    from ipmclab.model.numerics.drifting_loop import Knots, Way
     from ipmclab.model.numerics.drifting_modal_loop import Pieces
 
 FloatArray = npt.NDArray[np.float64]
@@ -204,23 +204,39 @@ def _pass(
     values: FloatArray,
 ) -> FloatArray:
     """Write the outputs; return what leaks at the end of each interval [A]."""
-    from ipmclab.model.numerics.drifting_loop import Way, drifting
+    from ipmclab.model.numerics.drifting_loop import drifting
 
-    path = path_of(actuator.parameter_values, water, asked.begin, asked.end)
-    grid = path.grid(actuator.parameter_values)
-    systems, scales = [], []
-    for there in _values_at(actuator, grid):
-        system = actuator.assembled(there, inputs=inputs)
-        scales.append(_scale(actuator, system.states, there))
-        systems.append(_charged(system, scales[-1]))
-    every = range(len(OUTPUTS))
-    seen = seen_states(systems, every)
-    knots, table = _knots([reduced(system, every, seen) for system in systems], asked.durations)
-    piece, _, weights = _pieces(path, water, grid, asked.ends - 0.5 * asked.durations[asked.course.interval])
-    at_first = grid.weights(path.contents[:1], path.temperatures[:1])[0]
-    leaked, x = np.zeros(len(piece)), (state * (at_first @ np.array(scales)))[seen]
-    check_solved(drifting(knots, Way(piece, weights), table, asked.course, x, values, leaked))
+    knots, way, table, seen, scale = _worked_out(actuator, inputs, asked, water)
+    leaked, x = np.zeros(len(way.piece)), (state * scale)[seen]
+    check_solved(drifting(knots, way, table, asked.course, x, values, leaked))
     return leaked
+
+
+def _worked_out(
+    actuator: Actuator, inputs: Sequence[str], asked: Asked, water: WaterCourse
+) -> tuple[Knots, Way, LawTable, IndexArray, FloatArray]:
+    """Systems, the way between them, laws, the states that are seen, and how much charge each state is at first."""
+    from ipmclab.model.numerics.drifting_loop import Way
+
+    def made() -> tuple[Knots, Way, LawTable, IndexArray, FloatArray]:
+        path = path_of(actuator.parameter_values, water, asked.begin, asked.end)
+        grid = path.grid(actuator.parameter_values)
+        systems, scales = [], []
+        for there in _values_at(actuator, grid):
+            system = actuator.assembled(there, inputs=inputs)
+            scales.append(_scale(actuator, system.states, there))
+            systems.append(_charged(system, scales[-1]))
+        every = range(len(OUTPUTS))
+        seen = seen_states(systems, every)
+        knots, table = _knots([reduced(system, every, seen) for system in systems], asked.durations)
+        middles = asked.ends - 0.5 * asked.durations[asked.course.interval]
+        piece, _, weights = _pieces(path, water, grid, middles)
+        at_first = grid.weights(path.contents[:1], path.temperatures[:1])[0]
+        return knots, Way(piece, weights), table, seen, at_first @ np.array(scales)
+
+    course = water.water_content.tobytes(), water.temperature.tobytes(), water.time.tobytes()
+    when = asked.ends.tobytes(), asked.course.interval.tobytes(), asked.begin
+    return actuator.keep(("drifting", *inputs, *(hash(one) for one in (*course, *when))), made)
 
 
 def _knots(systems: Sequence[System], durations: FloatArray) -> tuple[Knots, LawTable]:
