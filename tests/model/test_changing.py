@@ -218,3 +218,12 @@ def test_water_is_split_by_what_leaks_and_the_curl_is_read() -> None:
     )
     assert np.abs(straight).max() == 0.0
     assert bent[1:].min() < 0.0, "the anode's closed face keeps its water, and the strip bends to the cathode"
+
+
+def test_a_leak_below_its_threshold_costs_and_changes_nothing() -> None:
+    leak = {"current_density": 20.0, "threshold": 1.23, "voltage_scale": 0.5}
+    values = dict(STRIP.parameter_values) | {f"leak.exponential.{name}": one for name, one in leak.items()}
+    strip, time = Actuator(name="quiet", parameter_values=values), np.arange(500) / 50.0
+    found = changing_outputs(strip, time, np.ones(500), "zero", AIR).values
+    assert np.array_equal(found, changing_outputs(STRIP, time, np.ones(500), "zero", AIR).values)
+    assert np.abs(changing_outputs(strip, time, np.full(500, 3.0), "zero", AIR).values[1]).max() > 1.23
