@@ -33,7 +33,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import monotonic
+from time import monotonic, process_time
 from typing import Any, Final, NoReturn
 
 import typer
@@ -59,7 +59,7 @@ KEEP: Final = "IPMCLAB_BAD_INPUTS"
 """A folder that gets the files of every fault."""
 
 SLOW: Final = 20.0
-"""An answer that takes longer [s] is told."""
+"""An answer that takes more processor time [s] is told."""
 
 
 class Taken(BaseException):
@@ -212,7 +212,7 @@ def judge(words: list[str], folder: Path, files: Mapping[str, bytes], named: lis
     """Run a command over its files, and note how it ended and what is wrong with that."""
     _lay_out(folder, {name: content for name, content in files.items() if name in named or "/" not in name})
     before = _contents(folder)
-    end, out, err, begun = "", io.StringIO(), io.StringIO(), monotonic()
+    end, out, err, begun = "", io.StringIO(), io.StringIO(), process_time()
     faults: list[str] = []
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), _no_stdin():
@@ -223,8 +223,8 @@ def judge(words: list[str], folder: Path, files: Mapping[str, bytes], named: lis
     except BaseException as error:
         status, end = -1, "escaped"
         faults.append(f"{type(error).__name__} escaped: {traceback.format_exc(limit=-3)}")
-    if monotonic() - begun > SLOW:
-        faults.append(f"it took {monotonic() - begun:.0f} s")
+    if process_time() - begun > SLOW:
+        faults.append(f"it took {process_time() - begun:.0f} s")
     tally.ends[end] += 1
     if status >= 0:
         faults += _wrong_ending(words, status, out.getvalue(), err.getvalue())

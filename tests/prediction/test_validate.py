@@ -277,3 +277,20 @@ def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> No
     assert {"used-in-fit", "zero-taken-off"} <= codes
     rows = re.findall(r"^\| (`[^|]*`) \|", (root / "docs/commands.md").read_text("utf-8"), flags=re.MULTILINE)
     assert codes <= {code for row in rows for code in re.findall(r"`([a-z-]+)`", row)}
+
+
+@pytest.mark.parametrize(
+    ("edited", "key"),
+    [
+        ({"parameters": [{"value": 1.0}]}, "fit.parameters.0"),
+        ({"parameters": ["gone"]}, "fit.parameters.0"),
+        ({"runs": [{"content_sha256": "0", "noise": 1.0}]}, "fit.runs.0.noise"),
+        ({"runs": [{"content_sha256": "0", "offset": ["a"]}]}, "fit.runs.0.offset"),
+    ],
+)
+def test_a_fit_table_that_somebody_spoiled_is_named(actuator: Actuator, edited: dict[str, object], key: str) -> None:
+    """Found among drawn bad inputs: it was a KeyError."""
+    table = {"runs": [{"content_sha256": "0"}], "parameters": [], **edited}
+    with pytest.raises(InputError) as caught:
+        validate(replace(actuator, fit_table=table), [record(actuator, duration=2.0)])
+    assert caught.value.where == key

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.errors import InputError
 from ipmclab.fit.observation import Start
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.drive import Drive
@@ -360,10 +361,33 @@ def fitted_runs(table: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]
     for place, entry in enumerate((table or {}).get("runs", ())):
         if not isinstance(entry, Mapping) or "content_sha256" not in entry:
             continue
-        values = {str(one["name"]): float(one["value"]) for one in (table or {}).get("parameters", ())}
+        values = _values_of_fit(table or {})
+        for key in ("noise", "offset"):
+            if not isinstance(entry.get(key, {}), Mapping):
+                raise _bad_fit_table(f"runs.{place}.{key}", "a table of outputs")
         own = own_values(values, own_endings(place, str(entry.get("mounting", ""))))
         found[str(entry["content_sha256"])] = {**entry, "parameters": own}
     return found
+
+
+def _values_of_fit(table: Mapping[str, Any]) -> dict[str, float]:
+    """The free parameters of a fit table, which somebody may have edited."""
+    values: dict[str, float] = {}
+    for place, one in enumerate(table.get("parameters", ())):
+        try:
+            values[str(one["name"])] = float(one["value"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise _bad_fit_table(f"parameters.{place}", "a table with a name and a value") from error
+    return values
+
+
+def _bad_fit_table(key: str, wanted: str) -> InputError:
+    return InputError(
+        f"this is not {wanted}, which the fit wrote there",
+        code="bad-fit-table",
+        where=f"fit.{key}",
+        repair="write the file again with ipmclab identify, or take the whole [fit] table out",
+    )
 
 
 def zeros_of_fit(entry: Mapping[str, Any]) -> dict[str, float]:
