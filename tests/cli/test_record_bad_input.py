@@ -207,3 +207,11 @@ def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
         assert json.loads(told.out)["error"]["code"] == code
         assert told.err.startswith("error: ")
         assert "Traceback" not in told.err
+
+
+def test_more_repeats_than_can_be_planned(command, tmp_path: Path) -> None:
+    """Found among drawn bad inputs: a thousand million runs were planned, until the memory was full."""
+    (tmp_path / "experiment.toml").write_text("", encoding="utf-8")
+    refused = command("record", "experiment.toml", "--plan", "--repeats", "999999999")
+    assert refused.status == 2
+    assert "--repeats: 999999999 repeats; give 1 to 1000" in refused.err

@@ -102,8 +102,12 @@ def record(
             repair="ipmclab record EXPERIMENT.toml; ipmclab record --template prints one to start from",
         )
     else:
-        if repeats is not None and repeats < 1:
-            raise InputError(f"{repeats} repeats", code="out-of-range", where="--repeats", repair="give 1 or more")
+        if repeats is not None:
+            from ipmclab.rig.experiments.experiment import MOST_REPEATS
+
+            if not 1 <= repeats <= MOST_REPEATS:
+                repair = f"give 1 to {MOST_REPEATS}"
+                raise InputError(f"{repeats} repeats", code="out-of-range", where="--repeats", repair=repair)
         from ipmclab.rig.process.client import launch
 
         job = {
