@@ -80,6 +80,7 @@ def test_every_child_is_started_in_one_way() -> None:
     texts = "".join(path.read_text("utf-8") for path in source.rglob("*.py"))
     modules = set(re.findall(r'python_child\(\s*"([a-z._]+)"', texts))
     assert modules == {
+        "ipmclab.rig.chambers.keeper_process",
         "ipmclab.rig.safety.guardian_process",
         "ipmclab.rig.checks.prove_child",
         "ipmclab.page.jobs.worker",

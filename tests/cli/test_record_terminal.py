@@ -124,6 +124,8 @@ def test_typed_text_is_no_key_that_ends_an_experiment(monkeypatch: pytest.Monkey
     assert asked((0.0, "c"), (0.1, "a"), (0.2, "t"), (0.3, "\r"), started=True) == []
     assert asked((0.0, "a"), (0.15, "\r"), started=True) == []
     assert asked((0.0, "x"), (0.5, "a"), started=True) == ["abort"]
+    assert asked((0.0, "a"), (0.1, "a"), (0.2, "a"), started=True)[0] == "abort"  # who hammers on a key means it
+    assert asked((0.0, "m"), (0.0, "x"), (0.0, "\r"), (0.1, "s"), started=True) == ["mark", "stop"]
     assert asked((0.0, "h"), (0.1, "z"), started=False) == ["zero"]  # 0 V is never wrong
 
 

@@ -161,7 +161,7 @@ class _Terminal:
         self._typed: str | None = None
         self._typed_since = 0.0
         self._started = joined
-        self._last_key = -math.inf
+        self._last_key, self._last_letter = -math.inf, ""
         self._pressed = ("", math.inf)
         self.interrupted = False
         self.plan: dict[str, Any] | None = None
@@ -246,19 +246,20 @@ class _Terminal:
         """What a key means: typed for a prompt, or a letter that steers.
 
         What was typed before there was anything to steer, or is a word for the next prompt or the shell, stops and
-        aborts nothing.
+        aborts nothing. The same letter once more acts at once.
         """
         if self._typed is not None:
             self._type(key)
             return
-        now = time.monotonic()
+        now, letter = time.monotonic(), key.lower()
         alone = now - self._last_key > _ALONE
-        self._last_key, self._pressed = now, ("", math.inf)
-        match key.lower():
-            case "s" if alone and self._started:
-                self._pressed = ("stop", now + _ALONE)
-            case "a" if alone and self._started:
-                self._pressed = ("abort", now + _ALONE)
+        again = letter == self._last_letter  # who presses a key again and again means it
+        self._last_key, self._last_letter, self._pressed = now, letter, ("", math.inf)
+        match letter:
+            case "s" if (alone or again) and self._started:
+                self._pressed = ("stop", now if again else now + _ALONE)
+            case "a" if (alone or again) and self._started:
+                self._pressed = ("abort", now if again else now + _ALONE)
             case "z":
                 self._recorder.request("zero")
             case "m":
@@ -275,6 +276,7 @@ class _Terminal:
 
     def _type(self, key: str) -> None:
         assert self._typed is not None
+        self._last_key = -math.inf  # a letter after a prompt belongs to none
         if key in ("\r", "\n"):
             typed, self._typed = self._typed.strip(), None
             self._view.write("\n")

@@ -176,7 +176,7 @@ class Limits:
     --------
     >>> limits = Limits.from_table({"voltage": "2 V", "force": {"most": "20 mN", "action": "zero"}})
     >>> limits.voltage.most, limits.force
-    (2.0, Limit(most=0.02, duration=0.1, action='zero'))
+    (2.0, Limit(most=0.02, duration=0.1, action='zero', least=None))
     """
 
     voltage: Limit = Limit(3.5, 0.02)
