@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from ipmclab.model import load_actuator, validity
@@ -111,6 +111,7 @@ numbers = st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1.0, -0.0999999, float("n
     ),
     repeat=st.integers(1, 30),
 )
+@example(rows=([0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [5e-324, -1.0, 0.0]), repeat=1)  # a peak that is rounding
 def test_any_record_can_be_checked_and_measured(
     rows: tuple[list[float], list[float], list[float]], repeat: int
 ) -> None:

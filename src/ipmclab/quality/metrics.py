@@ -201,7 +201,8 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
     ]
     rows = end - edge
     last = stretch[-max(1, rows // 10) :]
-    if channel.name == "current" or not len(fallen) or not np.isfinite(last).any():
+    is_rounding = abs(value) <= np.finfo(np.float64).eps * float(np.nanmax(np.abs(stretch)))
+    if channel.name == "current" or not len(fallen) or not np.isfinite(last).any() or is_rounding:
         return metrics
     remains = float(np.nanmean(last))
     scatter = math.hypot(channel.noise / math.sqrt(len(last)), peak.error * remains / value)
