@@ -9,7 +9,8 @@ one answer or for good. Then the experiment is held against this:
 * no call of the chamber took longer than 30 s, and no more than 30 s passed between the fault (for one that sleeps, the
   first call that met it) and the end, where it ended for it; the making of the run's file is not counted;
 * the chamber regulated to nothing but what the experiment asked for, or what somebody else set in the fault itself;
-* at the end it is in standby, or it was said that it could not be brought there;
+* at the end it is in standby, or it was said that it could not be brought there: its own state is held against what
+  was said;
 * once the fault is over, a new driver brings it to standby, as the keeper does.
 """
 
@@ -60,6 +61,15 @@ SOURCES = (
 SEED = 20261123
 MOMENTS = (("chamber-on", 0.5), ("equilibrium", 6.0), ("apply", 8.0), ("apply", 8.0), ("standby", 0.01))
 """A fault comes while this step is done, at most so long [s] after its begin."""
+
+OTHERS = {
+    "another client": [(WANTED[0], 42.0)],
+    "unit": [((WANTED[0] - 32.0) / 1.8, WANTED[1])],  # 25 is taken for degF, until it is read back
+}
+"""What a chamber may regulate to beside what was asked, for the fault itself sets it."""
+
+ADMITS = ("could not be", "may still")
+"""Words of a message that leave no doubt that a chamber may regulate on; "it was brought to standby" would deny it."""
 
 INSIDE = ("alarm", "unit", "another client", "a program", "deaf", "locked", "no water")
 """What may go wrong with the instrument itself."""
@@ -294,11 +304,11 @@ def judge(ended: Ended, pair: Pair, said: str) -> None:
         ended.wrong.append(f"a call took {ended.longest_call:.1f} s")
     if ended.after > DEADLINE:
         ended.wrong.append(f"it ended {ended.after:.1f} s after the fault")
-    others = drawn.what in ("unit", "another client", "a program")
-    asked = [one for one in pair.room.regulated if not np.allclose(_pair(one), WANTED, atol=0.1)]
-    if asked and not others:
+    may = [(WANTED, 0.1), *((pair_, 1.0) for pair_ in OTHERS.get(drawn.what, ()))]
+    asked = [one for one in pair.room.regulated if not any(np.allclose(_pair(one), at, atol=by) for at, by in may)]
+    if asked:
         ended.wrong.append(f"it regulated to {asked}")
-    if not ended.standby and "standby" not in said and "stand by" not in said:
+    if not ended.standby and not any(words in said for words in ADMITS):
         ended.wrong.append(f"the chamber is in {pair.room.mode}, and nobody said so: {said}")
 
 

@@ -9,9 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ipmclab import InputError, load_actuator
-from ipmclab.model.environment import Environment, WaterState, equilibrium
+from ipmclab.model.environment import Environment, WaterState, equilibrium, transport_loop
+from ipmclab.model.environment.conditions import ABSOLUTE
 from ipmclab.model.environment.hydration import STANDARD
 from ipmclab.model.environment.sorption import (
+    GAS,
     activity,
     dew_point,
     saturation_concentration,
@@ -20,6 +22,7 @@ from ipmclab.model.environment.sorption import (
     water_content,
 )
 from ipmclab.model.environment.transport import (
+    FARADAY,
     EnvironmentHistory,
     bare_edge,
     content_by_mass,
@@ -64,6 +67,19 @@ def test_isotherm_vapour_and_times_are_those_of_the_table() -> None:
         pytest.approx(5e-3)
     )
     assert bare_edge(load_actuator("friend-2").parameter_values) == pytest.approx(0.0539, abs=1e-4)
+
+
+def test_the_dew_point_is_the_inverse_of_saturation() -> None:
+    for temperature in (-20.0, 0.0, 25.0, 80.0):
+        for humidity in (0.1, 5.0, 50.0, 99.9):
+            found = saturation_pressure(dew_point(temperature, humidity))
+            assert found == pytest.approx(0.01 * humidity * saturation_pressure(temperature), rel=1e-9)
+    assert (dew_point(20.0, 100.0), dew_point(20.0, 0.0)) == (20.0, -200.0)
+
+
+def test_the_compiled_loop_has_the_constants_of_the_laws() -> None:
+    assert transport_loop.vapour(31.0) == pytest.approx(saturation_concentration(31.0), rel=1e-14)
+    assert (transport_loop._KELVIN, transport_loop._GAS, transport_loop._FARADAY) == (ABSOLUTE, GAS, FARADAY)
 
 
 def test_a_drying_strip_goes_as_the_table() -> None:

@@ -264,6 +264,24 @@ def test_every_exit_lets_the_chamber_stand_by(tmp_path: Path) -> None:
     assert room.held[-1] is False
 
 
+def test_a_chamber_that_was_never_set_is_not_touched(tmp_path: Path) -> None:
+    room = Room(tmp_path, environment=AIR | {"relative_humidity": "60 percent"})
+    room.chamber.set(40.0, 50.0)  # by somebody else
+    room.when("step", lambda: room.session.abort("not today"))
+    assert room.run() == []
+    assert room.chamber.read().mode == "constant"
+    assert room.held == []
+
+
+def test_one_resume_leaves_one_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    still = {"relative_humidity": "80 percent", "humidity_drift": "1 percent"}
+    room = Room(tmp_path, environment=AIR | still, duration="60 s", rate="5 Hz")
+    asked: list[Callable[[ChamberError | None], None]] = []
+    monkeypatch.setattr(room.watch, "resume_soon", asked.append)  # one that is never done
+    room.run()
+    assert len(asked) == 1
+
+
 def test_a_mass_is_asked_for_and_kept(tmp_path: Path) -> None:
     room = Room(tmp_path, steps=["weigh", "apply"])
     room.desk.answers["weigh"] = "131 mg"

@@ -148,7 +148,7 @@ class EspecDevice(TextDevice):
 
 
 class DewPointDevice(TextDevice):
-    """A dew-point generator; the cell is at 25 degC."""
+    """A dew-point generator; the cell is at 25 degC while it runs."""
 
     def __init__(self, room: Room | None = None) -> None:
         super().__init__(room or Room(temperature_set_point=25.0))
@@ -160,7 +160,7 @@ class DewPointDevice(TextDevice):
         running = room.mode == "CONSTANT"
         match question:
             case "?TT":
-                return "25.00"
+                return f"{room.temperature:.2f}"
             case "?DP":
                 return f"{self._wanted if running else self.dew_point:.2f}"
             case "?SP":

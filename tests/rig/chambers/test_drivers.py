@@ -47,6 +47,14 @@ def test_no_humidity_is_regulated_where_none_is_asked_for(kind: Kind, tmp_path: 
         assert pair.room.regulated == [(40.0, None)]
 
 
+def test_no_humidity_is_refused_where_a_table_has_no_word_for_it(tmp_path: Path) -> None:
+    for kind in (kind for kind in KINDS if kind.driver == "modbus"):
+        with paired(kind, tmp_path) as pair:
+            with pytest.raises(InputError, match="no word for no humidity"):
+                pair.chamber.set(40.0, None)
+            assert (pair.emulator.asked, pair.room.regulated) == (0, [])
+
+
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 def test_set_points_outside_the_range_of_the_rig_file_are_never_sent(kind: Kind, tmp_path: Path) -> None:
     with paired(kind, tmp_path) as pair:

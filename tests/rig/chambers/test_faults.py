@@ -81,10 +81,25 @@ def test_a_line_that_fails(kind: Kind, place: int, tmp_path: Path, quicker: None
 @pytest.mark.parametrize("what", LINE_FAULTS)
 def test_one_answer_that_fails_costs_a_question_and_nothing_else(what: str, tmp_path: Path) -> None:
     for kind in (KINDS[1], KINDS[-1]):
-        with paired(kind, tmp_path) as pair:
+        with paired(kind, tmp_path, patience=0.25) as pair:
             pair.chamber.set(*WANTED)
-            pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.8)  # type: ignore[arg-type]
+            pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.4)  # type: ignore[arg-type]
             assert pair.chamber.read().temperature == WANTED[0]
+
+
+@pytest.mark.parametrize("kind", [KINDS[1], *KINDS[::3]], ids=str)
+def test_a_line_that_never_falls_quiet_ends_every_call(kind: Kind, tmp_path: Path, quicker: None) -> None:
+    with paired(kind, tmp_path, patience=0.2) as pair:
+        pair.chamber.set(*WANTED)
+        pair.emulator.fault = Fault("flood")
+        failed, took = tried(pair.chamber.read)
+        assert failed.startswith("chamber-")
+        assert took < driver.READ_TIME + SLACK
+        assert tried(pair.chamber.safe)[1] < driver.SAFE_TIME + SLACK
+        pair.emulator.fault = None
+        wait_until_quiet(pair)
+        pair.chamber.safe()
+        assert pair.room.mode == "STANDBY"
 
 
 def test_a_late_answer_is_never_taken_for_that_to_the_next_question(tmp_path: Path) -> None:
@@ -92,10 +107,10 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question(tmp_path: Pa
     if not serial:
         pytest.skip("no pseudo-terminals")
     for kind in serial:
-        with paired(kind, tmp_path, patience=0.3) as pair:
+        with paired(kind, tmp_path, patience=0.2) as pair:
             pair.chamber.set(*WANTED)
             for after in range(2):
-                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=0.45)
+                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=0.3)
                 told = pair.chamber.read()
                 assert (told.temperature, told.mode) == (WANTED[0], "constant"), kind
                 assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1), kind

@@ -38,6 +38,21 @@ def test_it_tries_until_the_chamber_hears_it() -> None:
     assert len([text for text in told if "could not be told" in text]) == 2
 
 
+def test_no_failure_of_any_kind_ends_it() -> None:
+    chamber, told = VirtualChamber(), list[str]()
+    chamber.set(40.0, 50.0)
+    failures = iter([OSError("no such port"), ValueError("nonsense")])
+
+    def reach() -> Chamber:
+        for failure in failures:
+            raise failure
+        return chamber
+
+    assert watch(["hold"], reach, told.append, pause=0.0) == 0
+    assert chamber.read().mode == "standby"
+    assert any("OSError: no such port" in text for text in told)
+
+
 def test_its_process_outlives_the_pipe_and_says_in_the_log_what_it_did(tmp_path: Path) -> None:
     log = tmp_path / "guardian.log"
     keeper = Keeper(ChamberSettings("virtual"), log)

@@ -17,10 +17,22 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-Kind = Literal["late", "halves", "cut", "garbage", "noise", "silence", "close", "gone", "bit"]
-"""``noise``: before the answer; ``gone``: the connection is closed and none is taken; ``bit``: one bit is turned."""
+Kind = Literal["late", "halves", "cut", "garbage", "noise", "silence", "close", "gone", "bit", "flood"]
+"""``noise``: before the answer; ``gone``: the connection is closed and none is taken; ``bit``: one bit is turned;
+``flood``: lines that nobody asked for, without an end where the fault lasts."""
 
-LINE_FAULTS: tuple[Kind, ...] = ("late", "halves", "cut", "garbage", "noise", "silence", "close", "gone", "bit")
+LINE_FAULTS: tuple[Kind, ...] = (
+    "late",
+    "halves",
+    "cut",
+    "garbage",
+    "noise",
+    "silence",
+    "close",
+    "gone",
+    "bit",
+    "flood",
+)
 
 
 @dataclass(frozen=True)
@@ -120,6 +132,15 @@ class Emulator:
                 while time.monotonic() < until and self._fault is fault and not self._stop.is_set():
                     time.sleep(0.02)
                 write(answer)
+            case "flood":
+                fault, until = (
+                    self._fault,
+                    time.monotonic() + (seconds if self._fault and self._fault.lasts < 100 else 1e9),
+                )
+                while time.monotonic() < until and self._fault is fault and not self._stop.is_set():
+                    write(b"0.0\r\n")
+                    time.sleep(0.005)
+                write(answer)
             case "halves":
                 write(answer[:middle])
                 self._stop.wait(min(seconds, 0.1))
@@ -203,7 +224,8 @@ class PtyEmulator(Emulator):
             return os.read(self._master, 4096) if ready else b""
 
         def write(answer: bytes) -> None:
-            os.write(self._master, answer)
+            if select.select([], [self._master], [], 0.05)[1]:  # nobody reads: what does not fit is lost, as on a wire
+                os.write(self._master, answer)
 
         while not self._stop.is_set():  # a serial line has no connection that could be closed
             with suppress(OSError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -12,6 +13,9 @@ from ipmclab.model.environment.conditions import ABSOLUTE
 
 GAS: Final = 8.314462618
 """Molar gas constant [J/(mol K)]."""
+
+BUCK: Final = (611.21, 18.678, 234.5, 257.14)
+"""The pressure of saturated vapour over water (Buck, 1981): [Pa], and three numbers for a temperature in degC."""
 
 WATER: Final = 18.015e-3
 """Molar mass of water [kg/mol]."""
@@ -154,7 +158,7 @@ def saturation_pressure(temperature: Any) -> Any:
     >>> round(float(saturation_pressure(25.0)))
     3169
     """
-    return 611.21 * np.exp((18.678 - temperature / 234.5) * temperature / (257.14 + temperature))
+    return BUCK[0] * np.exp((BUCK[1] - temperature / BUCK[2]) * temperature / (BUCK[3] + temperature))
 
 
 def saturation_concentration(temperature: Any) -> Any:
@@ -176,15 +180,15 @@ def dew_point(temperature: float, relative_humidity: float) -> float:
     >>> round(dew_point(25.0, 73.799), 2)
     20.0
     """
-    from scipy.optimize import brentq
-
     if relative_humidity >= 100.0:
         return temperature
-    wanted = relative_humidity / 100.0 * saturation_pressure(temperature)
     lowest = -200.0
+    wanted = relative_humidity / 100.0 * float(saturation_pressure(temperature))
     if wanted <= saturation_pressure(lowest):
         return lowest
-    return float(brentq(lambda t: saturation_pressure(t) / wanted - 1.0, lowest, temperature, xtol=1e-10))
+    g = math.log(wanted / BUCK[0])  # Buck's equation, solved for its temperature
+    half = 0.5 * (BUCK[1] - g)
+    return BUCK[2] * (half - math.sqrt(half**2 - BUCK[3] * g / BUCK[2]))
 
 
 def _numbers(values: Mapping[str, Any]) -> tuple[Any, Any, Any, Any, Any]:

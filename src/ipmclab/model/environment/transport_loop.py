@@ -12,8 +12,10 @@ from ipmclab.model.numerics.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 
+# Those of ``sorption`` and ``transport``; a test holds them equal. The cache of kernels knows of changes here only.
 _KELVIN = 273.15
 _GAS = 8.314462618
+_FARADAY = 96485.33212
 _LEAST = 1e-3
 
 
@@ -90,7 +92,7 @@ def _rate(m: Membrane, content: float, temperature: float, around: float, leak: 
     out = outflow(m, m.anode, content, saturated, around) + outflow(m, m.cathode, content, saturated, around)
     if content <= _LEAST:
         return max(0.0, -out / m.sites)
-    return -(out + abs(leak) / (2.0 * 96485.33212)) / m.sites
+    return -(out + abs(leak) / (2.0 * _FARADAY)) / m.sites
 
 
 @kernel
@@ -164,8 +166,8 @@ def follow(
             saturated = vapour(warms[1])
             apart = outflow(m, m.cathode, half, saturated, arounds[1])
             apart -= outflow(m, m.anode, half, saturated, arounds[1])
-            apart -= j / (2.0 * 96485.33212)  # water is split at the anode, whichever face that is
-            apart -= 2.0 * m.drag * half / 22.0 * j / 96485.33212
+            apart -= j / (2.0 * _FARADAY)  # water is split at the anode, whichever face that is
+            apart -= 2.0 * m.drag * half / 22.0 * j / _FARADAY
             source = 2.0 * apart / m.sites
             decayed = math.exp(-h / m.mixing)
             mode = mode * decayed + source * m.mixing * (1.0 - decayed)

@@ -6,12 +6,11 @@ words are those of its manual, as far as they could be read; nothing here was ev
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Final
 
 from ipmclab.errors import InputError
-from ipmclab.model.environment.sorption import saturation_pressure
+from ipmclab.model.environment.sorption import dew_point, saturation_pressure
 from ipmclab.rig.chambers.chamber import Conditions, Mode, Ranges
 from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.dialogue import Dialogue
@@ -59,7 +58,7 @@ class DewPointGenerator(Driver):
 
     def dew_point(self, relative_humidity: float) -> float:
         """The dew point [degC] that gives a relative humidity [percent] in the cell."""
-        return dew_point_at(self._cell, relative_humidity)
+        return dew_point(self._cell, relative_humidity)
 
     def set(self, temperature: float, relative_humidity: float | None) -> None:
         """Generate from now on: see ``Chamber.set``."""
@@ -152,13 +151,6 @@ def relative_humidity_at(cell_temperature: float, dew_point: float) -> float:
     73.799
     """
     return float(100.0 * saturation_pressure(dew_point) / saturation_pressure(cell_temperature))
-
-
-def dew_point_at(cell_temperature: float, relative_humidity: float) -> float:
-    """The dew point [degC] of air with some relative humidity [percent]: the inverse of ``relative_humidity_at``."""
-    pressure = relative_humidity / 100.0 * float(saturation_pressure(cell_temperature))
-    g = math.log(pressure / 611.21)  # Buck's equation, solved for its temperature
-    return 117.25 * (18.678 - g - math.sqrt((18.678 - g) ** 2 - 4.0 * 257.14 * g / 234.5))
 
 
 def fault_words(number_of_faults: int) -> tuple[str, ...]:

@@ -123,6 +123,7 @@ class Dialogue:
             question, is_answer = self._landmark
             deadline = deadline.within(self._patience)
             self.line.tell(question, deadline)
-            while not is_answer(self.line.hear(deadline)):
-                pass
+            while not is_answer(answer := self.line.hear(deadline)):
+                if deadline.is_over:  # a line that goes on and on never lacks a next answer
+                    raise garbled(self.where, answer)
         self._lost = False

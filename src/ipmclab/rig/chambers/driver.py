@@ -79,6 +79,8 @@ class Driver(ABC):
         self._lock = threading.RLock()
         self._unsafe_at = -math.inf
         self._begun: Deadline | None = None
+        self._stops: Deadline | None = None  # what is left of a call that failed: bringing it to standby
+        self._saving: set[int] = set()  # threads that wait in ``safe`` for the line
         self._reads = False
         self._is_known = False
         self._asked: Asked | None = None
@@ -121,8 +123,11 @@ class Driver(ABC):
 
     def safe(self) -> None:
         """Standby: see ``Chamber.safe``. What another thread has begun is cut short."""
+        self._saving.add(threading.get_ident())
         self._cut_short()
-        with self._turn(self._safe_time, known=False) as deadline:  # whoever it is, it can be told to stop
+        if self._stops is not None:
+            self._stops.cut()
+        with self._turn(self._safe_time, known=False, saves=True) as deadline:  # whoever it is, it can be told to stop
             try:
                 self._stop(deadline)
             except ChamberError as error:
@@ -180,10 +185,15 @@ class Driver(ABC):
         return ": these are degrees Fahrenheit" if is_fahrenheit else ""
 
     def _try_to_stop(self) -> str:
+        deadline = self._stops = Deadline(self._safe_time)
+        if self._saving:  # looked at after the deadline is there to be cut: ``safe`` misses neither
+            deadline.cut()
         try:
-            self._stop(Deadline(self._safe_time))
+            self._stop(deadline)
         except ChamberError:
             return "it could not be brought to standby either"
+        finally:
+            self._stops = None
         return _STOPPED
 
     @property
@@ -224,18 +234,28 @@ class Driver(ABC):
             begun.cut()
 
     @contextmanager
-    def _turn(self, seconds: float, *, known: bool = True, reads: bool = False) -> Iterator[Deadline]:
-        """Have the line for oneself. A reading that does not end is cut short for anything else than a reading."""
-        taken = self._lock.acquire(timeout=_POLITE)
-        if not taken:
-            if self._reads and not reads:
-                self._cut_short()
-            taken = self._lock.acquire(timeout=READ_TIME)
+    def _turn(
+        self, seconds: float, *, known: bool = True, reads: bool = False, saves: bool = False
+    ) -> Iterator[Deadline]:
+        """Have the line for oneself. A reading that does not end is cut short for anything else than a reading.
+
+        Standby is never cut short: whoever waits for it wants nothing else, or may wait.
+        """
+        try:
+            taken = self._lock.acquire(timeout=_POLITE)
+            if not taken:
+                if self._reads and not reads:
+                    self._cut_short()
+                taken = self._lock.acquire(timeout=READ_TIME)
+        finally:
+            self._saving.discard(threading.get_ident())
         if not taken:
             raise self._in_use(f"another part of this program has been speaking to it for {READ_TIME:g} s")
         try:
-            self._reads, self._begun = reads, Deadline(seconds)
-            deadline = self._begun
+            deadline = Deadline(seconds)
+            self._reads, self._begun = reads, None if saves else deadline
+            if self._saving and not saves:  # they came after the line was taken, and before there was a deadline
+                deadline.cut()
             if known and not self._is_known:
                 self._identify(deadline)
                 self._is_known = True

@@ -61,8 +61,9 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
                 chamber.safe()
             finally:
                 chamber.close()
-        except IpmclabError as error:
-            log(f"chamber: it could not be told: {error}")
+        except Exception as error:  # whatever it is, nobody else is left to try again
+            said = str(error) if isinstance(error, IpmclabError) else f"{type(error).__name__}: {error}"
+            log(f"chamber: it could not be told: {said}")
             if time.monotonic() >= until:
                 log("chamber: IT MAY STILL HOLD ITS SET POINTS: bring it to standby at its panel")
                 return 1

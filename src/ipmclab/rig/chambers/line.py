@@ -18,6 +18,9 @@ LONGEST_ANSWER: Final = 4096
 CONNECT_TIME: Final = 3.0
 """A chamber in the same building takes a connection sooner [s]."""
 
+_GLANCE: Final = 0.1
+"""So long [s] a connection is listened to before the deadline is looked at again."""
+
 Parity = Literal["none", "even", "odd"]
 
 
@@ -133,7 +136,7 @@ class Line(ABC):
             except OSError as error:
                 self.drop()
                 raise unreachable(self.where, error) from error
-            if not came and deadline.is_over:
+            if deadline.is_over and b"\n" not in came:
                 raise silent(self.where, f"it answers only {self._left!r:.40}" if self._left else "it does not answer")
             self._left += came
         answer, _, self._left = self._left.partition(b"\n")
@@ -216,14 +219,18 @@ class TcpLine(Line):
 
     def _receive(self, deadline: Deadline) -> bytes:
         assert self._socket is not None
-        self._socket.settimeout(deadline.left)  # 0: what has come already, without waiting
-        try:
-            came = self._socket.recv(LONGEST_ANSWER)
-        except (TimeoutError, BlockingIOError):
-            return b""
-        if not came:
-            raise ConnectionResetError("it closed the connection")
-        return came
+        while True:
+            # 0: what has come already, without waiting. In small steps, as another thread may cut the deadline.
+            self._socket.settimeout(min(deadline.left, _GLANCE))
+            try:
+                came = self._socket.recv(LONGEST_ANSWER)
+            except (TimeoutError, BlockingIOError):
+                if deadline.is_over:
+                    return b""
+                continue
+            if not came:
+                raise ConnectionResetError("it closed the connection")
+            return came
 
 
 class SerialLine(Line):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 
+from ipmclab.errors import InputError
 from ipmclab.rig.chambers.chamber import Conditions, Mode, Ranges
 from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.driver import Driver
@@ -28,6 +29,18 @@ class ModbusTable(Driver):
         super().__init__(registers.where, ranges)
         self._registers = registers
         self._table = table
+        self._is_humid = table.relative_humidity is not None and ranges.relative_humidity is not None
+
+    def set(self, temperature: float, relative_humidity: float | None) -> None:
+        """Regulate towards these from now on: see ``Chamber.set``."""
+        if relative_humidity is None and self._is_humid:
+            raise InputError(
+                "a table of registers has no word for no humidity: the chamber would go on with its last one",
+                code="out-of-range",
+                where="relative_humidity",
+                repair="give one, or take relative_humidity out of [chamber]",
+            )
+        super().set(temperature, relative_humidity)
 
     def _identify(self, deadline: Deadline) -> None:
         self._does(deadline)
@@ -36,7 +49,7 @@ class ModbusTable(Driver):
         mode = self._does(deadline)
         warm, wanted_warm = self._pair(self._table.temperature, TEMPERATURES, mode, deadline)
         humid, wanted_humid = None, None
-        if self._table.relative_humidity is not None and self._ranges.relative_humidity is not None:
+        if self._is_humid and self._table.relative_humidity is not None:
             humid, wanted_humid = self._pair(self._table.relative_humidity, HUMIDITIES, mode, deadline)
         alarms: tuple[str, ...] = ()
         if self._table.alarm is not None:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import IpmclabError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.chambers.chamber import Chamber, ChamberError, Conditions, Ranges, Stillness
 from ipmclab.rig.chambers.driver import HUMIDITY_STEP, TEMPERATURE_STEP
 
@@ -71,6 +71,7 @@ class ChamberWatch:
         self._next = self._heard
         self._failure: ChamberError | None = None
         self._asked: tuple[float, float | None] | None = None
+        self._is_ours = False
         self._is_still = False
         self._odd = ("", 0)
         self._problem: ChamberError | None = None
@@ -98,14 +99,28 @@ class ChamberWatch:
         """Whether its fan and compressor are off for the strip's sake."""
         return self._is_still
 
+    @property
+    def is_ours(self) -> bool:
+        """Whether this program ever told it to regulate: what follows another's program is not let stand by."""
+        return self._is_ours
+
     def set(self, temperature: float, relative_humidity: float | None) -> None:
         """Regulate towards these from now on, and read it from now on. Raises InputError, ChamberError."""
         if self._keeper is not None:
             self._keeper(True)
         self._asked = None  # until it is set, what it states is another's word
-        self._chamber.set(temperature, relative_humidity)
+        was_ours, self._is_ours = self._is_ours, True
+        try:
+            self._chamber.set(temperature, relative_humidity)
+        except IpmclabError as error:
+            if isinstance(error, InputError) or error.code == "chamber-in-use":  # it was told nothing
+                self._is_ours = was_ours
+                if self._keeper is not None and not was_ours:
+                    self._keeper(False)
+            raise
         with self._lock:
             self._asked, self._is_still, self._odd = (temperature, relative_humidity), False, ("", 0)
+            self._heard = self._clock()
         self._start()
 
     def still(self, longest: float) -> Stillness:
@@ -118,10 +133,15 @@ class ChamberWatch:
             raise
 
     def resume(self) -> None:
-        """Regulate again; nothing where it is not still. Raises ChamberError."""
+        """Regulate again; nothing where it is not still. Raises ChamberError.
+
+        Where it fails, the chamber does not do what it was asked, and the next readings say so.
+        """
         if self._is_still:
-            self._chamber.resume()
-            self._is_still, self._odd = False, ("", 0)
+            try:
+                self._chamber.resume()
+            finally:
+                self._is_still, self._odd = False, ("", 0)
 
     def resume_soon(self, done: Callable[[ChamberError | None], None]) -> None:
         """As ``resume``, without waiting for it: from the loop that samples a strip.
@@ -135,8 +155,8 @@ class ChamberWatch:
         def act() -> None:
             try:
                 self.resume()
-            except ChamberError as error:
-                done(error)
+            except Exception as error:
+                done(_as_chamber_error(error))
             else:
                 done(None)
 
@@ -205,13 +225,18 @@ class ChamberWatch:
     def _read_on(self, ended: threading.Event) -> None:
         while not ended.is_set():
             began = self._clock()
-            while not self._later.empty():
-                self._later.get()()
-            self._read()
+            try:
+                while not self._later.empty():
+                    self._later.get()()
+                self._read()
+            except Exception as error:  # a thread that died would leave a chamber that nobody watches
+                self._tell(_as_chamber_error(error))
             ended.wait(max(0.05, PERIOD - (self._clock() - began)))
 
     def _look(self) -> None:
-        """At a simulated bench: read when it is due by its clock."""
+        """At a simulated bench: read when it is due by its clock. Else see, by the caller's own, that readings come."""
+        if self._thread is not None:
+            self._judge_silence()
         if self._is_simulated and self._asked is not None and self._clock() >= self._next:
             self._next = self._clock() + PERIOD
             self._read()
@@ -219,11 +244,9 @@ class ChamberWatch:
     def _read(self) -> None:
         try:
             conditions = self._chamber.read()
-        except ChamberError as error:
-            self._failure = self._failure or error
-            silent = self._clock() - self._heard
-            if silent >= SILENT:
-                self._tell(_lost(self._failure, silent))
+        except Exception as error:
+            self._failure = self._failure or _as_chamber_error(error)
+            self._judge_silence()
             return
         self._heard, self._failure = self._clock(), None
         with self._lock:
@@ -233,6 +256,11 @@ class ChamberWatch:
         self.on_reading(conditions)
         if problem is not None:
             self._tell(problem)
+
+    def _judge_silence(self) -> None:
+        silent = self._clock() - self._heard
+        if silent >= SILENT:
+            self._tell(_lost(self._failure or _UNHEARD, silent))
 
     def _doubt(self, conditions: Conditions) -> ChamberError | None:
         """What is wrong with a chamber that answers, once it has been so in two readings."""
@@ -244,10 +272,32 @@ class ChamberWatch:
         return error if self._odd[1] >= _TWICE else None
 
     def _tell(self, problem: ChamberError) -> None:
-        if self._problem is None:
+        with self._lock:
+            if self._problem is not None:
+                return
             self._problem = problem
-            with suppress(IpmclabError):
-                self.on_problem(problem)
+        with suppress(Exception):  # it is kept, and ``check`` raises it
+            self.on_problem(problem)
+
+
+_UNHEARD: Final = ChamberError(
+    "the reading that is under way does not end",
+    code="chamber-silent",
+    where="chamber",
+    repair="see that it is switched on, and look at its cable",
+)
+
+
+def _as_chamber_error(error: Exception) -> ChamberError:
+    """What went wrong beside a chamber, as an error that everybody here knows."""
+    if isinstance(error, ChamberError):
+        return error
+    where, repair = "chamber", "record again; if it happens again, tell the developers this message"
+    if isinstance(error, IpmclabError):
+        return ChamberError(error.message, code=error.code, where=error.where, repair=error.repair)
+    return ChamberError(
+        f"{type(error).__name__} while the chamber was read: {error}", code="chamber-failed", where=where, repair=repair
+    )
 
 
 def _lost(failure: ChamberError, silent: float) -> ChamberError:

@@ -104,6 +104,7 @@ class Conditioning:
         self._recent: dict[str, list[float]] = {}
         self._most: dict[str, float] = {}
         self._still_since: float | None = None
+        self._resumes = False
         self._told = self._told_reading = 0.0
         self.known: dict[str, Any] = {}
         """What a run is to say of its environment."""
@@ -148,8 +149,8 @@ class Conditioning:
         self._keeps_still = True
 
     def stand_by(self) -> None:
-        """Let the chamber regulate nothing. Raises ChamberError."""
-        if self._chamber is not None:
+        """Let the chamber regulate nothing, where it was ever set. Raises ChamberError."""
+        if self._chamber is not None and self._chamber.is_ours:
             self._chamber.safe()
 
     @contextmanager
@@ -175,10 +176,10 @@ class Conditioning:
             return
         self.known["chamber"] = "still"
         self._chamber.still(environment.longest_still)
-        self._recent, self._most, self._still_since = {}, {}, None
+        self._recent, self._most, self._still_since, self._resumes = {}, {}, None, False
         yield
         if not self._desk.is_over():  # what is over, also by an error, ends in standby and sets no chamber to work
-            # Where it fails the chamber is in standby, which the next reading tells.
+            # Where it fails the chamber is in standby and nothing is still: the next readings tell.
             with suppress(ChamberError):
                 self._chamber.resume()
         self._still_for = seconds
@@ -186,7 +187,7 @@ class Conditioning:
 
     def look(self, air: SlowAir) -> None:
         """The air of one more second of a run: too far from where it was, the chamber is resumed at once."""
-        if self._chamber is None or not self._chamber.is_still or self._visit is None:
+        if self._chamber is None or not self._chamber.is_still or self._resumes or self._visit is None:
             return
         self._still_since = air.time if self._still_since is None else self._still_since
         environment = self._visit.environment
@@ -208,14 +209,14 @@ class Conditioning:
             self._resume(f"it was still for {environment.longest_still:g} s")
 
     def leave(self) -> None:
-        """The experiment is over, however: the chamber stands by.
+        """The experiment is over, however: a chamber that was set stands by. Another's is not touched.
 
         Raises
         ------
         ChamberError
             It could not be told.
         """
-        if self._chamber is None:
+        if self._chamber is None or not self._chamber.is_ours:
             return
         try:
             self._chamber.safe()
@@ -228,6 +229,7 @@ class Conditioning:
 
     def _resume(self, why: str) -> None:
         assert self._chamber is not None
+        self._resumes = True  # it takes longer than a second: once is enough
 
         def done(error: ChamberError | None) -> None:
             self._desk.mark(f"the chamber is resumed: {why}" if error is None else f"it cannot be resumed: {error}")
