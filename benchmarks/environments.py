@@ -183,7 +183,7 @@ def one_campaign(seed: Sequence[int]) -> Outcome:
     true = np.array([campaign.truth[name] for name in (*LAWS, *AGES)])
     away = (np.array([one.value for one in told]) - true) / np.array([one.standard_error for one in told])
     inside = np.array([one.interval[0] <= value <= one.interval[1] for one, value in zip(told, true, strict=True)])
-    clean = answer(campaign.truth, HELD_OUT, len(order) - 1)
+    clean = answer(campaign.truth, HELD_OUT, len(order))
     exact = RunMetadata(
         relative_humidity=HELD_OUT[0], temperature=HELD_OUT[1], uncertainties={"relative_humidity": 0.0}
     )

@@ -209,3 +209,15 @@ def test_runs_of_one_label_are_told_apart() -> None:
     found = leave_one_run_out(fit, progress=lambda sentence, _: told.append(sentence))
     assert [one.label for one in found.left_out] == ["step 1 V [0]", "step 1 V [1]"]
     assert "predicting step 1 V [1] from the other runs" in told
+
+
+def test_how_fast_a_strip_ages_is_in_the_band_of_a_run_that_is_left_out() -> None:
+    """Three runs tell little of what forty more have done to the strip."""
+    generator, name = np.random.default_rng(SEED), "circuit.dc_resistivity"
+    runs = []
+    for number in (0, 1, 2, 43):
+        run = noisy(generator, "sine 1 V 0.1 Hz", strip=FRIEND.replace(**{name: FRIEND[name] * 1.002**number}))
+        runs.append(replace(run, metadata=replace(run.metadata, run_number=number)))
+    fit = leave_one_run_out(identify(FRIEND, runs, free=["electrical", f"age.runs.{name}"]))
+    assert fit.left_out[3].inside["current"] > 0.9
+    assert fit.left_out[3].standardised["current"] < 1.3

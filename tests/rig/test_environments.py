@@ -294,6 +294,15 @@ def test_a_mass_is_asked_for_and_kept(tmp_path: Path) -> None:
             question.check(wrong)
 
 
+@pytest.mark.parametrize("steps", [["weigh", "apply"], ["weigh", "chamber-on", "equilibrium", "chamber-off", "apply"]])
+def test_a_mass_is_that_of_the_next_run_in_the_same_air(tmp_path: Path, steps: list[str]) -> None:
+    room = Room(tmp_path, steps=steps, repeats=2)
+    room.desk.answers["weigh"] = "131 mg"
+    first, second = room.run()
+    assert first.metadata.mass == (None if "chamber-on" in steps else pytest.approx(131e-6))
+    assert second.metadata.mass is None
+
+
 def test_a_real_chamber_is_read_in_a_thread_of_its_own() -> None:
     """Its silence costs the loop that samples a strip nothing."""
     chamber, heard = VirtualChamber(), threading.Event()

@@ -178,8 +178,9 @@ def _check_run(run: Mapping[str, Any], key: str) -> None:
     if "state" in run:
         state = _table_of(run["state"], f"{key}.state", RunState)
         _text(state, "how", f"{key}.state")
-        _numbers(state.get("doses", {}), f"{key}.state.doses")
-        _numbers({name: one for name, one in state.items() if name not in ("how", "doses")}, f"{key}.state")
+        for name in ("doses", "adds"):
+            _numbers(state.get(name, {}), f"{key}.state.{name}")
+        _numbers({name: one for name, one in state.items() if name not in ("how", "doses", "adds")}, f"{key}.state")
     for name in _NUMBERS_OF_RUN:
         if name in run:
             _numbers(run[name], f"{key}.{name}")

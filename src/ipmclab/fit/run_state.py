@@ -30,6 +30,8 @@ class RunState:
         Standard uncertainty of the humidity, where the water content is assumed in equilibrium with it.
     doses : mapping of scale to float
         What the strip had been through before: ``runs``, ``hours`` [h], ``charge`` [C]; those that parameters age with.
+    adds : mapping of scale to float
+        What the run itself adds to them.
     found : float, optional
         The water content at which the readings are met best.
     """
@@ -41,12 +43,16 @@ class RunState:
     relative_humidity: float | None = None
     humidity_uncertainty: float = 0.0
     doses: Mapping[str, float] = field(default_factory=dict)
+    adds: Mapping[str, float] = field(default_factory=dict)
     found: float | None = None
 
     def to_table(self) -> dict[str, Any]:
         """In the types that TOML has, without what is not known."""
         every = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {name: value for name, value in every.items() if value is not None} | {"doses": dict(self.doses)}
+        return {name: value for name, value in every.items() if value is not None} | {
+            "doses": dict(self.doses),
+            "adds": dict(self.adds),
+        }
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> RunState:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
 from ipmclab.identification.environment.state_of_run import says_environment, state_of
 from ipmclab.identification.environment.strip_in_state import rates_of
@@ -45,8 +46,8 @@ def state_in(fit: Fit | None, actuator: Actuator, run: Run) -> RunState | None:
     if not follows and not rates:
         return None
     state = state_of(actuator, run, label="run") if follows else RunState()
-    seen = [one.state.doses for one in fit.observations if one.state is not None] if fit is not None else []
-    doses = {scale: max(one.get(scale, 0.0) for one in seen) for scale in {Age.of(name).scale for name in rates}}
+    seen = [one.state for one in fit.observations if one.state is not None] if fit is not None else []
+    doses = {scale: dose_now(seen, scale) for scale in {Age.of(name).scale for name in rates}}
     return RunState(**{**state.to_table(), "doses": doses})
 
 
@@ -60,11 +61,11 @@ def as_it_is_now(actuator: Actuator) -> Actuator:
     """
     table: Mapping[str, Any] = actuator.fit_table or {}
     rates = [(one["name"], one["value"]) for one in table.get("parameters", ()) if one["name"].startswith(AGE)]
-    doses = [run["state"]["doses"] for run in table.get("runs", ()) if "state" in run]
+    states = [RunState.from_table(run["state"]) for run in table.get("runs", ()) if "state" in run]
     changes = dict(actuator.parameter_values)
     for name, rate in rates:
         age = Age.of(name)
-        changes[age.parameter] *= math.exp(rate * max(one[age.scale] for one in doses))
+        changes[age.parameter] *= math.exp(rate * dose_now(states, age.scale))
     return replace(actuator, parameter_values=changes) if rates else actuator
 
 

@@ -15,6 +15,7 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.left_out import LeftOut
+from ipmclab.fit.run_state import RunState
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, Piece
 from ipmclab.identification.noise.shape import Shape
@@ -352,7 +353,7 @@ def _predicted(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> 
     """The prediction of a run; without what was found on itself, its own parameters are the mean of the others'."""
 
     strip = _strip(theirs, record, itself)
-    one = validate(strip, record.run).runs[0]
+    one = validate(_aged(strip, _rates(theirs), record.state), record.run).runs[0]
     compared = {name: found for name, found in one.comparisons.items() if name in record.readings}
     reach = _reach(theirs, strip, record, itself, one.delay or 0.0, one.zeros)
     return _Prediction(
@@ -363,7 +364,7 @@ def _predicted(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> 
 
 
 def _strip(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> Actuator:
-    """The actuator as the other runs have it."""
+    """The actuator as the other runs have it, before it aged."""
     others, order = theirs.problem, theirs.order
     each = [others.in_reference(theirs.theta, other.place) for other in others.records]
     values = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
@@ -373,12 +374,28 @@ def _strip(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> Actu
     if itself is not None:
         for unknown, entry in zip(itself.unknowns, itself.entries, strict=True):
             values[unknown.base] = unknown.value(float(entry))
-    for place, unknown in enumerate(others.unknowns):
-        if unknown.base.startswith(AGE) and record.state is not None:
-            age = Age.of(unknown.base)
-            values[age.parameter] *= math.exp(unknown.value(float(theirs.theta[place])) * record.state.doses[age.scale])
     changes = {order(name): value for name, value in values.items()}
     return replace(theirs.fit.actuator.replace(**changes), fit_table=None)
+
+
+def _rates(theirs: _Theirs) -> dict[str, float]:
+    """How fast parameters age, as the other runs have it."""
+    return {
+        theirs.order(unknown.name): unknown.value(float(theirs.theta[place]))
+        for place, unknown in enumerate(theirs.problem.unknowns)
+        if unknown.base.startswith(AGE)
+    }
+
+
+def _aged(strip: Actuator, rates: Mapping[str, float], state: RunState | None) -> Actuator:
+    """The actuator as the run begins."""
+    if state is None:
+        return strip
+    values = dict(strip.parameter_values)
+    for name, rate in rates.items():
+        age = Age.of(name)
+        values[age.parameter] *= math.exp(rate * state.doses[age.scale])
+    return strip.replace(**values)
 
 
 def _reach(
@@ -391,7 +408,11 @@ def _reach(
 ) -> dict[str, FloatArray]:
     """Half the width of the band of each output of which the other runs know the noise."""
     others = theirs.problem
-    asked = [place for place, unknown in enumerate(others.unknowns) if unknown.base in others.base]
+    asked = [
+        place
+        for place, unknown in enumerate(others.unknowns)
+        if unknown.base in others.base or unknown.base.startswith(AGE)
+    ]
     unknowns = [others.unknowns[place] for place in asked]
     entries, covariance = theirs.theta[asked], theirs.covariance[np.ix_(asked, asked)]
     if itself is not None:
@@ -404,11 +425,12 @@ def _reach(
     chains = [unknown.chain(value) for unknown, value in zip(unknowns, values, strict=True)]
     table = covariance_table(names, covariance, chains, {}, {})
     endings = own_endings(record.place, record.run.metadata.mounting_id or "")
-    found = known_of(table, dict(zip(names, values, strict=True)), list(strip.parameter_values), endings)
+    rates = _rates(theirs)
+    found = known_of(table, dict(zip(names, values, strict=True)), [*strip.parameter_values, *rates], endings)
     seen = [theirs.fit.observations[other.place] for other in others.records]
     outputs = [name for name in record.readings if any(name in observation.noise for observation in seen)]
     run = record.run
-    drive = Drive(run.time, run.voltage, model_hold(record), delay, state=record.state)
+    drive = Drive(run.time, run.voltage, model_hold(record), delay, state=record.state, rates=rates)
     spread = spread_of(found, strip, drive, outputs)
     since = run.time - run.time[0]
     return {

@@ -34,7 +34,7 @@ def test_every_exponent_energy_and_age_is_found(campaign: Campaign, fit: Fit) ->
 
 
 def test_a_condition_never_measured_is_predicted_with_its_interval(campaign: Campaign, fit: Fit) -> None:
-    clean = answer(campaign.truth, HELD_OUT, len(SHORT) - 1)
+    clean = answer(campaign.truth, HELD_OUT, len(SHORT))
     true = clean.channels["displacement"]
     peak = int(np.argmax(np.abs(true)))
     reaches = []

@@ -66,6 +66,22 @@ def test_a_group_has_the_priors_that_are_known() -> None:
         with_priors(STRIP, names, "circuit.branches.0.permittivity")
 
 
+def test_a_group_of_which_nothing_is_known_is_refused() -> None:
+    names = parse_free(STRIP.parameter_values, "electrical")
+    with pytest.raises(InputError, match="nothing is known beforehand of any parameter of 'electrical'"):
+        with_priors(STRIP, names, "electrical")
+
+
+def test_what_moves_the_water_is_no_parameter_of_a_fit() -> None:
+    known = STRIP.parameter_values
+    for name in ("hydration.film", "hydration.asymmetry", "hydration.sorption.scale", "age.runs.hydration.film"):
+        with pytest.raises(InputError, match="computes the water of each run once"):
+            parse_free(known, ["electrical", name])
+    with pytest.raises(InputError, match="computes the water of each run once"):
+        parse_free(known, "electrical", per_run="hydration.film")
+    assert parse_free(known, "hydration.percolation").shared == ("hydration.percolation",)
+
+
 def test_command_line_and_report_show_each_state(fit: Fit, capsys: pytest.CaptureFixture[str]) -> None:
     print_fit(fit, details=True)
     told = capsys.readouterr().out

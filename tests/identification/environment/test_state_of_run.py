@@ -9,8 +9,10 @@ import pytest
 from ipmclab import Run, RunMetadata, Sample, load_actuator
 from ipmclab.errors import InputError
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.dose import doses_of
-from ipmclab.identification.environment.state_of_run import states_of
+from ipmclab.identification.environment.dose import dose_now, doses_of
+from ipmclab.identification.environment.remarks import doubtful
+from ipmclab.identification.environment.state_of_run import states_of, with_states
+from ipmclab.identification.problem.record import prepare
 from ipmclab.model import Actuator
 
 STRIP = load_actuator("friend-2+environment.coupling_gain")
@@ -67,6 +69,50 @@ def test_a_run_begins_where_the_one_before_it_left_the_strip() -> None:
     assert states_of(STRIP, [first, alone], ["first", "second"])[1].how == "assumed"
 
 
+def test_the_time_since_the_run_before_counts_once() -> None:
+    """Three runs 5 min apart out of water: as one run that begins where each does."""
+    runs = [
+        run(
+            recorded_at=f"2026-11-23T10:{place:02d}:00+00:00",
+            minutes_out_of_water=21.0 + place,
+            minutes_in_environment=20.0 + place,
+        )
+        for place in (0, 5, 10)
+    ]
+    found = [one.water_content for one in states_of(STRIP, runs, ["a", "b", "c"])]
+    alone = [state(run(minutes_out_of_water=minutes)).water_content for minutes in (21.0, 26.0, 31.0)]
+    assert found == pytest.approx(alone, rel=1e-4)
+
+
+def test_liquid_water_after_the_run_before_is_the_start() -> None:
+    yesterday = run(recorded_at="2026-11-22T10:00:00+00:00", relative_humidity=40.0)
+    today = run(recorded_at="2026-11-23T10:00:00+00:00", minutes_out_of_water=35.0, minutes_in_environment=30.0)
+    found = states_of(STRIP, [yesterday, today], ["yesterday", "today"])[1]
+    assert found.water_content == state(run(minutes_out_of_water=35.0)).water_content
+
+
+def test_metal_holds_no_water() -> None:
+    """Sample 2 of the thesis took up 10 mg: 11.23 by the 54.4 mg of polymer that a N117 of its size weighs."""
+    sample = Sample(id="2", dry_mass=1.03e-4, nominal_membrane_thickness=1.83e-4)
+    found = state(run(mass=1.13e-4, sample=sample))
+    assert found.water_content == pytest.approx(11.23, rel=0.01)
+    assert found.standard_uncertainty > 0.05 * 11.2
+    plated = state(run(mass=1.13e-4, sample=replace(sample, nominal_membrane_thickness=None)))
+    assert plated.standard_uncertainty > 0.25 * (plated.water_content or 0.0)
+
+
+def test_a_simulated_run_knows_its_water() -> None:
+    wet = run(origin="simulated", relative_humidity=100.0, water_content=22.0, water_content_origin="assumed")
+    found = state(wet)
+    assert (found.water_content, found.standard_uncertainty, found.how) == (22.0, 0.0, "assumed")
+    read = replace(wet, metadata=replace(wet.metadata, origin="measured"))
+    assert state(read).water_content == pytest.approx(14.003)
+
+
+def test_a_wet_sensor_reads_a_little_more_than_saturation() -> None:
+    assert state(run(relative_humidity=100.4)).water_content == pytest.approx(14.003)
+
+
 def test_a_run_that_does_not_say_its_air_is_refused() -> None:
     with pytest.raises(InputError, match=r"second: parameters follow the environment.*does not say") as caught:
         states_of(STRIP, [run(), run(relative_humidity=None)], ["first", "second"])
@@ -80,3 +126,45 @@ def test_doses_are_counted_in_the_order_of_the_runs() -> None:
     assert doses_of(runs, "charge") == [6.0, 0.0, 3.0]
     with pytest.raises(InputError, match="does not say when it was recorded"):
         doses_of([run()], "hours")
+
+
+def test_runs_that_are_not_given_count_where_all_are_numbered() -> None:
+    assert doses_of([run(run_number=number) for number in (20, 1, 2)], "runs") == [19.0, 0.0, 1.0]
+    # Numbers that begin again with each day tell nothing: those that are given are counted.
+    days = [
+        run(run_number=number, recorded_at=f"2026-11-{day}T10:00:00+00:00")
+        for number, day in ((5, 20), (1, 21), (2, 22))
+    ]
+    assert doses_of(days, "runs") == [0.0, 1.0, 2.0]
+
+
+def test_the_next_run_comes_after_the_last_one() -> None:
+    runs = [run(run_number=number) for number in (1, 2, 3)]
+    records = [prepare(one, place, ["current"], ()) for place, one in enumerate(runs)]
+    ages = ["age.runs.coupling.gain", "age.charge.coupling.gain"]
+    states = [record.state for record in with_states(STRIP, runs, records, ages) if record.state is not None]
+    assert [state.doses for state in states] == [{"runs": float(k), "charge": 3.0 * k} for k in range(3)]
+    assert dose_now(states, "runs") == 3.0
+    assert dose_now(states, "charge") == 9.0
+    assert RunState.from_table(states[2].to_table()) == states[2]
+
+
+def test_a_run_whose_air_moves_its_water_is_named() -> None:
+    def codes(**about: object) -> set[str]:
+        long = Run.from_arrays(time=[0.0, 600.0, 1200.0], voltage=[1.0] * 3, metadata=replace(run().metadata, **about))
+        return {finding.code for finding in doubtful(STRIP, long, state(long), "long")}
+
+    assert codes() == set()
+    assert codes(water_content=12.0, water_content_origin="measured") == {"water-moves"}
+    assert codes(minutes_out_of_water=10.0) == {"water-moves"}
+    assert codes(minutes_out_of_water=300.0) == set()
+
+
+def test_equilibrium_takes_films_and_thickness_and_is_slower_upwards() -> None:
+    slow = STRIP.replace(**{"hydration.asymmetry": 10.0})
+    thick = STRIP.replace(**{"hydration.diffusivity": 1e-12})
+    waited = run(minutes_in_environment=120.0)
+    assert doubtful(STRIP, waited, state(waited), "run") == []
+    for strip in (slow, thick):
+        (said,) = doubtful(strip, waited, state(waited, strip), "run")
+        assert said.code == "not-in-equilibrium"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 
 from ipmclab.errors import InputError
+from ipmclab.fit.run_state import RunState
 from ipmclab.run import Run
 
 
@@ -21,7 +23,9 @@ def doses_of(runs: Sequence[Run], scale: str) -> list[float]:
     ----------
     runs : sequence of Run
     scale : "runs", "hours" or "charge"
-        The runs before, the hours since the first one, or the charge that passed in either direction.
+        The runs since the first one, the hours since it, or the charge that passed in either direction. Runs are told
+        by ``run_number`` where every run states it and the numbers rise with the order: those that are not given count
+        too. Else the runs that are given are counted.
 
     Returns
     -------
@@ -62,12 +66,42 @@ def doses_of(runs: Sequence[Run], scale: str) -> list[float]:
     if scale == "hours":
         return [(key - min(keys)) / 3600.0 for key in keys]
     order = sorted(range(len(runs)), key=keys.__getitem__)
-    each = [1.0] * len(runs) if scale == "runs" else [_charge(run, place) for place, run in enumerate(runs)]
+    if scale == "runs":
+        stated = [numbers[place] for place in order]
+        known = [float(number) for number in stated if number is not None]
+        if len(known) < len(runs) or any(later <= sooner for sooner, later in pairwise(known)):
+            known = list(map(float, range(len(runs))))
+        return [known[order.index(place)] - known[0] for place in range(len(runs))]
     found, total = [0.0] * len(runs), 0.0
     for place in order:
         found[place] = total
-        total += each[place]
+        total += added_by(runs[place], scale, place)
     return found
+
+
+def added_by(run: Run, scale: str, place: int) -> float:
+    """What one run adds to a dose: itself, its hours, or the charge that passed.
+
+    Examples
+    --------
+    >>> run = Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[1.0, 1.0, 1.0], current=[0.0, 2.0, 2.0])
+    >>> added_by(run, "runs", 0), added_by(run, "charge", 0)
+    (1.0, 3.0)
+    """
+    if scale == "runs":
+        return 1.0
+    return float(run.time[-1] - run.time[0]) / 3600.0 if scale == "hours" else _charge(run, place)
+
+
+def dose_now(states: Iterable[RunState], scale: str) -> float:
+    """What a strip had been through after the last of some runs.
+
+    Examples
+    --------
+    >>> dose_now([RunState(doses={"charge": 2.0}, adds={"charge": 0.5})], "charge")
+    2.5
+    """
+    return max((one.doses.get(scale, 0.0) + one.adds.get(scale, 0.0) for one in states), default=0.0)
 
 
 def recorded(run: Run) -> float:

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.state_of_run import water_after
 from ipmclab.model import Actuator
-from ipmclab.model.environment.findings import NEAR_DEW
-from ipmclab.model.environment.sorption import dew_point
+from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState
+from ipmclab.model.environment.findings import condensation
 from ipmclab.run import Finding, Run
 
 EXTRAPOLATED: Final = "environment-extrapolated"
 NOT_IN_EQUILIBRIUM: Final = "not-in-equilibrium"
-CONDENSATION: Final = "condensation"
+MOVES: Final = "water-moves"
 
 _WETTER: Final = 1.0  # percent of relative humidity
 _WARMER: Final = 1.0  # K
 _SETTLED: Final = 3.0  # time constants of sorption
+_STILL: Final = 0.01  # of the water content: a smaller change shows in nothing that is read
 
 
 def extrapolated(state: RunState, seen: Sequence[RunState], label: str) -> list[Finding]:
@@ -54,7 +58,7 @@ def extrapolated(state: RunState, seen: Sequence[RunState], label: str) -> list[
 
 
 def doubtful(actuator: Actuator, run: Run, state: RunState, label: str) -> list[Finding]:
-    """``not-in-equilibrium`` and ``condensation`` of a run.
+    """``not-in-equilibrium``, ``water-moves`` and ``condensation`` of a run.
 
     Parameters
     ----------
@@ -66,7 +70,11 @@ def doubtful(actuator: Actuator, run: Run, state: RunState, label: str) -> list[
     label : str
         For the messages.
     """
-    return [*_not_settled(actuator, run, state, label), *condensation(state, label)]
+    return [
+        *_not_settled(actuator, run, state, label),
+        *_moving(actuator, run, state, label),
+        *_wet(state, label),
+    ]
 
 
 def _not_settled(actuator: Actuator, run: Run, state: RunState, label: str) -> list[Finding]:
@@ -75,9 +83,9 @@ def _not_settled(actuator: Actuator, run: Run, state: RunState, label: str) -> l
     minutes = run.metadata.minutes_in_environment
     if state.how != "assumed" or minutes is None or state.water_content is None or state.temperature is None:
         return []
-    from ipmclab.model.environment import WaterState
-
-    slow = time_constants(actuator.parameter_values, WaterState(state.water_content, state.temperature)).film
+    values = actuator.parameter_values
+    slow = time_constants(values, WaterState(state.water_content, state.temperature)).whole
+    slow *= max(1.0, values["hydration.asymmetry"])  # nobody says from which side the strip came
     if 60.0 * minutes >= _SETTLED * slow:
         return []
     return [
@@ -93,21 +101,42 @@ def _not_settled(actuator: Actuator, run: Run, state: RunState, label: str) -> l
     ]
 
 
-def condensation(state: RunState, label: str) -> list[Finding]:
-    """``condensation``: air so near to its dew point that the strip may be wet."""
-    if state.relative_humidity is None or state.temperature is None:
+def _moving(actuator: Actuator, run: Run, state: RunState, label: str) -> list[Finding]:
+    """``water-moves``: a fit takes one water content for a run, and in its air it becomes another one."""
+    content, air = state.water_content, _air(run, state)
+    if content is None or state.temperature is None or air is None:
         return []
-    point = dew_point(state.temperature, state.relative_humidity)
-    if state.temperature >= point + NEAR_DEW:
+    begin = WaterState(content, state.temperature)
+    end = water_after(actuator.parameter_values, begin, air, float(run.time[-1] - run.time[0]))
+    error = max(state.standard_uncertainty, _STILL * content)
+    if abs(end - content) <= error:
         return []
     return [
         Finding(
-            CONDENSATION,
+            MOVES,
             "warning",
-            f"{label}: at {state.temperature:.3g} degC and {state.relative_humidity:.3g} %RH the strip is "
-            f"{state.temperature - point:.1f} K above the dew point: water may condense on it, and then it holds more "
-            "than the isotherm says",
-            "keep the strip 2 K above the dew point, or weigh it",
-            values={"dew_point": point},
+            f"{label}: its air moves the water content from {content:.3g} to {end:.3g} during the run; one content was "
+            f"taken for all of it, and believed within {error:.2g}",
+            "wait until the strip is in equilibrium before it is recorded, or record a shorter run",
+            values={"begin": content, "end": end, "error": error},
         )
     ]
+
+
+def _air(run: Run, state: RunState) -> Environment | EnvironmentHistory | None:
+    """The air of a run as it was read, else as it is stated; None of a simulated run, which need not move."""
+    if run.time_environment is not None and run.temperature is not None and run.relative_humidity is not None:
+        read = np.isfinite(run.temperature) & np.isfinite(run.relative_humidity)
+        if read.any():
+            humidity = np.clip(run.relative_humidity[read], 0.0, 100.0)
+            return EnvironmentHistory(run.time_environment[read] - run.time[0], run.temperature[read], humidity)
+    if run.metadata.origin == "simulated" or state.temperature is None or state.relative_humidity is None:
+        return None
+    return Environment(state.temperature, state.relative_humidity)
+
+
+def _wet(state: RunState, label: str) -> list[Finding]:
+    if state.relative_humidity is None or state.temperature is None:
+        return []
+    found = condensation(state.temperature, Environment(state.temperature, state.relative_humidity), label)
+    return [] if found is None else [found]

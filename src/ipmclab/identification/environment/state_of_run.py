@@ -9,11 +9,11 @@ from typing import Final
 
 from ipmclab.errors import InputError
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.dose import doses_of, recorded
+from ipmclab.identification.environment.dose import added_by, doses_of, recorded
 from ipmclab.identification.problem.age import Age
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.model import Actuator
-from ipmclab.model.environment import Environment, WaterState, equilibrium
+from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState, equilibrium
 from ipmclab.model.environment.hydration import FILM, LIQUID
 from ipmclab.model.environment.sorption import slope
 from ipmclab.run import Run
@@ -23,6 +23,12 @@ HUMIDITY_ERROR: Final = 2.0
 
 _MASS_ERROR: Final = 1e-7
 """Standard uncertainty of a mass [kg] where a run states none: a blotted strip on a laboratory balance."""
+
+_SITES_ERROR: Final = 0.05
+"""Of the ionic groups by the thickness of the membrane before it was plated: relative standard uncertainty."""
+
+_PLATED_ERROR: Final = 0.25
+"""Likewise by the plated thickness, of which the metal takes a part."""
 
 _FILM_ERROR: Final = 0.3  # of its logarithm, where the actuator states none: 3 to 10 mm/s in still air
 _LIQUID_ERROR: Final = 0.1  # of the content in liquid water, where the actuator states none
@@ -47,8 +53,15 @@ def with_states(
     if follows:
         states = states_of(actuator, runs, [record.label for record in records])
     return [
-        replace(record, state=replace(state, doses={scale: doses[scale][place] for scale in scales}))
-        for place, (state, record) in enumerate(zip(states, records, strict=True))
+        replace(
+            record,
+            state=replace(
+                state,
+                doses={scale: doses[scale][place] for scale in scales},
+                adds={scale: added_by(run, scale, place) for scale in scales},
+            ),
+        )
+        for place, (state, record, run) in enumerate(zip(states, records, runs, strict=True))
     ]
 
 
@@ -87,9 +100,10 @@ def states_of(actuator: Actuator, runs: Sequence[Run], labels: Sequence[str]) ->
 def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, RunState] | None = None) -> RunState:
     """The water content and the temperature of a strip in a run.
 
-    The water content is measured where the run states the mass of the strip and the sample its dry mass. It is computed
-    where it is known where the strip came from: from liquid water (``minutes_out_of_water``), or from the run before
-    (``minutes_in_environment``). Else it is assumed to be that of equilibrium.
+    A simulated run knows its water content. It is measured where the run states the mass of the strip and the sample
+    its dry mass. It is computed where it is known where the strip came from: from liquid water
+    (``minutes_out_of_water``), or from the run before (``minutes_in_environment``), whichever was later. Else it is
+    assumed to be that of equilibrium.
 
     Parameters
     ----------
@@ -124,13 +138,15 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
             where=label,
             repair="give the run its temperature and relative_humidity, or leave the laws out of the actuator",
         )
+    humidity = min(humidity, 100.0)  # a wet sensor reads a little more
     values, air = actuator.parameter_values, Environment(temperature, humidity)
     # A simulated strip is asked in an environment that is known.
     usual = 0.0 if about.origin == "simulated" else HUMIDITY_ERROR
     error = about.uncertainties.get("relative_humidity", usual)
-    if about.water_content is not None and about.water_content_origin in ("measured", "computed"):
+    how = about.water_content_origin or "assumed"
+    if about.water_content is not None and (about.origin == "simulated" or how != "assumed"):
         spread = about.uncertainties.get("water_content", 0.0)
-        return RunState(about.water_content, spread, about.water_content_origin, temperature, humidity)
+        return RunState(about.water_content, spread, how, temperature, humidity)
     weighed = _weighed(actuator, run)
     if weighed is not None:
         return RunState(*weighed, "measured", temperature, humidity)
@@ -152,22 +168,27 @@ def _weighed(actuator: Actuator, run: Run) -> tuple[float, float] | None:
         return None
     values = actuator.parameter_values
     area = values["geometry.width"] * (values["geometry.free_length"] + values["geometry.clamped_length"])
-    water = content_by_mass(values, wet, dry, area).water_content
-    error = run.metadata.uncertainties.get("mass", _MASS_ERROR)
-    return water, water * error / (wet - dry)
+    stated = [one.nominal_membrane_thickness for one in (sample, actuator.sample) if one is not None]
+    thickness = next((one for one in stated if one is not None), None)  # metal has no ionic groups
+    water = content_by_mass(values, wet, dry, area, thickness).water_content
+    of_mass = run.metadata.uncertainties.get("mass", _MASS_ERROR) / (wet - dry)
+    return water, water * math.hypot(of_mass, _PLATED_ERROR if thickness is None else _SITES_ERROR)
 
 
 def _start(actuator: Actuator, run: Run, before: tuple[Run, RunState] | None) -> tuple[WaterState, float, float] | None:
-    """A state that is known, its standard uncertainty, and for how long [s] the strip was in this air since."""
+    """A state that is known, its standard uncertainty, and for how long [s] the strip was in this air since.
+
+    Of liquid water and the run before, the later one is the start.
+    """
     about, values = run.metadata, actuator.parameter_values
     assert about.temperature is not None
     minutes, out = about.minutes_in_environment, about.minutes_out_of_water
-    if before is not None and minutes is not None and (out is None or out > minutes):
-        then = before[1]
-        same = _strip(before[0]) == _strip(run)
-        if same and then.water_content is not None and then.temperature is not None:
+    if before is not None and minutes is not None and _strip(before[0]) == _strip(run):
+        then, since = before[1], recorded(run) - recorded(before[0])
+        dry = out is None or 60.0 * out >= since
+        if dry and then.water_content is not None and then.temperature is not None:
             state = WaterState(then.water_content, then.temperature)
-            return state, then.standard_uncertainty, 60.0 * minutes
+            return state, then.standard_uncertainty, min(60.0 * minutes, since)
     if out is not None:
         error = actuator.standard_uncertainties.get(LIQUID, _LIQUID_ERROR * values[LIQUID])
         return WaterState(values[LIQUID], about.temperature), error, 60.0 * out
@@ -188,19 +209,22 @@ def _computed(
     wetter = Environment(air.temperature, min(air.relative_humidity + error, 100.0))
     drier = Environment(air.temperature, max(air.relative_humidity - error, 0.0))
     more = WaterState(state.water_content + of_start, state.temperature)
-    middle = _after(values, state, air, seconds)
+    middle = water_after(values, state, air, seconds)
     parts = (
-        _after(values, more, air, seconds) - middle,
-        0.5 * (_after(values, state, wetter, seconds) - _after(values, state, drier, seconds)),
-        _after({**values, FILM: values[FILM] * (1.0 + relative)}, state, air, seconds) - middle,
+        water_after(values, more, air, seconds) - middle,
+        0.5 * (water_after(values, state, wetter, seconds) - water_after(values, state, drier, seconds)),
+        water_after({**values, FILM: values[FILM] * (1.0 + relative)}, state, air, seconds) - middle,
     )
     return middle, math.hypot(*parts)
 
 
-def _after(values: Mapping[str, float], state: WaterState, air: Environment, seconds: float) -> float:
-    from ipmclab.model.environment import EnvironmentHistory
+def water_after(
+    values: Mapping[str, float], state: WaterState, air: Environment | EnvironmentHistory, seconds: float
+) -> float:
+    """The water content of a strip after a while [s] in some air."""
     from ipmclab.model.environment.transport import water_course
 
     if seconds <= 0.0:
         return state.water_content
-    return float(water_course(values, EnvironmentHistory.of(air), seconds, start=state).water_content[-1])
+    history = EnvironmentHistory.of(air) if isinstance(air, Environment) else air
+    return float(water_course(values, history, seconds, start=state).water_content[-1])

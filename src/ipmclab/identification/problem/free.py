@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.identification.problem.age import AGE, check_age
+from ipmclab.identification.problem.age import AGE, Age, check_age
 from ipmclab.model.declared import in_group
+from ipmclab.model.environment.hydration import PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
 from ipmclab.model.kinds import groups, kinds, stage_groups
 
 OBSERVATION_OUTPUTS: Final = ("current", "displacement", "force")
@@ -117,7 +118,8 @@ def parse_free(
     ------
     InputError
         An unknown name (with the nearest right one), a group of a stage that the actuator lacks, nothing free, a
-        per-run name with a place, a name that is both per run and per mounting.
+        per-run name with a place, a name that is both per run and per mounting, a parameter of ``hydration`` that only
+        moves the water.
 
     Examples
     --------
@@ -136,6 +138,8 @@ def parse_free(
             where="per_run" if name in own else "per_mounting",
             repair="name it in free",
         )
+    for given, where in ((shared, "free"), (own, "per_run"), (of_mountings, "per_mounting")):
+        _refuse_water(given, where)
     for name in sorted(of_mountings & (own | set(OBSERVATION_NAMES))):
         raise InputError(
             f"{name!r} belongs to each run already",
@@ -157,6 +161,24 @@ def parse_free(
         observation=tuple(n for n in OBSERVATION_NAMES if n in shared or n in own),
         age=tuple(sorted(n for n in shared if n.startswith(AGE))),
     )
+
+
+_HYDRATION: Final = "hydration."
+_OF_LAWS: Final = (REFERENCE_CONTENT, REFERENCE_TEMPERATURE, PERCOLATION, SITES)
+
+
+def _refuse_water(given: Iterable[str], where: str) -> None:
+    """Refuse what moves the water of a strip: the water of each run is known before the fit, from stated values."""
+    for name in sorted(given):
+        parameter = Age.of(name).parameter if name.startswith(AGE) else name
+        if parameter.startswith(_HYDRATION) and parameter not in _OF_LAWS:
+            raise InputError(
+                f"{parameter!r} says how a strip takes up water; a fit computes the water of each run once, before it "
+                "reads the runs, and so cannot find it",
+                code="not-of-a-fit",
+                where=where,
+                repair="measure it, and state it in the actuator's file; a weighed strip (mass) needs none of it",
+            )
 
 
 def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> set[str]:

@@ -14,6 +14,7 @@ from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.model import Actuator
 from ipmclab.model.declared import group_of
+from ipmclab.model.kinds import groups
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
 
@@ -75,6 +76,14 @@ def with_priors(actuator: Actuator, names: FreeParameters, prior: str | Iterable
         found[name] = Prior(
             *_known(actuator, parameters[name]), of_literature=parameters[name].standard_uncertainty == 0.0
         )
+    for word in sorted(given & set(groups())):
+        if not any(group_of(name) == word for name in found):
+            raise InputError(
+                f"nothing is known beforehand of any parameter of {word!r}",
+                code="no-prior",
+                where="prior",
+                repair='write { value = "...", standard_uncertainty = "..." } in the actuator\'s file, or leave it out',
+            )
     stated = [name for name in names.shared if name in found and parameters[name].standard_uncertainty > 0.0]
     return replace(
         names,

@@ -14,7 +14,7 @@ NEAR_DEW: Final = 2.0
 CODES: Final = ("condensation", "environment-ignored")
 
 
-def condensation(temperature: float, air: Environment) -> Finding | None:
+def condensation(temperature: float, air: Environment, label: str = "") -> Finding | None:
     """Whether water may condense on a strip.
 
     Parameters
@@ -22,6 +22,8 @@ def condensation(temperature: float, air: Environment) -> Finding | None:
     temperature : float [degC]
         Of the strip.
     air : Environment
+    label : str
+        Of a run, for the message.
 
     Examples
     --------
@@ -36,9 +38,12 @@ def condensation(temperature: float, air: Environment) -> Finding | None:
     return Finding(
         code="condensation",
         severity="warning",
-        message=f"the strip has {temperature:.1f} degC and the dew point of the air is {dew:.1f} degC: "
+        message=f"{label}: "
+        * bool(label)
+        + f"the strip has {temperature:.1f} degC and the dew point of the air is {dew:.1f} degC: "
         "water may condense on it",
-        repair="warm the strip before the air becomes humid, or lower the humidity",
+        repair=f"keep the strip {NEAR_DEW:g} K above the dew point: warm it before the air becomes humid, or lower the "
+        "humidity; or weigh it",
         values={"temperature": temperature, "dew_point": dew},
     )
 

@@ -259,9 +259,14 @@ def electrolysed(charge: float) -> float:
     return WATER_FOR_A_COULOMB * charge
 
 
-def content_by_mass(values: Mapping[str, float], wet: float, dry: float, area: float) -> WaterState:
+def content_by_mass(
+    values: Mapping[str, float], wet: float, dry: float, area: float, thickness: float | None = None
+) -> WaterState:
     """The water content from masses: wet and dry strip [kg] over the area of one face [m^2], at its reference
     temperature.
+
+    ``thickness`` [m] is that of the membrane before it was plated; without it the stated one of the strip counts,
+    though its metal holds no water.
 
     Raises
     ------
@@ -275,7 +280,7 @@ def content_by_mass(values: Mapping[str, float], wet: float, dry: float, area: f
             where="mass",
             repair="give the wet mass first, then the dry one",
         )
-    sites = values[SITES] * dry_thickness(values) * area
+    sites = values[SITES] * (dry_thickness(values) if thickness is None else thickness) * area
     return WaterState((wet - dry) / WATER / sites, reference(values).temperature, origin="measured")
 
 

@@ -210,6 +210,7 @@ class Session:
         """What a step does once its question is answered."""
         match step.name:
             case "hydrate":
+                self._mass = None
                 self._clock.start("out of water")
             case "weigh":
                 self._mass = None if answer == "skip" else parse_quantity(answer, MASS, where="answer weigh")
@@ -217,6 +218,7 @@ class Session:
                 self._tares = ()  # of another clamping
                 self._clamp(kept=answer == "kept")
             case "chamber-on":
+                self._forget_mass()
                 self._air.begin(step.visit)
             case "equilibrium":
                 self._air.wait(step.visit)
@@ -233,6 +235,13 @@ class Session:
             case "apply":
                 assert step.run is not None
                 self._record(step.run)
+                self._mass = None  # of the next run nobody weighed it
+
+    def _forget_mass(self) -> None:
+        """In the air of the chamber the strip takes up or gives off water before it is recorded."""
+        if self._mass is not None:
+            self._remarks.append(f"weighed {1e6 * self._mass:.4g} mg before the chamber was set")
+        self._mass = None
 
     def _ask(self, question: Question) -> str:
         return self._operator.ask(question, self._requests.is_over)
@@ -300,6 +309,7 @@ class Session:
                 return
             again = ("hydrate", "clamp") if answer == "hydrate" else ("clamp",)
             clampings += 1
+            self._mass = None
             for name in (*again, *(["equilibrium"] if answer == "hydrate" and "equilibrium" in self._names else [])):
                 self._do(self._once_more(prepare(name, self._experiment, self._bench.rig, self._air.visit)))
             if self._experiment.pause and not self._requests.is_over():
