@@ -21,6 +21,8 @@ class RunState:
         Water molecules for each ionic group, as it was measured, computed or assumed. None where nothing follows it.
     standard_uncertainty : float
         Of the water content; 0 where it is exact.
+    shared_uncertainty : float
+        The part of it that is the same error in all weighed runs of the strip: that of its ionic groups.
     how : "measured", "computed" or "assumed"
         How the water content is known.
     temperature : float [degC], optional
@@ -45,6 +47,7 @@ class RunState:
     doses: Mapping[str, float] = field(default_factory=dict)
     adds: Mapping[str, float] = field(default_factory=dict)
     found: float | None = None
+    shared_uncertainty: float = 0.0
 
     def to_table(self) -> dict[str, Any]:
         """In the types that TOML has, without what is not known."""

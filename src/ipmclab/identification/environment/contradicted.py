@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.unknowns import SITES, Unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding
 
@@ -23,8 +25,9 @@ def water_contradicted(problem: Problem, solution: Solution) -> list[Finding]:
     """
     from scipy.special import chdtrc
 
+    shifts = {one.base: float(solution.theta[place]) for place, one in enumerate(problem.unknowns) if one.base == SITES}
     away = {
-        place: (float(solution.theta[place]) - unknown.prior[0]) / unknown.prior[1]
+        place: (float(solution.theta[place]) - _expected(unknown, shifts)) / unknown.prior[1]
         for place, unknown in enumerate(problem.unknowns)
         if unknown.is_water and unknown.prior is not None
     }
@@ -49,3 +52,9 @@ def water_contradicted(problem: Problem, solution: Solution) -> list[Finding]:
             values={"chi_square": total, "runs": len(away)},
         )
     ]
+
+
+def _expected(unknown: Unknown, shifts: Mapping[str, float]) -> float:
+    """What is known of an entry beforehand, with the error that weighed runs share."""
+    assert unknown.prior is not None
+    return unknown.prior[0] + sum(slope * shifts.get(other, 0.0) for other, (slope, _) in unknown.follows.items())

@@ -149,7 +149,7 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
         return RunState(about.water_content, spread, how, temperature, humidity)
     weighed = _weighed(actuator, run)
     if weighed is not None:
-        return RunState(*weighed, "measured", temperature, humidity)
+        return RunState(*weighed[:2], "measured", temperature, humidity, shared_uncertainty=weighed[2])
     start = _start(actuator, run, before)
     if start is not None:
         water, spread = _computed(actuator, start, air, error)
@@ -158,8 +158,11 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     return RunState(equilibrium(values, air).water_content, spread, "assumed", temperature, humidity, error)
 
 
-def _weighed(actuator: Actuator, run: Run) -> tuple[float, float] | None:
-    """The water content by mass, and its standard uncertainty; None where nothing was weighed."""
+def _weighed(actuator: Actuator, run: Run) -> tuple[float, float, float] | None:
+    """The water content by mass, its standard uncertainty, and the part of that which all weighed runs share.
+
+    None where nothing was weighed.
+    """
     from ipmclab.model.environment.transport import content_by_mass
 
     sample = run.metadata.sample or actuator.sample
@@ -172,7 +175,8 @@ def _weighed(actuator: Actuator, run: Run) -> tuple[float, float] | None:
     thickness = next((one for one in stated if one is not None), None)  # metal has no ionic groups
     water = content_by_mass(values, wet, dry, area, thickness).water_content
     of_mass = run.metadata.uncertainties.get("mass", _MASS_ERROR) / (wet - dry)
-    return water, water * math.hypot(of_mass, _PLATED_ERROR if thickness is None else _SITES_ERROR)
+    of_sites = _PLATED_ERROR if thickness is None else _SITES_ERROR
+    return water, water * math.hypot(of_mass, of_sites), water * of_sites
 
 
 def _start(actuator: Actuator, run: Run, before: tuple[Run, RunState] | None) -> tuple[WaterState, float, float] | None:

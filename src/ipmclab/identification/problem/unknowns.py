@@ -121,7 +121,13 @@ WATER: Final = "observation.water_content"
 HUMIDITY: Final = "observation.humidity"
 """The relative humidity [percent] with which the strip was in equilibrium in one run, where that was assumed."""
 
+SITES: Final = "observation.ionic_groups"
+"""By how much the number of ionic groups is another one than that by which weighed runs were read, in its standard
+uncertainties."""
+
 _START: Final = "observation.initial_state."
+
+_LEAST: Final = 1e-3  # of the error of a weighed run that is its own, were its mass exact
 
 _AGED: Final = 0.1  # of a logarithm from the first run to the last: what counts as much
 _WATER: Final = (0.7, 40.0)  # water contents that a fit tries: above the percolation of the conductivity
@@ -206,6 +212,10 @@ def _within(unknown: Unknown) -> Unknown:
 def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unknown]:
     """The water content of each run that is not exact, and how fast parameters age."""
     found = []
+    weighed = tuple(one.place for one in records if one.state is not None and one.state.shared_uncertainty > 0.0)
+    if len(weighed) > 1:
+        sites = Unknown(SITES, SITES, None, False, 1.0, -FARTHEST, FARTHEST, nuisance=True, places=weighed)
+        found.append(sites.known(0.0, 1.0))
     for record in records:
         state = record.state
         if state is None or state.water_content is None or state.standard_uncertainty <= 0.0:
@@ -216,6 +226,9 @@ def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unk
         else:
             base, value, error, ends = WATER, state.water_content, state.standard_uncertainty, _WATER
         own = Unknown(f"{base}[{record.place}]", base, record.place, False, 1.0, *ends, nuisance=True)
+        if len(weighed) > 1 and record.place in weighed:
+            error = math.sqrt(max(error**2 - state.shared_uncertainty**2, (_LEAST * error) ** 2))
+            own = replace(own, follows={SITES: (state.shared_uncertainty, 1.0)})
         found.append(own.known(own.inside(value), error))
     for name in free.age:
         doses = [record.state.doses[Age.of(name).scale] for record in records if record.state is not None]

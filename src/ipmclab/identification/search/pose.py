@@ -12,7 +12,7 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
-from ipmclab.identification.problem.unknowns import unknowns_of
+from ipmclab.identification.problem.unknowns import SITES, unknowns_of
 from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
@@ -66,7 +66,7 @@ def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
         elif unknown.base == "observation.delay":
             assert unknown.place is not None
             theta[place] = unknown.entry(point.delays[unknown.place].value)
-        elif unknown.is_water and unknown.prior is not None:
+        elif (unknown.is_water or unknown.base == SITES) and unknown.prior is not None:
             theta[place] = unknown.prior[0]
         else:
             linear[place] = True
