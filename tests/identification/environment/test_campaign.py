@@ -10,6 +10,7 @@ import pytest
 from benchmarks.environments import AGES, HELD_OUT, LAWS, Campaign, answer, fitted, monotone, palindrome
 from ipmclab import Run, prediction_bands, read_fit, validate, write_fit
 from ipmclab.fit.fit import Fit
+from ipmclab.prediction.in_state import as_it_is_now
 
 SHORT = [condition for number, condition in enumerate(palindrome(40)) if number % 3 == 0 or number > 36]
 
@@ -97,3 +98,9 @@ def test_a_run_that_does_not_say_its_air_is_predicted_in_reference(fit: Fit, cam
     run = _at(campaign.runs[0], 60.0, 20.0)
     silent = replace(run, metadata=replace(run.metadata, temperature=None))
     assert "environment-not-stated" in {finding.code for finding in validate(fit, silent).findings}
+
+
+def test_a_fitted_strip_is_as_old_as_after_its_last_run(fit: Fit) -> None:
+    now = as_it_is_now(fit.actuator)
+    rate = fit.parameters["age.runs.coupling.gain"].value
+    assert now["coupling.gain"] == pytest.approx(fit.actuator["coupling.gain"] * np.exp(rate * len(SHORT)))
