@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from ipmclab import InputError, load_actuator, simulate
-from ipmclab.model import Actuator
+from ipmclab.model import Actuator, with_stages
+from ipmclab.model.changing import charges
+from ipmclab.model.environment import Environment
 from ipmclab.rig.channels import THESIS_RIG, VirtualStrip
+from ipmclab.rig.exact import TICK
 from ipmclab.rig.operator_actions import WORDS, carry_out
 from ipmclab.rig.plant import PRELOAD_TIME, StripPlant
 from ipmclab.rig.thermometer import platinum_resistance, platinum_temperature
@@ -169,3 +172,43 @@ def test_a_strip_that_bends_far_is_lost_by_the_laser_as_in_the_simulation() -> N
     laser = THESIS_RIG["displacement"]
     np.testing.assert_allclose(laser.to_quantity(read[kept]) - laser.rest, exact[kept], rtol=1e-6, atol=1e-12)
     assert np.all(read[~kept] == laser.lost)
+
+
+def test_a_strip_with_laws_follows_the_air_around_it() -> None:
+    """At first it is that of the room's air; hours after the chamber was set it is that of the chamber's."""
+    wet = with_stages(load_actuator("friend-2"), "environment.coupling_gain", "environment.permittivity")
+    plant = StripPlant(QUIET, wet)
+    room, volts = QUIET.virtual, np.where(np.arange(500) > 0, 1.0, 0.0)
+
+    def moved(begin: float) -> np.ndarray:
+        read = advance(plant, begin + np.arange(500) / 50.0, volts)[LASER]
+        return np.asarray(THESIS_RIG["displacement"].to_quantity(read) - 12.3e-3)
+
+    def expected(humidity: float) -> np.ndarray:
+        there = wet.at(Environment(room.temperature, humidity)).replace(**{"circuit.contact_resistance": 1.0})
+        found = simulate(there, volts, duration=10.0, rate=50.0, hold="zero-before").displacement
+        assert found is not None
+        return found
+
+    np.testing.assert_allclose(moved(0.0), expected(room.relative_humidity), rtol=1e-6, atol=1e-12)
+    plant.set_chamber(relative_humidity=80.0)
+    for at in np.arange(600.0, 8 * 3600.0, 600.0):
+        plant.advance([at], {})
+    plant.rest()
+    np.testing.assert_allclose(moved(8 * 3600.0), expected(80.0), rtol=5e-3, atol=1e-9)
+    assert expected(80.0)[-1] > 1.2 * expected(room.relative_humidity)[-1]
+
+
+def test_charge_goes_on_where_a_strip_becomes_wetter() -> None:
+    wet = with_stages(load_actuator("friend-2"), "environment.permittivity")
+    plant = StripPlant(QUIET, wet)
+    plant.advance([0.0, 40.0], {OUTPUT: np.array([1.0, 1.0])})
+    water, names, before = plant._water, plant._strip._system.states, plant._strip.state.copy()
+    assert water is not None
+    earlier = water.strip.parameter_values
+    plant.set_chamber(relative_humidity=90.0)
+    plant._now += round(3600.0 / TICK)  # an hour in which nothing flows
+    plant._drink()
+    later = water.strip.parameter_values
+    assert later["circuit.branches.1.permittivity"] > 1.05 * earlier["circuit.branches.1.permittivity"]
+    np.testing.assert_allclose(plant._strip.state * charges(names, later), before * charges(names, earlier), rtol=1e-12)

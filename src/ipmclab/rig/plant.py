@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ipmclab.model import Actuator
     from ipmclab.model.assemble import System
     from ipmclab.rig.chambers.virtual import VirtualChamber
+    from ipmclab.rig.plant_water import StripWater
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -80,12 +81,13 @@ class StripPlant:
         self._tip: Tip = "either"
         self.laser_blocked = False
         self.probes_shorted = False
-        self._strip = ExactSystem(self._system())
         self._now = 0
         self._mounted = 0.0
         self.temperature = Lag(about.temperature, CHAMBER_TIME)
         self.relative_humidity = Lag(about.relative_humidity, CHAMBER_TIME)
         self.chamber = self._virtual_chamber()
+        self._water = self._strip_water()
+        self._strip = ExactSystem(self._system())
         self._named = {channel.physical or channel.name: channel for channel in rig.channels}
 
     @property
@@ -146,6 +148,7 @@ class StripPlant:
         intervals[:1] -= self._now
         if len(intervals) and intervals.min() < 0:
             raise ValueError(f"the time goes back to {times[int(np.argmin(intervals))]:g} s, from {self.time:g} s")
+        self._drink()
         answer = self._strip.advance(intervals, np.ascontiguousarray(source))
         current: FloatArray = answer[0]
         displacement: FloatArray = answer[2]
@@ -162,7 +165,7 @@ class StripPlant:
                 return np.zeros_like(current) if self._tip == "on cell" else self._before_laser(displacement)
             if name == "force":
                 return force
-            return self._air(name, times)
+            return self._air(times)[0 if name == "temperature" else 1]
 
         def terminal(name: str) -> FloatArray:
             channel, meter, probe = self._named.get(name), self.rig.thermometer, self.rig.four_probe
@@ -201,11 +204,32 @@ class StripPlant:
         )
         return VirtualChamber(lambda: self.time, climate, seed=about.seed)
 
-    def _air(self, name: str, times: FloatArray) -> FloatArray:
-        """The air around the strip [degC] or [percent]."""
+    def _air(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The air around the strip [degC] and [percent]."""
         if self.chamber is not None:
-            return self.chamber.air(times)[0 if name == "temperature" else 1]
-        return (self.temperature if name == "temperature" else self.relative_humidity).at(times)
+            return self.chamber.air(times)
+        return self.temperature.at(times), self.relative_humidity.at(times)
+
+    def _strip_water(self) -> StripWater | None:
+        """The water of a strip whose parameters follow it."""
+        strip = self._actuator
+        if strip is None or not (strip.environment_laws or strip.structure.hydration):
+            return None
+        from ipmclab.rig.plant_water import StripWater
+
+        return StripWater(strip, self._air, self.time)
+
+    def _drink(self) -> None:
+        """Let the strip follow its air; charge goes on."""
+        if self._water is None:
+            return
+        before = self._water.strip.parameter_values
+        if self._water.follow(self.time):
+            from ipmclab.model.changing import charges
+
+            system, after = self._system(), self._water.strip.parameter_values
+            kept = charges(system.states, before) / charges(system.states, after)
+            self._strip = ExactSystem(system, self._strip.state * kept)
 
     def _drop(self) -> float:
         """The resistance [ohm] between the output and where the voltage is sensed."""
@@ -248,9 +272,9 @@ class StripPlant:
         in_series = self.rig.shunt_resistance + self.rig.source_resistance + CONTACT_RESISTANCE[self._contact]
         if self._actuator is None:
             return _dummy(in_series)
-        declared = self._actuator.parameters()[CONTACT]
-        resistance = min(self._actuator[CONTACT] + in_series, declared.upper)
-        return self._actuator.replace(**{CONTACT: resistance}).system
+        strip = self._actuator if self._water is None else self._water.strip
+        resistance = min(strip[CONTACT] + in_series, strip.parameters()[CONTACT].upper)
+        return strip.replace(**{CONTACT: resistance}).system
 
     @property
     def tip(self) -> Tip:
