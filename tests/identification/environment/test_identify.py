@@ -13,8 +13,11 @@ from ipmclab.cli.identify import fit_document, print_fit
 from ipmclab.cli.simulate import simulate as simulate_verb
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.free import parse_free
+from ipmclab.identification.problem.in_state import in_state
 from ipmclab.identification.problem.priors import with_priors
+from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import Environment
 from ipmclab.reporting.many_runs import many_runs_part
 
@@ -148,3 +151,13 @@ def test_runs_that_no_law_brings_together_are_named() -> None:
     fit = identify(STRIP.replace(**{LAW: 0.6}), [*given[:2], wrong], free=BRANCHES)
     (said,) = [finding for finding in fit.findings if finding.code == "water-contradicted"]
     assert "run 2" in said.message
+
+
+def test_a_law_that_leads_out_of_what_strips_can_be_stays_within() -> None:
+    """Gain and energy move together at one temperature: a walk along that valley once ended in an error."""
+    far = dict(STRIP.parameter_values) | {LAW: 40.0}
+    there = in_state(far, RunState(water_content=20.0, temperature=22.0), ["circuit.branches.0.permittivity"])
+    for name, value in there.values.items():
+        declared = declaration_of(name)
+        assert declared is None or declared.lower <= value <= declared.upper
+    assert not there.by.any()  # at its bound it moves no more

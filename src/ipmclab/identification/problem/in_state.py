@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.age import Age
+from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import WaterState
 from ipmclab.model.environment import in_state as moved_by_laws
 
@@ -81,11 +82,25 @@ def in_state(
         for name, dose in doses.items()
     }
     by_water = moved.by_state[:, 0]
+    values, inside = _within(moved.values)
+    by, by_water = by * inside, by_water * inside
+    by_rate = {name: column * inside for name, column in by_rate.items()}
     moves = np.flatnonzero(np.any([by_water, *by, *by_rate.values()], axis=0))
     return InState(
-        values={**aged, **moved.values},
+        values={**aged, **values},
         names=tuple(moved.names[row] for row in moves),
         by=np.ascontiguousarray(by[:, moves]),
         by_water=by_water[moves],
         by_rate={name: column[moves] for name, column in by_rate.items()},
     )
+
+
+def _within(values: Mapping[str, float]) -> tuple[dict[str, float], npt.NDArray[np.bool_]]:
+    """Values that strips can have, and which did already: a search goes where a law leads out of them."""
+    found, inside = {}, []
+    for name, value in values.items():
+        declared = declaration_of(name)
+        bounded = value if declared is None else min(max(value, declared.lower), declared.upper)
+        found[name] = bounded
+        inside.append(bounded == value)
+    return found, np.array(inside)
