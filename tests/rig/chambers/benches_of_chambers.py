@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ipmclab.rig.chambers.chamber import Chamber
 from ipmclab.rig.chambers.drivers import open_chamber
@@ -24,6 +25,8 @@ from tests.rig.chambers.devices import (
     ScpiDevice,
 )
 from tests.rig.chambers.wire import Emulator, at_socket, at_terminal
+
+Case = TypeVar("Case")
 
 HAS_TERMINALS = hasattr(os, "openpty")
 
@@ -80,7 +83,7 @@ def paired(kind: Kind, folder: Path, *, patience: float = 0.5, seed: int = 0) ->
     with (at_terminal if kind.serial else at_socket)(device, seed) as emulator:
         table = None
         if kind.table:
-            path = folder / f"{kind.driver}.toml"
+            path = folder / f"{kind}-{Path(str(emulator.port)).name}.toml"
             path.write_text(kind.table, encoding="utf-8")
             table = str(path)
         settings = ChamberSettings(
@@ -99,6 +102,21 @@ def paired(kind: Kind, folder: Path, *, patience: float = 0.5, seed: int = 0) ->
             yield Pair(chamber, emulator, device)
         finally:
             chamber.close()
+
+
+def at_once(hold: Callable[[Case], None], cases: Iterable[Case]) -> None:
+    """Hold some cases beside each other, for each of them mostly waits; an error names its case."""
+
+    def one(case: Case) -> None:
+        try:
+            hold(case)
+        except BaseException as error:
+            error.add_note(f"case: {case}")
+            raise
+
+    with ThreadPoolExecutor(10) as pool:
+        for held in [pool.submit(one, case) for case in cases]:
+            held.result()
 
 
 def set_by_another(pair: Pair, kind: Kind) -> None:

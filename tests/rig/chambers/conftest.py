@@ -10,7 +10,7 @@ from ipmclab.rig.chambers import driver, watch
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shorter deadlines, where a test would only wait for them to end."""
-    for name, seconds in (("READ_TIME", 1.0), ("SET_TIME", 1.0), ("SAFE_TIME", 0.7)):
+    for name, seconds in (("READ_TIME", 1.2), ("SET_TIME", 1.5), ("SAFE_TIME", 1.0)):
         monkeypatch.setattr(driver, name, seconds)
 
 
@@ -23,5 +23,5 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def quicker(monkeypatch: pytest.MonkeyPatch) -> None:
     """So short that a busy machine misses some: for tests that hold whether a call succeeds or not."""
-    for name, seconds in (("READ_TIME", 0.6), ("SET_TIME", 0.7), ("SAFE_TIME", 0.6), ("AGAIN_TIME", 0.4)):
+    for name, seconds in (("READ_TIME", 0.8), ("SET_TIME", 1.0), ("SAFE_TIME", 0.8), ("AGAIN_TIME", 0.6)):
         monkeypatch.setattr(driver, name, seconds)

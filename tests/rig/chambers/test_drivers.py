@@ -10,7 +10,7 @@ import pytest
 
 from ipmclab.errors import InputError
 from ipmclab.rig.chambers.chamber import ChamberError
-from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, paired, set_by_another
+from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, at_once, paired, set_by_another
 from tests.rig.chambers.devices import EspecDevice
 
 
@@ -115,37 +115,41 @@ def test_a_chamber_that_follows_a_program_is_left_to_it(tmp_path: Path) -> None:
         assert (caught.value.code, pair.room.mode) == ("chamber-in-use", "RUN")
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=str)
-def test_an_alarm_is_told_and_nothing_is_set_over_it(kind: Kind, tmp_path: Path, quick: None) -> None:
-    with paired(kind, tmp_path) as pair:
-        pair.chamber.set(*WANTED)
-        pair.room.trip()
-        stated = pair.chamber.read()
-        assert (stated.mode, len(stated.alarms)) == ("standby", 1)
-        with pytest.raises(ChamberError, match="brought to standby"):
+def test_an_alarm_is_told_and_nothing_is_set_over_it(tmp_path: Path, quick: None) -> None:
+    def trip(kind: Kind) -> None:
+        with paired(kind, tmp_path) as pair:
             pair.chamber.set(*WANTED)
-        pair.chamber.safe()
-        pair.room.alarms = []
-        assert pair.chamber.read().alarms == ()
+            pair.room.trip()
+            stated = pair.chamber.read()
+            assert (stated.mode, len(stated.alarms)) == ("standby", 1)
+            with pytest.raises(ChamberError, match="brought to standby"):
+                pair.chamber.set(*WANTED)
+            pair.chamber.safe()
+            pair.room.alarms = []
+            assert pair.chamber.read().alarms == ()
+
+    at_once(trip, KINDS)
 
 
 @pytest.mark.parametrize("trouble", ["deaf", "locked"])
-@pytest.mark.parametrize("kind", KINDS[::3], ids=str)
-def test_a_chamber_that_does_not_do_what_it_is_told(kind: Kind, trouble: str, tmp_path: Path, quick: None) -> None:
-    with paired(kind, tmp_path) as pair:
-        setattr(pair.room, trouble, True)
-        with pytest.raises(ChamberError) as caught:
+def test_a_chamber_that_does_not_do_what_it_is_told(trouble: str, tmp_path: Path, quick: None) -> None:
+    def tell(kind: Kind) -> None:
+        with paired(kind, tmp_path) as pair:
+            setattr(pair.room, trouble, True)
+            with pytest.raises(ChamberError) as caught:
+                pair.chamber.set(*WANTED)
+            assert caught.value.code == "chamber-refused"
+            assert pair.room.regulated == []
+            setattr(pair.room, trouble, False)
             pair.chamber.set(*WANTED)
-        assert caught.value.code == "chamber-refused"
-        assert pair.room.regulated == []
-        setattr(pair.room, trouble, False)
-        pair.chamber.set(*WANTED)
-        assert pair.room.mode == "CONSTANT"
-        setattr(pair.room, trouble, True)
-        with pytest.raises(ChamberError) as caught:
-            pair.chamber.safe()
-        assert (caught.value.code, pair.room.mode) == ("chamber-not-safe", "CONSTANT")
-        assert "panel" in caught.value.repair
+            assert pair.room.mode == "CONSTANT"
+            setattr(pair.room, trouble, True)
+            with pytest.raises(ChamberError) as caught:
+                pair.chamber.safe()
+            assert (caught.value.code, pair.room.mode) == ("chamber-not-safe", "CONSTANT")
+            assert "panel" in caught.value.repair
+
+    at_once(tell, KINDS[::3])
 
 
 def test_an_old_controller_without_modes_and_alarms(tmp_path: Path) -> None:

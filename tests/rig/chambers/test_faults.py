@@ -10,8 +10,9 @@ import pytest
 
 from ipmclab.rig.chambers import driver
 from ipmclab.rig.chambers.chamber import ChamberError
-from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, paired
+from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, at_once, paired
 from tests.rig.chambers.wire import LINE_FAULTS, Fault
+from tests.rig.chambers.wire import Kind as FaultKind
 
 SLACK = 1.0
 """A busy machine may take so much longer [s]."""
@@ -68,30 +69,34 @@ def wait_until_quiet(pair: Pair) -> None:
 
 
 @pytest.mark.parametrize("place", range(2))
-@pytest.mark.parametrize("kind", KINDS, ids=str)
-def test_a_line_that_fails(kind: Kind, place: int, tmp_path: Path, quicker: None) -> None:
-    number = KINDS.index(kind) + 4 * place
-    drawn = random.Random(number)
-    what = LINE_FAULTS[number % len(LINE_FAULTS)]
-    fault = Fault(what, after=drawn.randrange(8), lasts=drawn.choice([1, 2, 10**6]), seconds=drawn.choice([0.1, 0.4]))
-    with paired(kind, tmp_path, patience=0.2, seed=number) as pair:
-        hold(pair, fault)
+def test_a_line_that_fails(place: int, tmp_path: Path, quicker: None) -> None:
+    def fail(kind: Kind) -> None:
+        number = KINDS.index(kind) + 4 * place
+        drawn = random.Random(number)
+        what, after = LINE_FAULTS[number % len(LINE_FAULTS)], drawn.randrange(8)
+        fault = Fault(what, after, lasts=drawn.choice([1, 2, 10**6]), seconds=drawn.choice([0.1, 0.4]))
+        with paired(kind, tmp_path, patience=0.2, seed=number) as pair:
+            hold(pair, fault)
+
+    at_once(fail, KINDS)
 
 
-@pytest.mark.parametrize("what", LINE_FAULTS)
-def test_one_answer_that_fails_costs_a_question_and_nothing_else(what: str, tmp_path: Path) -> None:
-    for kind in (KINDS[1], KINDS[-1]):
-        with paired(kind, tmp_path, patience=0.25) as pair:
-            pair.chamber.set(*WANTED)
-            pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.4)  # type: ignore[arg-type]
-            assert pair.chamber.read().temperature == WANTED[0]
+def test_one_answer_that_fails_costs_a_question_and_nothing_else(tmp_path: Path) -> None:
+    def fail(what: FaultKind) -> None:
+        for kind in (KINDS[1], KINDS[-1]):
+            with paired(kind, tmp_path) as pair:
+                pair.chamber.set(*WANTED)
+                pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.8)
+                assert pair.chamber.read().temperature == WANTED[0]
+
+    at_once(fail, LINE_FAULTS)
 
 
 @pytest.mark.parametrize("kind", [KINDS[1], *KINDS[::3]], ids=str)
 def test_a_line_that_never_falls_quiet_ends_every_call(kind: Kind, tmp_path: Path, quicker: None) -> None:
     with paired(kind, tmp_path, patience=0.2) as pair:
         pair.chamber.set(*WANTED)
-        pair.emulator.fault = Fault("flood")
+        pair.emulator.fault = Fault("flood", seconds=0.0)
         failed, took = tried(pair.chamber.read)
         assert failed.startswith("chamber-")
         assert took < driver.READ_TIME + SLACK
@@ -106,11 +111,14 @@ def test_a_late_answer_is_never_taken_for_that_to_the_next_question(tmp_path: Pa
     serial = [kind for kind in KINDS if kind.serial]
     if not serial:
         pytest.skip("no pseudo-terminals")
-    for kind in serial:
-        with paired(kind, tmp_path, patience=0.2) as pair:
+
+    def ask(kind: Kind) -> None:
+        with paired(kind, tmp_path, patience=0.3) as pair:
             pair.chamber.set(*WANTED)
             for after in range(2):
-                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=0.3)
+                pair.emulator.fault = Fault("late", after=after, lasts=1, seconds=0.45)
                 told = pair.chamber.read()
-                assert (told.temperature, told.mode) == (WANTED[0], "constant"), kind
-                assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1), kind
+                assert (told.temperature, told.mode) == (WANTED[0], "constant")
+                assert told.humidity_set_point == pytest.approx(WANTED[1], abs=0.1)
+
+    at_once(ask, serial)

@@ -124,7 +124,7 @@ def test_safe_cuts_the_standby_of_a_call_that_failed(tmp_path: Path, monkeypatch
         monkeypatch.setattr(driver, name, seconds)
     with paired(KINDS[0], tmp_path, patience=3.0) as pair:
         pair.chamber.read()
-        pair.emulator.fault = Fault("silence")
+        pair.emulator.fault = Fault("silence", after=1)
         setting = threading.Thread(target=lambda: tried(pair.chamber.set, *WANTED))
         setting.start()
         time.sleep(0.5)  # it is bringing the chamber to standby, of which it hears nothing for 3 s

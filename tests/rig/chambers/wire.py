@@ -47,7 +47,7 @@ class Fault:
     lasts : int
         So many are not.
     seconds : float
-        How late, or between the halves.
+        How late, between the halves, or how long a flood that does not last.
     """
 
     kind: Kind
@@ -138,8 +138,8 @@ class Emulator:
                     time.monotonic() + (seconds if self._fault and self._fault.lasts < 100 else 1e9),
                 )
                 while time.monotonic() < until and self._fault is fault and not self._stop.is_set():
-                    write(b"0.0\r\n")
-                    time.sleep(0.005)
+                    write(b"0.0\r\n" * 100)
+                    time.sleep(0.01 * seconds)  # 0: they come sooner than anybody understands them
                 write(answer)
             case "halves":
                 write(answer[:middle])

@@ -40,6 +40,9 @@ _REASONS: Final = {
     11: "it does not answer the gateway",
 }
 
+MOST_BYTES: Final = 520
+"""Two of the longest frames of Modbus: what comes beyond is no answer to one question."""
+
 _WORDS: Final = {"int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2}
 
 
@@ -94,6 +97,8 @@ class Registers:
         self._landmark = landmark
         self._client: Any = None
         self._lost = False
+        self._until = Deadline(0.0)  # of the present question
+        self._came = 0  # bytes since that
 
     def read(self, address: int, type_: Type, deadline: Deadline, kind: Kind = "holding") -> float:
         """The value of a register, or of two. Raises ChamberError."""
@@ -121,6 +126,19 @@ class Registers:
             self._client.close()
         self._client = None
 
+    def _limit(self, client: Any) -> None:
+        """On a line that never falls quiet pymodbus searches all that has come for a frame, again with each byte."""
+        receive = client.recv
+
+        def receive_some(size: int | None) -> bytes:
+            if self._came >= MOST_BYTES or self._until.is_over:
+                return b""
+            came = bytes(receive(size)[:MOST_BYTES])
+            self._came += len(came)
+            return came
+
+        client.recv = receive_some
+
     def _data_type(self, type_: Type) -> Any:
         return getattr(self._client.DATATYPE, type_.upper())
 
@@ -132,6 +150,7 @@ class Registers:
                     self.close()
                 if self._client is None:
                     self._client = self._open(deadline)
+                    self._limit(self._client)
                 if self._lost:
                     self._find_place(deadline)
                 return self._once(what, deadline)
@@ -142,8 +161,9 @@ class Registers:
         raise AssertionError("unreachable")
 
     def _once(self, what: Callable[[Any], Any], deadline: Deadline) -> Any:
+        self._until, self._came = deadline.within(self._patience), 0
         # pymodbus waits at most twice this time: for an answer, and for the rest of it.
-        self._client.comm_params.timeout_connect = max(0.5 * deadline.within(self._patience).left, 1e-2)
+        self._client.comm_params.timeout_connect = max(0.5 * self._until.left, 1e-2)
         try:
             return what(self._client)
         except ChamberError:
