@@ -16,9 +16,10 @@ from ipmclab.rig.bench import Bench
 from ipmclab.rig.chambers.chamber import ChamberError, Conditions
 from ipmclab.rig.chambers.watch import ChamberWatch
 from ipmclab.rig.experiments.bench_clock import BenchClock
-from ipmclab.rig.experiments.environments import TargetEnvironment, Visit
+from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.equilibrium import Air, wait_for_equilibrium
 from ipmclab.rig.experiments.steps import watched
+from ipmclab.rig.experiments.visits import Visit
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.slow import Air as SlowAir
 from ipmclab.rig.safety.limits import AIR, Limits

@@ -10,8 +10,9 @@ from typing import Final, Literal
 from ipmclab.errors import InputError, suggest
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments import fingerprint
-from ipmclab.rig.experiments.environments import TargetEnvironment, Visit, visits
+from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.experiment import Experiment
+from ipmclab.rig.experiments.visits import Visit, visits
 from ipmclab.rig.safety.limits import AIR
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
