@@ -193,6 +193,30 @@ def test_a_reading_that_hangs_is_noticed_by_whoever_asks(monkeypatch: pytest.Mon
     held.close()
 
 
+@pytest.mark.parametrize("answers_again", [True, False])
+def test_a_chamber_that_does_not_answer_is_resumed_once_it_does(
+    monkeypatch: pytest.MonkeyPatch, *, answers_again: bool
+) -> None:
+    monkeypatch.setattr(watch, "SILENT", 1.0)
+    chamber = VirtualChamber()
+    held = ChamberWatch(chamber)
+    held.set(*WANTED)
+    held.still(60.0)
+    chamber.silent = True
+    time.sleep(0.4)
+    asked: list[float] = []
+    monkeypatch.setattr(chamber, "resume", lambda: asked.append(time.monotonic()))
+    if answers_again:
+        threading.Timer(0.3, lambda: setattr(chamber, "silent", False)).start()
+        held.resume()
+        assert len(asked) == 1
+    else:
+        with pytest.raises(ChamberError, match="no reading has come"):
+            held.resume()
+        assert asked == []
+    held.close()
+
+
 def test_after_a_resume_that_failed_the_readings_say_what_the_chamber_does() -> None:
     now = [0.0]
     chamber = VirtualChamber(lambda: now[0])

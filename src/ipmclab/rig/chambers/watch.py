@@ -139,6 +139,7 @@ class ChamberWatch:
         """
         if self._is_still:
             try:
+                self._await_answer()
                 self._chamber.resume()
             finally:
                 self._is_still, self._odd = False, ("", 0)
@@ -256,6 +257,15 @@ class ChamberWatch:
         self.on_reading(conditions)
         if problem is not None:
             self._tell(problem)
+
+    def _await_answer(self) -> None:
+        """Where the last reading failed: wait until one comes, or silence is told. Raises ChamberError.
+
+        To resume it would take all its time in vain, and begin where the silence ends.
+        """
+        while self._failure is not None and self._thread not in (None, threading.current_thread()):
+            self.check()
+            time.sleep(0.05)
 
     def _judge_silence(self) -> None:
         silent = self._clock() - self._heard
