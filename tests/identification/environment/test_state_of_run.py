@@ -84,6 +84,13 @@ def test_the_time_since_the_run_before_counts_once() -> None:
     assert found == pytest.approx(alone, rel=1e-4)
 
 
+def test_a_bench_that_does_not_wait_for_the_clock_says_by_its_minutes_how_long_the_strip_was_there() -> None:
+    """In lock-step three hours of a simulated bench pass in seconds, and runs follow each other within one."""
+    one = run(relative_humidity=45.0, recorded_at="2026-11-23T05:38:21+00:00", sample=Sample(id="a"))
+    two = run(minutes_in_environment=600.0, recorded_at="2026-11-23T05:38:22+00:00", sample=Sample(id="a"))
+    assert states_of(STRIP, [one, two], ["one", "two"])[1].water_content == pytest.approx(7.219, rel=1e-3)
+
+
 def test_liquid_water_after_the_run_before_is_the_start() -> None:
     yesterday = run(recorded_at="2026-11-22T10:00:00+00:00", relative_humidity=40.0)
     today = run(recorded_at="2026-11-23T10:00:00+00:00", minutes_out_of_water=35.0, minutes_in_environment=30.0)
