@@ -91,7 +91,10 @@ def nearest_zero(problem: Problem, solution: Solution) -> Solution:
     per_reading = solution.evaluation.cost / len(solution.evaluation.residual)
     spent = found.evaluations + solution.evaluations
     allowed = found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading
-    return replace(found if allowed else solution, evaluations=spent)
+    if not allowed:
+        return replace(solution, evaluations=spent)
+    # As good as a minimum: whether that was reached is told, not whether the way along the valley was walked to its end.
+    return replace(found, converged=solution.converged, message=solution.message, evaluations=spent)
 
 
 def _has(problem: Problem, name: str) -> bool:
