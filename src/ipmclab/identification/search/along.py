@@ -93,7 +93,7 @@ def nearest_zero(problem: Problem, solution: Solution) -> Solution:
     allowed = found.evaluation.cost <= solution.evaluation.cost + AS_GOOD * per_reading
     if not allowed:
         return replace(solution, evaluations=spent)
-    # As good as a minimum: whether that was reached is told, not whether the way along the valley was walked to its end.
+    # As good as a minimum: whether that was reached counts, not whether the walk along the valley came to its end.
     return replace(found, converged=solution.converged, message=solution.message, evaluations=spent)
 
 
