@@ -12,6 +12,7 @@ from ipmclab.identification.environment.state_of_run import water_after
 from ipmclab.model import Actuator
 from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState
 from ipmclab.model.environment.findings import condensation
+from ipmclab.model.environment.hydration import ASYMMETRY
 from ipmclab.run import Finding, Run
 
 EXTRAPOLATED: Final = "environment-extrapolated"
@@ -85,7 +86,7 @@ def _not_settled(actuator: Actuator, run: Run, state: RunState, label: str) -> l
         return []
     values = actuator.parameter_values
     slow = time_constants(values, WaterState(state.water_content, state.temperature)).whole
-    slow *= max(1.0, values["hydration.asymmetry"])  # nobody says from which side the strip came
+    slow *= max(1.0, values[ASYMMETRY])  # nobody says from which side the strip came
     if 60.0 * minutes >= _SETTLED * slow:
         return []
     return [

@@ -10,7 +10,7 @@ from typing import Final
 from ipmclab.errors import InputError, suggest
 from ipmclab.identification.problem.age import AGE, Age, check_age
 from ipmclab.model.declared import in_group
-from ipmclab.model.environment.hydration import PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
+from ipmclab.model.environment.hydration import HYDRATION, PERCOLATION, REFERENCE_CONTENT, REFERENCE_TEMPERATURE, SITES
 from ipmclab.model.kinds import groups, kinds, stage_groups
 
 OBSERVATION_OUTPUTS: Final = ("current", "displacement", "force")
@@ -163,7 +163,6 @@ def parse_free(
     )
 
 
-_HYDRATION: Final = "hydration."
 _OF_LAWS: Final = (REFERENCE_CONTENT, REFERENCE_TEMPERATURE, PERCOLATION, SITES)
 
 
@@ -171,7 +170,7 @@ def _refuse_water(given: Iterable[str], where: str) -> None:
     """Refuse what moves the water of a strip: the water of each run is known before the fit, from stated values."""
     for name in sorted(given):
         parameter = Age.of(name).parameter if name.startswith(AGE) else name
-        if parameter.startswith(_HYDRATION) and parameter not in _OF_LAWS:
+        if parameter.startswith(HYDRATION) and parameter not in _OF_LAWS:
             raise InputError(
                 f"{parameter!r} says how a strip takes up water; a fit computes the water of each run once, before it "
                 "reads the runs, and so cannot find it",

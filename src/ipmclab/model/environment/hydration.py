@@ -11,12 +11,14 @@ from ipmclab.model.parameters import Declaration, Measurement
 from ipmclab.model.stages.kind import StageKind
 from ipmclab.units import CONCENTRATION, DIFFUSIVITY, MASS_TRANSFER, NUMBER, TEMPERATURE, TIME
 
+HYDRATION: Final = "hydration."
 REFERENCE_CONTENT: Final = "hydration.reference_water_content"
 REFERENCE_TEMPERATURE: Final = "hydration.reference_temperature"
 PERCOLATION: Final = "hydration.percolation"
 SITES: Final = "hydration.site_density"
 LIQUID: Final = "hydration.liquid_water_content"
 FILM: Final = "hydration.film"
+ASYMMETRY: Final = "hydration.asymmetry"
 
 _SORPTION: Final = tuple(
     Declaration(f"{PREFIX}{name}", NUMBER, f"s_{power}", -1e3, 1e3, "linear", default=value)
@@ -38,7 +40,7 @@ DECLARATIONS: Final = (
     Declaration(SITES, CONCENTRATION, "C_s", 1.0, 1e5, default=1800.0),
     # Still air by the analogy of heat and mass, from 4 to 10 W/(m^2 K).
     Declaration(FILM, MASS_TRANSFER, "k_a", 1e-6, 10.0, default=5e-3, likely=(3e-3, 10e-3)),
-    Declaration("hydration.asymmetry", NUMBER, "α_s", 0.01, 1e3, default=1.0),
+    Declaration(ASYMMETRY, NUMBER, "α_s", 0.01, 1e3, default=1.0),
     Declaration("hydration.face_difference", NUMBER, "β_f", -1.0, 1.0, "linear", default=0.0),
     # Published values span four decades, by method.
     Declaration("hydration.diffusivity", DIFFUSIVITY, "D_w", 1e-16, 1.0, default=1e-10, likely=(1e-12, 5e-10)),
