@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -112,7 +111,7 @@ def replacing(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path
         The system refuses to write there.
     """
     target = target_of(path, overwrite=overwrite)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    temporary = target.with_name(f".{target.name}.{os.urandom(4).hex()}.part")
     try:
         yield temporary
         # The data must be on the disk before the name is: a power cut must not leave an empty file under it.

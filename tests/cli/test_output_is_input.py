@@ -163,8 +163,9 @@ def test_no_option_that_names_an_output_is_left_out() -> None:
     tried = {(words[0], option) for words, option, _ in OUTPUTS}
     group = typer.main.get_command(app)
     for verb in VERBS:
-        parameters = group.commands[verb].params  # type: ignore[attr-defined]
-        assert isinstance(group.commands[verb], SpreadCommand)  # type: ignore[attr-defined]
+        command = group.get_command(typer.Context(group), verb)  # type: ignore[attr-defined]
+        parameters = command.params
+        assert isinstance(command, SpreadCommand)
         if "--force" not in {option for one in parameters for option in one.opts}:
             continue
         writes = {one.opts[0] for one in parameters if (one.help or "").rstrip(".").startswith("Write a")}  # type: ignore[attr-defined]

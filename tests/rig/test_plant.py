@@ -208,7 +208,7 @@ def test_charge_goes_on_where_a_strip_becomes_wetter() -> None:
     earlier = water.strip.parameter_values
     plant.set_chamber(relative_humidity=90.0)
     plant._now += round(3600.0 / TICK)  # an hour in which nothing flows
-    plant._drink()
+    plant._follow_air()
     later = water.strip.parameter_values
     assert later["circuit.branches.1.permittivity"] > 1.05 * earlier["circuit.branches.1.permittivity"]
     np.testing.assert_allclose(plant._strip.state * charges(names, later), before * charges(names, earlier), rtol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import glob
 import os
 import sys
@@ -14,7 +15,10 @@ def main() -> NoReturn:
     # Our matrices have a dozen rows: on a busy machine the threads of OpenBLAS only wait for each other, and a fit
     # that takes 3 s takes 20 s. NumPy reads this when it is first imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.disable()  # nothing of what is imported can be freed, and looking for it takes a tenth of a short command
     from ipmclab.cli.app import run
+
+    gc.enable()
 
     words = sys.argv[1:]
     sys.exit(run(expand_patterns(words) if sys.platform == "win32" else words))

@@ -5,13 +5,15 @@ Verbs import the heavy parts of the house inside their functions, so that ``--he
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from ipmclab.cli import (
     again,
@@ -47,14 +49,6 @@ INTERRUPTED: Final = 130
 TRACEBACK: Final = "IPMCLAB_TRACEBACK"
 """Environment variable that, set to 1, shows where a fault of the program came from. No traceback comes otherwise."""
 
-app = typer.Typer(
-    # --install-completion and --show-completion, for bash, zsh, fish and PowerShell.
-    add_completion=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # rich help costs 0.2 s more
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-
 VERBS: Final[dict[str, Callable[..., None]]] = {
     "demo": demo.demo,
     "simulate": simulate.simulate,
@@ -78,14 +72,49 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "page": page.page,
 }
 
-for name, verb in VERBS.items():
-    app.command(name, cls=SpreadCommand)(verb)
-
 GROUPS: Final = {"rig": rig.rig_app}
 """Verbs that have verbs of their own."""
 
-for name, group in GROUPS.items():
-    app.add_typer(group, name=name)
+SETTINGS: Final[dict[str, Any]] = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+class Verbs(TyperGroup):
+    """The verbs, each read when it is asked for: reading the options of all of them takes longer than a short job.
+
+    Until then a verb is its name and its help, which is all that the list of verbs shows.
+    """
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        helps = {name: inspect.getdoc(verb) for name, verb in VERBS.items()}
+        helps |= {name: group.info.help for name, group in GROUPS.items()}
+        self.commands = {name: TyperCommand(name, help=text) for name, text in helps.items()}
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """A verb with its options, or None."""
+        if cmd_name in GROUPS:
+            return typer.main.get_command(GROUPS[cmd_name])
+        if cmd_name not in VERBS:
+            return None
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings=SETTINGS)
+        alone.command(cmd_name, cls=SpreadCommand)(VERBS[cmd_name])
+        return typer.main.get_command(alone)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """List the verbs with the first sentence of each one's help."""
+        room = formatter.width - 6 - max(map(len, self.commands))
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, verb.get_short_help_str(room)) for name, verb in self.commands.items()])
+
+
+app = typer.Typer(
+    cls=Verbs,
+    # --install-completion and --show-completion, for bash, zsh, fish and PowerShell.
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # rich help costs 0.2 s more
+    context_settings=SETTINGS,
+)
 
 
 def _print_version(wanted: bool) -> None:

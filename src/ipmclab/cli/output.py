@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 import textwrap
@@ -34,6 +33,8 @@ _NEVER_CUT = frozenset({"exact-fixed-value", "fixed-uncertainty", "undetermined"
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document; a number that is not finite becomes null."""
+    import json
+
     print(json.dumps(_plain(document), allow_nan=False, indent=2))
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 SEVERITIES: Final = ("info", "warning", "error")
 
 rig_app = typer.Typer(
+    help="Look at a rig, prove its hardware, serve a stand-in for it.",
     add_completion=False,
     rich_markup_mode=None,
     invoke_without_command=True,
@@ -43,7 +44,7 @@ RigFile = Annotated[
 
 @rig_app.callback()
 def _rig(context: typer.Context) -> None:
-    """Look at a rig, prove its hardware, serve a stand-in for it."""
+    """Show the help of the group where no verb of it is named."""
     if context.invoked_subcommand is None:
         print(context.get_help())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import signal
 import sys
@@ -79,6 +78,8 @@ def serve(
         signal.signal(wanted, lambda *_: stop.set())
     what = "a dummy load" if plant.actuator is None else plant.actuator.name
     print(f"{loaded.name}, with {what}; clock {clock}; Ctrl-C stops it", file=sys.stderr, flush=True)
+    import json
+
     print(json.dumps({"address": address, "rig": rig, "clock": clock}) if as_json else address, flush=True)
     if hands:
         threading.Thread(target=_take_actions, args=(chassis, plant), name="operator", daemon=True).start()

@@ -46,9 +46,14 @@ def state_in(fit: Fit | None, actuator: Actuator, run: Run) -> RunState | None:
     if not follows and not rates:
         return None
     state = state_of(actuator, run, label="run") if follows else RunState()
-    seen = [one.state for one in fit.observations if one.state is not None] if fit is not None else []
+    seen = _seen(fit)
     doses = {scale: dose_now(seen, scale) for scale in {Age.of(name).scale for name in rates}}
-    return RunState(**{**state.to_table(), "doses": doses})
+    return replace(state, doses=doses)
+
+
+def _seen(fit: Fit | None) -> list[RunState]:
+    """The states in which the runs of a fit were."""
+    return [one.state for one in fit.observations if one.state is not None] if fit is not None else []
 
 
 def as_it_is_now(actuator: Actuator) -> Actuator:
@@ -95,8 +100,7 @@ def environment_of_run(fit: Fit | None, actuator: Actuator, run: Run, label: str
     state = state_in(fit, actuator, run)
     if state is None:
         return []
-    seen = [one.state for one in fit.observations if one.state is not None] if fit is not None else []
-    return [*extrapolated(state, seen, label), *doubtful(actuator, run, state, label)]
+    return [*extrapolated(state, _seen(fit), label), *doubtful(actuator, run, state, label)]
 
 
 def known_in_state(

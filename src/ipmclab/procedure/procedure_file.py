@@ -94,21 +94,12 @@ def procedure_from_text(text: str, *, where: str = "procedure", folder: Path | N
     ------
     InputError
     """
-    from pydantic import ValidationError
-
     from ipmclab.procedure.tables import ProcedureTable
-    from ipmclab.store.strict import as_input_error
+    from ipmclab.store.strict import validated
 
     repair = "compare with the template: ipmclab procedure --template"
     document = parse_table(text, where=where, repair=repair)
-    try:
-        table = ProcedureTable.model_validate(document)
-    except ValidationError as error:
-        raise as_input_error(error, document, where=f"{where}: ") from error
-    except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+    table = validated(ProcedureTable, document, where=where)
     reader = _Reader(where, folder or Path())
     return replace(_procedure(table, reader), files=reader.files)
 

@@ -148,7 +148,7 @@ class StripPlant:
         intervals[:1] -= self._now
         if len(intervals) and intervals.min() < 0:
             raise ValueError(f"the time goes back to {times[int(np.argmin(intervals))]:g} s, from {self.time:g} s")
-        self._drink()
+        self._follow_air()
         answer = self._strip.advance(intervals, np.ascontiguousarray(source))
         current: FloatArray = answer[0]
         displacement: FloatArray = answer[2]
@@ -219,7 +219,7 @@ class StripPlant:
 
         return StripWater(strip, self._air, self.time)
 
-    def _drink(self) -> None:
+    def _follow_air(self) -> None:
         """Let the strip follow its air; charge goes on."""
         if self._water is None:
             return

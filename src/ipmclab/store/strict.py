@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -47,6 +47,35 @@ _EXPECTED: Final = {
     "dataclass_type": ("is not a table", "write it as a table of keys"),
 }
 """What is wrong and what to do, for each kind of complaint about a value of another kind."""
+
+
+Table = TypeVar("Table", bound=Strict)
+
+
+def validated(model: type[Table], document: Any, *, where: str) -> Table:
+    """A table of a file, checked.
+
+    Parameters
+    ----------
+    model : class of Strict
+    document : object
+        What stands in the file.
+    where : str
+        The file.
+
+    Raises
+    ------
+    InputError
+        The first complaint, with the file and the key that it concerns.
+    """
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        raise as_input_error(error, document, where=f"{where}: ") from error
+    except InputError as error:
+        raise InputError(
+            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
+        ) from error
 
 
 def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputError:

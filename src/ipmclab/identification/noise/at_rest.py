@@ -15,7 +15,6 @@ from ipmclab.identification.noise.columns import constants, steps_between
 from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.noise.shape import Shape, spread_by, structure
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.quality.noise import quantum_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -52,7 +51,7 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
     rows = np.flatnonzero(reading.exact[: record.resting])
     if len(rows) < _FEWEST_OF_SLOPE:
         return 0.0, math.inf
-    step = quantum_of(np.diff(reading.measured))
+    step = reading.quantum
     time = record.run.time[rows]
     values = without_spikes(time, reading.values[rows], step)
     columns = constants(time)
@@ -94,7 +93,7 @@ def left_at_rest(record: PreparedRun, output: str, left: FloatArray, unit: float
     reading = record.readings[output]
     rows = np.flatnonzero(reading.exact)
     count = int(np.searchsorted(rows, record.resting))
-    step = quantum_of(np.diff(reading.measured)) / unit
+    step = reading.quantum / unit
     return without_spikes(record.run.time[rows[:count]], left[:count], step)
 
 

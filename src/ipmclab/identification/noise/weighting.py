@@ -24,7 +24,6 @@ from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import settled
-from ipmclab.quality.noise import quantum_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -103,7 +102,7 @@ def at_rest_and_driven(under: Correlated, key: Key) -> tuple[float, float] | Non
     resting = _left_at_rest(under, key)
     driven = under.left(key)[under.pieces[key].inside][len(resting) :]
     unit = under.problem.noise[key]
-    step = quantum_of(np.diff(under.problem.record_at(key[0]).readings[key[1]].measured))
+    step = under.problem.record_at(key[0]).readings[key[1]].quantum
     at_rest = max(unit * float(np.std(resting)), step / math.sqrt(12.0))
     return at_rest, unit * float(np.sqrt(np.mean(driven**2)))
 

@@ -21,7 +21,7 @@ from ipmclab.identification.problem.drive import Drive
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
-from ipmclab.quality.noise import noise_of_readings
+from ipmclab.quality.noise import noise_of_readings, quantum_of
 from ipmclab.quality.record import Channel
 from ipmclab.run import Finding, Hold, Run
 
@@ -98,6 +98,11 @@ class Reading:
     def measured(self) -> FloatArray:
         """The values of the readings that are measured."""
         return self.values[self.exact]
+
+    @cached_property
+    def quantum(self) -> float:
+        """The step of the converter; 0 where none shows."""
+        return quantum_of(np.diff(self.measured))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.quality.noise import quantum_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,7 +35,7 @@ def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
     for record in problem.records:
         resting = record.resting
         for output, reading in record.readings.items():
-            step = quantum_of(np.diff(reading.measured)) if resting else 0.0
+            step = reading.quantum if resting else 0.0
             if not step or not np.std(record.run.channels[output][:resting]) < _DITHERED * step:
                 continue
             key = record.place, output

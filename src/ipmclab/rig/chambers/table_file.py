@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ipmclab.errors import InputError
-from ipmclab.store.strict import Strict, as_input_error
+from ipmclab.store.strict import Strict, validated
 from ipmclab.toml_file import parse_table, read_text
 
 Words = Annotated[tuple[str, ...], Field(strict=False)]
@@ -132,14 +132,7 @@ def read_table(path: Path, model: type[Table]) -> Table:
         "there is no such file", code="no-chamber-table", where=where, repair="give the path of the chamber's table"
     )
     document = parse_table(read_text(path, kind="the table of a chamber", missing=missing), where=where)
-    try:
-        table = model.model_validate(document)
-    except ValidationError as error:
-        raise as_input_error(error, document, where=f"{where}: ") from error
-    except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+    table = validated(model, document, where=where)
     if isinstance(table, TextTable):
         for name, quantity in (("temperature", table.temperature), ("relative_humidity", table.relative_humidity)):
             if quantity is not None:

@@ -102,21 +102,12 @@ def rig_from_text(text: str, *, where: str = "rig", folder: Path | None = None) 
     ------
     InputError
     """
-    from pydantic import ValidationError
-
     from ipmclab.rig.files.tables import RigTable
-    from ipmclab.store.strict import as_input_error
+    from ipmclab.store.strict import validated
 
     document = parse_table(text, where=where, repair="compare with the page on rigs")
     _check_channel_names(document.get("channels"), where)
-    try:
-        table = RigTable.model_validate(document)
-    except ValidationError as error:
-        raise as_input_error(error, document, where=f"{where}: ") from error
-    except InputError as error:
-        raise InputError(
-            error.message, code=error.code, where=f"{where}: {error.where}", repair=error.repair
-        ) from error
+    table = validated(RigTable, document, where=where)
     rig = _rig(table, _Place(f"{where}: "), folder)
     check_wiring(rig, where=where)
     return rig

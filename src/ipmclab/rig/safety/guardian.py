@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import threading
 import time
@@ -14,6 +13,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.platform import detached, python_child
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.safety.guarded_output import Target
+from ipmclab.rig.safety.own_clock import Lateness
 
 SILENCE: Final = 0.5
 """The guardian acts when the recorder has been silent for so long [s]."""
@@ -84,8 +84,7 @@ class Guardian:
         self._sign = time.monotonic()
         self._progress = 0.0
         self._used = 0.0
-        self._late = 0.0
-        self._due = math.inf
+        self._lateness = Lateness(_OFTEN / 2.0)
         self._longest = 0.0
         self._held_until = 0.0
         self._beating: threading.Event | None = None
@@ -134,7 +133,8 @@ class Guardian:
             It is not there: nothing may be given out.
         """
         self.wait()
-        self._progress, self._used, self._late = time.monotonic(), time.thread_time(), 0.0
+        self._progress, self._used = time.monotonic(), time.thread_time()
+        self._lateness.forget()
         self._longest = 3.0 * block_time if block_time > _OFTEN else 0.0
         self._send(f"arm {self._silence}")
         self._beating = threading.Event()
@@ -154,9 +154,10 @@ class Guardian:
         """
         now, used = time.monotonic(), time.thread_time()
         silent, worked = now - self._progress, used - self._used
-        late = self._held_up(now)
+        late = self._lateness.at(now)
         self._hear_after(now)
-        self._progress, self._used, self._late = now, used, 0.0
+        self._progress, self._used = now, used
+        self._lateness.forget()
         self._held_until = 0.0
         if self._state == "acted":
             raise self._after_silence(silent, waited=max(worked, late) < self._silence / 2.0)
@@ -186,16 +187,11 @@ class Guardian:
 
     def _hear_after(self, now: float) -> bool:
         """Whether this program itself was held up until now; then what the guardian said meanwhile is heard first."""
-        if self._held_up(now) <= max(self._silence, now - self._progress) / 2.0:
+        if self._lateness.at(now) <= max(self._silence, now - self._progress) / 2.0:
             return False
         with self._told:
             self._told.wait_for(lambda: self._state in ("acted", "gone"), _WORD)
         return True
-
-    def _held_up(self, now: float) -> float:
-        """By how much the thread that beats is, or was, late [s]."""
-        due = self._due  # first: the thread, where it comes in between, has put into ``_late`` what this then lacks
-        return max(self._late, now - due)
 
     def hold(self, seconds: float) -> None:
         """The next beat may take so long [s]: tasks are started or stopped. A thread beats until then.
@@ -206,7 +202,7 @@ class Guardian:
 
     def disarm(self) -> None:
         """The output is at 0 V: silence is allowed again."""
-        self._due = math.inf
+        self._lateness.end()
         if self._beating is not None:
             self._beating.set()
             self._beating = None
@@ -255,11 +251,10 @@ class Guardian:
 
     def _beat_on(self, ended: threading.Event) -> None:
         """Beat where the recorder is known to have other things to do, but not for ever."""
-        self._due = time.monotonic() + _OFTEN / 2.0
+        self._lateness.begin()
         while not ended.wait(_OFTEN / 2.0):
+            self._lateness.woke()
             now = time.monotonic()
-            self._late = max(self._late, now - self._due)
-            self._due = now + _OFTEN / 2.0
             if self._state == "armed" and (now < self._held_until or now - self._progress < self._longest):
                 with suppress(IpmclabError):
                     self._send("beat")

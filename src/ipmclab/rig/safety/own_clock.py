@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -18,29 +19,65 @@ _CONSEQUENCES: Final = ("bench-frozen", "bench-lost")
 """Failures that blame the chassis, its server or its cable for a deadline that has passed."""
 
 
-class OwnClock:
-    """A thread that only wakes: how late it does tells how long this program was stopped, or had no processor.
+class Lateness:
+    """How late a thread wakes that does so every so often: so long this program was stopped, or had no processor.
 
     A program that was stopped finds all its deadlines passed when it goes on, and the server that seems not to answer
     has answered long ago.
+
+    Parameters
+    ----------
+    period : float [s]
+        Of the thread.
     """
 
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._worst = 0.0
+        self._due = math.inf
+
+    def begin(self) -> None:
+        """The thread begins to wait."""
+        self._due = time.monotonic() + self._period
+
+    def woke(self) -> None:
+        """It has waited, and waits again."""
+        self._worst = max(self._worst, time.monotonic() - self._due)
+        self.begin()
+
+    def forget(self) -> None:
+        """Only what is late from now on counts."""
+        self._worst = 0.0
+
+    def end(self) -> None:
+        """The thread waits no more."""
+        self._due = math.inf
+
+    def at(self, now: float) -> float:
+        """By how much the thread is, or was, late [s]."""
+        due = self._due  # first: the thread, where it comes in between, has put into ``_worst`` what this then lacks
+        return max(self._worst, now - due)
+
+
+class OwnClock:
+    """A thread that only wakes, so that its lateness is known while something waits."""
+
     def __init__(self) -> None:
-        self._progress = time.monotonic()
-        self._late = 0.0
-        self._due = self._progress + _TICK
+        self._lateness = Lateness(_TICK)
+        self.progress()
+        self._lateness.begin()
         self._ended = threading.Event()
         threading.Thread(target=self._wake, name="own clock", daemon=True).start()
 
     def progress(self) -> None:
         """Something came of it: only what is late from now on counts."""
-        self._progress, self._late = time.monotonic(), 0.0
+        self._progress = time.monotonic()
+        self._lateness.forget()
 
     def held_up(self) -> float:
         """For how long this program was held up since the last progress [s]; 0 where that was not most of the time."""
         now = time.monotonic()
-        due = self._due  # first: the thread, where it comes in between, has put into ``_late`` what this then lacks
-        late = max(self._late, now - due)
+        late = self._lateness.at(now)
         return late if late > max(_SHORTEST, now - self._progress) / 2.0 else 0.0
 
     def end(self) -> None:
@@ -49,9 +86,7 @@ class OwnClock:
 
     def _wake(self) -> None:
         while not self._ended.wait(_TICK):
-            now = time.monotonic()
-            self._late = max(self._late, now - self._due)
-            self._due = now + _TICK
+            self._lateness.woke()
 
 
 @contextmanager
