@@ -18,7 +18,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import System
 from ipmclab.model.environment.history import EnvironmentHistory
 from ipmclab.model.environment.laws import moved_values
-from ipmclab.model.environment.path import Grid, Path, apart, path_of
+from ipmclab.model.environment.path import Grid, Path, apart, path_of, steps
 from ipmclab.model.environment.transport import WaterCourse, curl_displacement, water_course
 from ipmclab.model.numerics.course import Course, voltage_course
 from ipmclab.model.numerics.dense import check_solved, law_numbers, parts
@@ -46,6 +46,10 @@ _MOST_PASSES: Final = 8
 _QUIET: Final = 0.99
 """Part of the onset of a leak up to which rows show that nothing leaks between them either."""
 _LEAK_PARTS: Final = 64
+
+_STRAIGHT: Final = 16
+_BENT: Final = 1e-5
+"""So many pieces may be a straight line, and a parameter may leave it by so much: a tenth of what it moves in one."""
 
 _BRANCH: Final = re.compile(r"(?:^|\.)branches\.(\d+)\.voltage$")
 
@@ -250,7 +254,7 @@ def _worked_out(
     actuator: Actuator, inputs: Sequence[str], asked: Asked, water: WaterCourse
 ) -> tuple[Knots, Way, LawTable, IndexArray, FloatArray]:
     """Systems, the way between them, laws, the states that are seen, and how much charge each state is at first."""
-    from ipmclab.model.numerics.drifting_loop import Way
+    from ipmclab.model.numerics.drifting_loop import Knots, Way
 
     def made() -> tuple[Knots, Way, LawTable, IndexArray, FloatArray]:
         path = path_of(actuator.parameter_values, water, asked.begin, asked.end)
@@ -262,11 +266,14 @@ def _worked_out(
             systems.append(_charged(system, scales[-1]))
         every = range(len(OUTPUTS))
         seen = seen_states(systems, every)
-        knots, table = _knots([reduced(system, every, seen) for system in systems], asked.durations)
         middles = asked.ends - 0.5 * asked.durations[asked.course.interval]
         piece, _, weights = _pieces(path, water, grid, middles)
+        stations, share = _stations(actuator.parameter_values, grid, weights)
+        found, table = _knots([reduced(system, every, seen) for system in systems], asked.durations)
+        knots = Knots(*(np.tensordot(weights[stations], one, 1) for one in found))
         at_first = grid.weights(path.contents[:1], path.temperatures[:1])[0]
-        return knots, Way(piece, weights), table, seen, at_first @ np.array(scales)
+        knot = np.searchsorted(stations, np.arange(len(weights)), side="right") - 1
+        return knots, Way(piece, knot, share), table, seen, at_first @ np.array(scales)
 
     course = water.water_content.tobytes(), water.temperature.tobytes(), water.time.tobytes()
     when = asked.ends.tobytes(), asked.course.interval.tobytes(), asked.begin
@@ -297,8 +304,12 @@ def _water(
     actuator: Actuator, history: EnvironmentHistory, begin: float, end: float, leak: FloatArray | None
 ) -> WaterCourse:
     """From time 0 of the history, or the begin of the record where that is before it, to its end."""
-    zero = min(0.0, begin)
-    return water_course(actuator.parameter_values, history, end - zero, start=history.start, begin=zero, leak=leak)
+    zero, start = min(0.0, begin), history.start
+
+    def made() -> WaterCourse:
+        return water_course(actuator.parameter_values, history, end - zero, start=start, begin=zero, leak=leak)
+
+    return made() if leak is not None else actuator.keep(("water", begin, end, history.key), made)
 
 
 def _values_at(actuator: Actuator, grid: Grid) -> list[dict[str, float]]:
@@ -323,6 +334,29 @@ def _pieces(
     span = (path.contents.min(), path.contents.max()), (path.temperatures.min(), path.temperatures.max())
     weights = grid.weights(np.clip(water.contents(there), *span[0]), np.clip(water.temperatures(there), *span[1]))
     return np.repeat(np.arange(len(first)), last + 1 - first), first, weights
+
+
+def _stations(values: Mapping[str, float], grid: Grid, weights: FloatArray) -> tuple[IndexArray, FloatArray]:
+    """Pieces between which parameters go in straight lines, and how far each piece is from one of them to the next.
+
+    Parameters
+    ----------
+    weights : float array, shape (n_pieces, n_points)
+    """
+    contents, temperatures = grid.states
+    states = weights @ np.column_stack([np.log(contents), temperatures])
+    every = np.arange(len(weights))
+    stations = np.unique(np.append(every[::_STRAIGHT], every[-1]))
+    for _ in range(2):  # where the way bends, each piece is a station of its own
+        before = np.searchsorted(stations, every, side="right") - 1
+        after = np.minimum(before + 1, len(stations) - 1)
+        share = (every - stations[before]) / np.maximum(stations[after] - stations[before], 1)
+        line = states[stations[before]] + share[:, None] * (states[stations[after]] - states[stations[before]])
+        both = np.stack([states, line], axis=1).reshape(-1, 2)
+        left = steps(values, np.exp(both[:, 0]), both[:, 1])[::2]
+        bent = np.isin(before, before[left > _BENT])
+        stations = np.unique(np.concatenate([stations, every[bent]]))
+    return stations, share
 
 
 def _charged(system: System, scale: FloatArray) -> System:

@@ -15,7 +15,7 @@ from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.changing import changing_outputs
 from ipmclab.model.environment import Environment, EnvironmentHistory
-from ipmclab.model.environment.in_run import AnyEnvironment, findings_in, with_environment
+from ipmclab.model.environment.in_run import AnyEnvironment, Surroundings, surroundings
 from ipmclab.model.given import need_actuator
 from ipmclab.model.outputs import modal_coefficients, simulate_outputs
 from ipmclab.model.ports import OUTPUTS
@@ -163,10 +163,9 @@ def _in_environment(actuator: Actuator, asked: _Asked, environment: AnyEnvironme
     else:
         there = actuator.at(given.at(float(asked.time[0])) if isinstance(given, EnvironmentHistory) else given)
         values = simulate_outputs(there, asked.time, asked.voltage, asked.hold, **known)
-    run = _as_run(there, asked.time, asked.voltage, values, asked.hold, signal, from_rest=asked.initial_state is None)
-    run = with_environment(run, given, actuator.parameter_values, water)
-    laws = bool(actuator.structure.environment or actuator.environment_laws)
-    run = _saying(run, *findings_in(run, given, laws, water))
+    around = surroundings(actuator, given, float(asked.time[0]), float(asked.time[-1]), water)
+    rest = asked.initial_state is None
+    run = _as_run(there, asked.time, asked.voltage, values, asked.hold, signal, from_rest=rest, around=around)
     return run if asked.external_force is None else _pushed(run)
 
 
@@ -274,6 +273,7 @@ def _as_run(
     signal: Signal | str | None,
     *,
     from_rest: bool,
+    around: Surroundings | None = None,
 ) -> Run:
     from ipmclab.version import __version__
 
@@ -297,6 +297,7 @@ def _as_run(
         displacement=displacement,
         force=force,
         hold=hold,
+        **(around.readings if around else {}),
         metadata=RunMetadata(
             origin="simulated",
             sample=actuator.sample,
@@ -304,9 +305,10 @@ def _as_run(
             starts_from_rest=from_rest,
             software_version=__version__,
             parameters=actuator.parameter_values,
+            **(around.about if around else {}),
         ),
     )
-    found = validity(actuator, run, signal)
+    found = (*validity(actuator, run, signal), *(around.findings if around else ()))
     return replace(run, metadata=replace(run.metadata, findings=found)) if found else run
 
 

@@ -18,7 +18,7 @@ IndexArray = npt.NDArray[np.int64]
 
 
 class Knots(NamedTuple):
-    """The system at some states, of which its numbers everywhere are weighted sums.
+    """The system at some stations of the way, between two of which its numbers go in straight lines.
 
     Each as in ``dense_laws_loop``, with one axis more in front: ``step`` (n_knots, n_kinds, n, 2 n_inputs + n +
     n_laws), ``law_end`` (n_knots, n_kinds, n, n_laws), ``drop`` (n_knots, n_kinds + 1, n_laws, n_laws), ``outputs``
@@ -33,23 +33,29 @@ class Knots(NamedTuple):
 
 
 class Way(NamedTuple):
-    """The piece that each interval is in, shape (n_intervals,), and the weights of the knots in each piece, shape
-    (n_pieces, n_knots).
+    """Where each interval is.
+
+    Parameters
+    ----------
+    piece : int array, shape (n_intervals,)
+        The piece that it is in.
+    knot : int array, shape (n_pieces,)
+        The station at which, or after which, each piece is.
+    share : float array, shape (n_pieces,)
+        How far it is on the way to the next one: 0 to below 1.
     """
 
     piece: IndexArray
-    weights: FloatArray
+    knot: IndexArray
+    share: FloatArray
 
 
 @kernel
-def _blend(knots: FloatArray, weights: FloatArray, result: FloatArray) -> None:
+def _blend(knots: FloatArray, knot: int, share: float, result: FloatArray) -> None:
+    after = knot if share == 0.0 else knot + 1
     for i in range(result.shape[0]):
         for j in range(result.shape[1]):
-            result[i, j] = 0.0
-    for k in range(weights.shape[0]):
-        for i in range(result.shape[0]):
-            for j in range(result.shape[1]):
-                result[i, j] += weights[k] * knots[k, i, j]
+            result[i, j] = (1.0 - share) * knots[knot, i, j] + share * knots[after, i, j]
 
 
 @kernel
@@ -85,15 +91,15 @@ def drifting(
         here = min(i, interval.shape[0] - 1)
         if way.piece[here] != piece or interval[here] != kind:
             kind = interval[here]
-            weights = way.weights[way.piece[here]]
-            _blend(knots.step[:, kind], weights, step[0])
-            _blend(knots.law_end[:, kind], weights, law_end)
-            _blend(knots.drop[:, kind], weights, drop)
+            knot, share = way.knot[way.piece[here]], way.share[way.piece[here]]
+            _blend(knots.step[:, kind], knot, share, step[0])
+            _blend(knots.law_end[:, kind], knot, share, law_end)
+            _blend(knots.drop[:, kind], knot, share, drop)
             if way.piece[here] != piece:
                 piece = way.piece[here]
-                _blend(knots.outputs, weights, read)
-                _blend(knots.ports, weights, ports)
-                _blend(knots.drop[:, last], weights, within)
+                _blend(knots.outputs, knot, share, read)
+                _blend(knots.ports, knot, share, ports)
+                _blend(knots.drop[:, last], knot, share, within)
         k = row[i]
         if k >= 0:
             if m > 0 and not was_seen(reading, k, now):
