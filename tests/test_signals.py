@@ -124,6 +124,23 @@ def test_multisine_has_equal_lines_where_it_says_and_its_stated_peak(harmonics: 
     assert np.allclose(signal.voltage(ROWS + 20.0), signal.voltage(ROWS), rtol=0, atol=1e-9)
 
 
+def test_multisine_with_random_phases_leaves_out_one_harmonic_of_each_group() -> None:
+    """Which ones and which phases hang on the seed alone; the peak stays as stated."""
+    signal = signals.Multisine(1.0, 0.05, 5.0, harmonics="odd", phases="random", left_out=4, seed=1)
+    period = signal.voltage(np.arange(40_000) / 2000.0)
+    lines = np.abs(np.fft.rfft(period)) * 2.0 / len(period)
+    there = np.flatnonzero(lines > 0.5 * lines.max())
+    assert np.array_equal(there, signal.numbers)
+    missing = np.setdiff1d(np.arange(1, 100, 2), there)
+    assert [number // 8 for number in missing] == list(range(12))  # 50 odd ones: 12 groups, and two left over
+    assert np.abs(period).max() == pytest.approx(1.0, abs=1e-3)
+    assert signal == signals.parse(str(signal))
+    other = signals.Multisine(1.0, 0.05, 5.0, harmonics="odd", phases="random", left_out=4, seed=2)
+    assert not np.array_equal(other.numbers, signal.numbers)
+    with pytest.raises(InputError, match="one of each 1 harmonic is left out"):
+        signals.Multisine(1.0, 0.05, 5.0, left_out=1)
+
+
 def test_multisine_of_one_harmonic_is_a_sine() -> None:
     one = signals.Multisine(1.0, 0.1, 0.1).voltage(ROWS)
     assert np.allclose(one, signals.Sine(1.0, 0.1).voltage(ROWS), rtol=0, atol=1e-12)

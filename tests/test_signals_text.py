@@ -28,7 +28,11 @@ def multisines(draw: st.DrawFn) -> signals.Multisine:
     lowest = draw(st.floats(1e-3, 1.0))
     highest = lowest * draw(st.floats(1.0, 100.0))
     harmonics = draw(st.sampled_from(["all", "odd"]))
-    return signals.Multisine(draw(volts), lowest, highest, harmonics, draw(volts), draw(delays))
+    kind = draw(st.sampled_from(["schroeder", "random"]))
+    gaps = draw(st.sampled_from([0, 2, 4]))
+    return signals.Multisine(
+        draw(volts), lowest, highest, harmonics, draw(volts), draw(delays), kind, draw(seeds), gaps
+    )
 
 
 @st.composite

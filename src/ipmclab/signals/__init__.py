@@ -16,7 +16,8 @@ text                               meaning
                                    ``sweep_time`` (default 40 s), then stays
 ``multisine 1 V 0.05 Hz 5 Hz``     every multiple of the lowest frequency up to the highest,
                                    equal amplitudes, Schroeder phases, 1 V peak;
-                                   ``harmonics=odd`` leaves the even ones out
+                                   ``harmonics=odd`` leaves the even ones out, ``left_out=4``
+                                   one of each four, by ``seed``; ``phases=random``
 ``prbs 1 V 0.5 s``                 maximum length binary sequence, one bit each 0.5 s
                                    (default 0.1 s); ``order`` (default 10: it repeats after
                                    2^10 - 1 bits), ``seed``

@@ -20,8 +20,8 @@ FloatArray = npt.NDArray[np.float64]
 class Multisine(Signal):
     """Equal sines at multiples of the lowest frequency, with a low peak for their power.
 
-    Phases are Schroeder's, ``-pi n (n - 1) / N`` for the n-th of N sines; the sum repeats with the
-    period of the lowest frequency and is scaled to the stated peak.
+    Phases are Schroeder's, ``-pi n (n - 1) / N`` for the n-th of N sines, or random; the sum repeats with
+    the period of the lowest frequency and is scaled to the stated peak.
 
     Parameters
     ----------
@@ -35,11 +35,21 @@ class Multisine(Signal):
         With odd ones, a response at an even multiple shows a nonlinearity.
     offset : float [V]
     delay : float [s]
+    phases : "schroeder" or "random"
+        Random ones spread what is nonlinear evenly over the frequencies, so that a best linear approximation has a
+        meaning: see ``comparison.frequency_response``.
+    seed : int
+        Of random phases, and of the harmonics that are left out.
+    left_out : int
+        Of each so many harmonics in a row one, chosen at random, is not there: at an odd multiple that is not driven,
+        a response shows an odd nonlinearity. 0 leaves none out.
 
     Examples
     --------
     >>> print(Multisine(amplitude=1.0, lowest_frequency=0.05, highest_frequency=5.0, harmonics="odd"))
     multisine 1 V 0.05 Hz 5 Hz harmonics=odd
+    >>> Multisine(1.0, 1.0, 15.0, harmonics="odd", phases="random", left_out=4).numbers.tolist()
+    [1, 3, 5, 9, 11, 13]
     """
 
     word: ClassVar[str] = "multisine"
@@ -49,9 +59,19 @@ class Multisine(Signal):
     harmonics: str = "all"
     offset: float = 0.0
     delay: float = 0.0
+    phases: str = "schroeder"
+    seed: int = 0
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.left_out == 1:
+            raise InputError(
+                "one of each 1 harmonic is left out, which leaves none",
+                code="out-of-range",
+                where="left_out",
+                repair="give 0, or 2 and more",
+            )
         count = self.highest_frequency / self.lowest_frequency
         if not 1.0 - 1e-9 <= count <= 10_000:
             raise InputError(
@@ -67,14 +87,29 @@ class Multisine(Signal):
         return self.highest_frequency
 
     @cached_property
+    def numbers(self) -> npt.NDArray[np.int64]:
+        """The harmonics that are there, as multiples of the lowest frequency."""
+        highest = math.floor(self.highest_frequency / self.lowest_frequency + 1e-9)
+        every = np.arange(1, highest + 1, 1 if self.harmonics == "all" else 2)
+        if not self.left_out:
+            return every
+        starts = np.arange(0, len(every) - self.left_out + 1, self.left_out)
+        chosen = np.random.Generator(np.random.Philox(key=[self.seed, 1])).random(len(starts))
+        return np.delete(every, starts + np.floor(self.left_out * chosen).astype(np.int64))
+
+    @cached_property
     def _coefficients(self) -> npt.NDArray[np.complex128]:
         """Complex amplitude of each harmonic from 0 on; the signal is the real part of their sum."""
+        numbers = self.numbers
         highest = math.floor(self.highest_frequency / self.lowest_frequency + 1e-9)
-        numbers = np.arange(1, highest + 1, 1 if self.harmonics == "all" else 2)
         n = np.arange(1, len(numbers) + 1)
         coefficients = np.zeros(highest + 1, dtype=np.complex128)
+        if self.phases == "schroeder":
+            phases = -np.pi * n * (n - 1) / len(numbers)
+        else:
+            phases = math.tau * np.random.Generator(np.random.Philox(key=[self.seed, 0])).random(len(numbers))
         # -1j: a single harmonic is a sine.
-        coefficients[numbers] = -1j * np.exp(-1j * np.pi * n * (n - 1) / len(numbers))
+        coefficients[numbers] = -1j * np.exp(1j * phases)
         return coefficients * (self.amplitude / _peak(coefficients))
 
     def _shape(self, time: FloatArray) -> FloatArray:

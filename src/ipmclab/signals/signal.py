@@ -38,10 +38,11 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "order": NUMBER,
     "seed": NUMBER,
     "gain": NUMBER,
+    "left_out": NUMBER,
 }
 """The quantity of each number in a signal."""
 
-CHOICES: Final = {"harmonics": ("all", "odd")}
+CHOICES: Final = {"harmonics": ("all", "odd"), "phases": ("schroeder", "random")}
 """The parameters that are a word."""
 
 _LEAST: Final = 1e-9
@@ -49,7 +50,7 @@ _MOST: Final = 1e9
 """Frequencies [Hz] and times [s] whose edges and periods can be told apart: only a slip falls outside."""
 
 _FROM_ZERO: Final = ("delay", "time")
-_INTEGERS: Final = {"order": (2, 16), "seed": (0, 2**32 - 1)}
+_INTEGERS: Final = {"order": (2, 16), "seed": (0, 2**32 - 1), "left_out": (0, 100)}
 
 
 def check_value(name: str, value: Any, *, where: str) -> float | int | str:
