@@ -23,6 +23,7 @@ from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
 ComplexArray = npt.NDArray[np.complex128]
+IntArray = npt.NDArray[np.signedinteger]
 
 _DRIVEN: Final = 0.02
 """A line with this share of the largest amplitude of the voltage is driven; the smallest of a multisine have more."""
@@ -216,7 +217,7 @@ def _transient(blocks: FloatArray, most: int) -> int:
 
 
 def _approximation(
-    channel: str, u: ComplexArray, y: ComplexArray, driven: npt.NDArray[np.intp], period: float, skipped: int
+    channel: str, u: ComplexArray, y: ComplexArray, driven: IntArray, period: float, skipped: int
 ) -> FrequencyResponse:
     count = len(y)
     u_mean, y_mean = u.mean(axis=0), y.mean(axis=0)
@@ -261,7 +262,7 @@ def _smooth(variance: FloatArray, neighbours: int) -> FloatArray:
     return np.convolve(variance, kernel, "same") / np.convolve(np.ones_like(variance), kernel, "same")
 
 
-def _distortion_at(driven: FloatArray, odd: FloatArray, variance: FloatArray) -> FloatArray:
+def _distortion_at(driven: IntArray, odd: IntArray, variance: FloatArray) -> FloatArray:
     """The variance of odd distortion at the driven lines, which the lines that were left out show."""
     if len(odd) < _FEWEST_LINES:
         return np.zeros(len(driven))
