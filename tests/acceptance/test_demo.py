@@ -91,7 +91,7 @@ def test_each_number_of_the_table(demo: dict) -> None:
 
 
 def test_the_finding_says_what_agrees_and_what_does_not(demo: dict) -> None:
-    agrees, differs, why = demo["finding"]
+    agrees, differs, why, other_set = demo["finding"]
     assert all(
         row["agrees"]
         == (row["quantity"] not in ("step steady current", "step final force", "square half period end current"))
@@ -106,6 +106,9 @@ def test_the_finding_says_what_agrees_and_what_does_not(demo: dict) -> None:
     assert "back relaxation" in differs
     for number in ("204.8 mA", "67.01 mA", "62.5 mA", "177 MPa", "1450 MPa", "0.19 mm", "0.245 mm"):
         assert number in why
+    for number in ("8.6 times", "4.17 mm", "0.497 mm", "3.7 mm", "3.1 mm", "1.43 mm", "0.41 mm", "99 MPa", "0.82 mN"):
+        assert number in other_set
+    assert "suggests, and does not prove" in other_set
 
 
 def test_the_fit_found_the_strip_on_the_bench(demo: dict) -> None:

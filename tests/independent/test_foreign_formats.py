@@ -50,6 +50,22 @@ def test_the_thesis_binary_with_its_load_cell(record: dict[str, np.ndarray], tmp
     np.testing.assert_allclose(run.force, record["force"], atol=1e-12)
 
 
+@pytest.mark.parametrize("step", [1e-4, 6.25e-6])
+def test_a_peak_at_a_full_scale_is_found_with_the_map_of_the_thesis(step: float, tmp_path: Path) -> None:
+    """204.8 mA (figure 5.15) are 2^11 steps of 0.1 mA, and 2^15 of 6.25 uA (NI 9205, range 0.2 V, 1 ohm)."""
+    strip = ipmclab.load_actuator("friend-2-measured-displacement")
+    run = ipmclab.simulate(strip, "step 1.2 V delay=2 s", duration=12.0, rate=50.0)
+    assert run.current.max() > 0.21
+    noise = 3.0 * step * np.random.default_rng(20261121).standard_normal(len(run))
+    read = np.minimum(np.rint((run.current + noise) / step) * step, 0.2048)
+    laser = 2.0 + 8.0 * (12.3e-3 + run.displacement) / 25e-3
+    np.stack([run.time, read, laser, run.voltage], axis=1).astype("<f8").tofile(tmp_path / "exp1.bin")
+    found = ipmclab.check(ipmclab.import_run(tmp_path / "exp1.bin", MAPS / "friend_displacement.toml"))
+    (limit,) = (one for one in found if one.code in ("possible-range-limit", "clipped"))
+    assert limit.channel == "current"
+    assert limit.values.get("reading", limit.values.get("level")) == pytest.approx(0.2048)
+
+
 def test_a_binary_cut_in_a_row_is_refused(record: dict[str, np.ndarray], tmp_path: Path) -> None:
     rows = np.stack([record["time"], record["current"], record["current"], record["voltage"]], axis=1)
     path = tmp_path / "exp1.bin"

@@ -95,7 +95,7 @@ def test_a_clamped_length_of_nothing_changes_nothing() -> None:
 
 
 def test_the_peak_may_exceed_what_the_electrodes_let_through() -> None:
-    """The thesis measured 204.8 mA at 1 V where V/2R_e is 62.5 mA (Friend, section 5.2)."""
+    """The thesis measured 204.8 mA at 1 V where V/2R_e is 62.5 mA (Friend, section 5.1.2)."""
     at_most = 1.0 / (2.0 * FRIEND_2.electrode_resistance)
     lumped, direct = (
         simulate(load_actuator(name), "step 1 V", duration=1.0, rate=RATE).current

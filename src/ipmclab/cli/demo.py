@@ -32,7 +32,7 @@ FOLDER: Final = "ipmclab-demo"
 REPORT: Final = "report.html"
 SEED: Final = 20261121
 FOR_THE_FIT: Final = ("force-step.nc", "force-sine.nc")
-"""The thesis identified from these two (section 4.5)."""
+"""The thesis identified d from the force of these two (section 4.5)."""
 
 PICTURED: Final = "force-square.nc"
 """The prediction that stands in the picture beside the two runs of the fit."""
@@ -97,7 +97,8 @@ def demo(
     for name, found in findings.items():
         say(f"   {name}: {', '.join(one.code for one in found) or 'nothing found'}")
 
-    say("\n3. Identifying as the thesis did: electrical from the current, then coupling from the force")
+    say("\n3. Identifying in the thesis's order: electrical from the current, then coupling from the force")
+    say("   (the thesis measured R_dc first, from the steady current; here it is free)")
     with progress("identifying the electrical parameters"):
         electrical = identify_actuator(strip, used, free="electrical")
     if not as_json:

@@ -22,8 +22,8 @@ ActuatorName = Annotated[
     str,
     typer.Argument(
         metavar="ACTUATOR",
-        help="A strip of the library (friend-2; friend-1-measured to friend-7-measured) or a TOML file, with further "
-        "stages after a + (friend-2+leak.exponential+relaxation.displacement=2).",
+        help="A strip of the library (friend-2, friend-2-appendix; friend-1-measured to friend-7-measured) or a TOML "
+        "file, with further stages after a + (friend-2+leak.exponential+relaxation.displacement=2).",
         show_default=False,
     ),
 ]

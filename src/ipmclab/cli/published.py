@@ -22,7 +22,9 @@ from ipmclab.units import CHANNELS, Quantity
 SIGNALS: Final = {"step": "step 1 V", "sine": "sine 1 V 0.1 Hz", "square": "square 1 V 0.1 Hz"}
 
 BACK_RELAXATION_FROM: Final = 5.0
-"""The measured force of the step falls from here on [s] (Friend, figure 5.68 and its text)."""
+"""Up to here model and step agree [s]: said of the displacement (Friend, section 5.2 and figure 5.68).
+
+Of the force the thesis says "after a few seconds"; it is read up to the same time."""
 
 AGREES: Final = 0.20
 """A model within this fraction of the thesis's number reproduces it."""
@@ -128,7 +130,7 @@ def compare_with_thesis(actuator: Actuator) -> tuple[Comparison, ...]:
         )
         compared.append(comparison)
         if (row.waveform, row.metric) == ("step", "max_force"):
-            # The measured force is largest at 5 s and falls from there: at the end it is below its largest value.
+            # The measured force falls after a few seconds: at the end it is below its largest value.
             compared.append(
                 replace(
                     comparison,

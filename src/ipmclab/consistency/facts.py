@@ -206,7 +206,7 @@ def published_of(actuator: str) -> tuple[Fact, ...]:
     (14, ())
     """
     name = actuator.partition("+")[0].strip()
-    sample = re.fullmatch(r"friend-([1-7])(-measured.*)?", name)
+    sample = re.fullmatch(r"friend-([1-7])(-measured.*|-appendix)?", name)
     if sample is None:
         return ()
     facts = published_facts(int(sample.group(1)))

@@ -3,7 +3,8 @@
 ``published_measurements.csv`` and ``published_samples.csv`` hold what chapter 5 of
 P. J. Friend's thesis, "Modelling and experimental characterization of an ionic polymer
 metal composite actuator", states in words about its seven samples: peak currents,
-steady currents, largest displacements and forces, masses and platings.
+steady currents, largest displacements and forces, masses and platings. Of a figure whose numbers are in
+no sentence it holds what is said of it (``published_in_words``): the curves themselves are not at hand.
 
 ``measured_parameters.csv`` and ``measured_contacts.csv`` say where the parameters of the library's
 ``friend-1-measured`` and its neighbours come from; ``python -m benchmarks.published --write`` makes them.
@@ -84,8 +85,7 @@ def published_measurements(sample: int, *, conditions: str = "room") -> tuple[Pu
     """
     rows = []
     for row in _table("published_measurements.csv"):
-        environment = (row["temperature_C"], row["relative_humidity_pct"])
-        where = "room" if environment == ("room", "room") else f"{environment[0]} degC, {environment[1]} %RH"
+        where = _conditions(row)
         qualifier = row["qualifier"]
         if row["sample"] != str(sample) or where != conditions or qualifier not in ("stated", "lower_bound"):
             continue
@@ -104,6 +104,85 @@ def published_measurements(sample: int, *, conditions: str = "room") -> tuple[Pu
             )
         )
     return tuple(rows)
+
+
+@dataclass(frozen=True)
+class PublishedInWords:
+    """A figure of chapter 5 of which the text gives no exact number.
+
+    Parameters
+    ----------
+    figure : str
+        Empty where the text speaks of a run that no figure shows.
+    samples : tuple of int
+        The thesis's numbers of the samples.
+    measured : str
+        ``"displacement"`` or ``"force"``.
+    signal : str
+        Such as ``"sine 1 V 0.1 Hz"``; ``"no voltage"``; empty where the text does not say it.
+    conditions : str
+        ``"room"``, temperature and relative humidity; empty where the text does not say them.
+    metric : str
+    number : str, optional
+        With its unit, where the text has about one.
+    qualifier : str
+        ``"figure_only"``, ``"approximate"`` or ``"below_noise"``.
+    words : str
+        What the text says of it.
+    """
+
+    figure: str
+    samples: tuple[int, ...]
+    measured: str
+    signal: str
+    conditions: str
+    metric: str
+    number: str | None
+    qualifier: str
+    words: str
+
+
+def published_in_words(metric: str | None = None) -> tuple[PublishedInWords, ...]:
+    """What chapter 5 shows in a figure, or says in words, without an exact number.
+
+    Parameters
+    ----------
+    metric : str, optional
+        Only these, for example ``"baseline_drift"``.
+
+    Examples
+    --------
+    >>> [(row.samples, row.conditions, row.number) for row in published_in_words("baseline_drift") if row.number]
+    [((5,), 'room', '2 mm')]
+    """
+    return tuple(
+        PublishedInWords(
+            figure=row["figure"],
+            samples=tuple(int(number) for number in row["sample"].split(";")),
+            measured=row["measured"],
+            signal=_signal(row),
+            conditions=_conditions(row),
+            metric=row["metric"],
+            number=f"{row['value']} {row['unit']}" if row["value"] else None,
+            qualifier=row["qualifier"],
+            words=row["note"],
+        )
+        for row in _table("published_measurements.csv")
+        if row["qualifier"] not in ("stated", "lower_bound") and metric in (None, row["metric"])
+    )
+
+
+def _signal(row: dict[str, str]) -> str:
+    if row["waveform"] in ("", "none"):
+        return "no voltage" if row["waveform"] else ""
+    return f"{row['waveform']} {row['amplitude_V']} V" + (f" {row['frequency_Hz']} Hz" if row["frequency_Hz"] else "")
+
+
+def _conditions(row: dict[str, str]) -> str:
+    temperature, humidity = row["temperature_C"], row["relative_humidity_pct"]
+    if temperature in ("", "room"):
+        return temperature
+    return f"{temperature} degC, {humidity} %RH"
 
 
 def published_sample(number: int) -> Sample:

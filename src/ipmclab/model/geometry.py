@@ -88,5 +88,9 @@ def electrodes(values: Values, length: complex) -> complex:
 
 
 def squares(values: Values) -> complex:
-    """(L_f + L_c) / w: the number of squares of one electrode (Friend, eq. 4.1)."""
+    """(L_f + L_c) / w: the number of squares of one electrode (Friend, eq. 4.1).
+
+    The thesis draws its L_t and gives no number. The ``Lt`` of its appendix A.1 is the free length alone, for which
+    R_e = 8 ohm would mean 1.6 and not 1.33 ohm a square. Nothing but R_e enters a simulation.
+    """
     return (values["geometry.free_length"] + values["geometry.clamped_length"]) / values["geometry.width"]

@@ -48,6 +48,9 @@ _ELECTROLYSIS: Final = 1.23  # V
 def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain]) -> Step:
     """R_dc = V/I - 2 R_e - R_contact, and rho_dc = R_dc (L_f + L_c) w/h (Friend, eq. 4.2).
 
+    R_dc stands behind both electrodes (Friend, figure 4.3), so that what they take is subtracted. Table 4.1 does not:
+    its 70.92 ohm are 1 V over 14.1 mA.
+
     The steady current is the limit of an exponential through the last half of the stretch of constant voltage, not the
     last reading.
 
@@ -58,7 +61,10 @@ def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain
     known : mapping of dotted name to Uncertain
         Dimensions, sheet and contact resistance.
     """
-    how = "R_dc = V/I - 2 R_e - R_contact at the current towards which a constant voltage settles (Friend, eq. 4.2)"
+    how = (
+        "R_dc = V/I - 2 R_e - R_contact at the current towards which a constant voltage settles; ρ_dc of it by Friend, "
+        "eq. 4.2 (the V/I of Friend's Table 4.1 subtracts nothing)"
+    )
     found = [_of_run(label, run, known) for label, run in runs]
     findings = tuple(finding for _, some in found for finding in some)
     good = [one for one, _ in found if one is not None]

@@ -338,7 +338,8 @@ THESIS_RIG: Final = Rig(
             # It can only be pushed.
             sensor_range=(0.0, 10 * _GRAM_FORCE),
             sensor_noise=0.1e-3,
-            rest=4.48e-3,  # appendix A.2, which counts 100 mN for 10 V
+            # What appendix A.2 subtracts, which counts 100 mN for 10 V: preload and zero of the cell together.
+            rest=4.48e-3,
             zeroed=True,
             physical="cDAQ1Mod1/ai2",
         ),
@@ -356,7 +357,7 @@ THESIS_RIG: Final = Rig(
     thermometer=Thermometer("cDAQ1Mod3/ai1"),
     four_probe=FourProbe("cDAQ1Mod3/ai0"),
 )
-"""The rig of chapter 3 of Friend's thesis, with a humidity transmitter and a thermometer in its chamber.
+"""The rig of chapter 3 of Friend's thesis; the humidity transmitter and the thermometer in its chamber are ours.
 
 The thesis does not say on which side of the shunt the voltage was read. Upstream, it is held between
 rows, so that a record says exactly what the strip and its shunt were given; at the electrodes it

@@ -19,7 +19,7 @@ _OFFSET: Final = 0.005
 """Of the range: a reading at 0 V beyond it is no offset of a converter (the NI 9205 stays within 0.1 %)."""
 
 _LEAST_PRELOAD: Final = 1e-3
-"""[N]: below it the tip leaves the load cell, whose noise is 0.1 mN, with the first reversal (thesis: 4.48 mN)."""
+"""[N]: below it the tip leaves the load cell, whose noise is 0.1 mN, with the first reversal."""
 
 _MIDDLE: Final = (0.25, 0.75)
 _NOISY: Final = 5.0
