@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ipmclab.model import Actuator as Actuator
     from ipmclab.model import load_actuator as load_actuator
     from ipmclab.model import simulate as simulate
+    from ipmclab.model import simulate_many as simulate_many
     from ipmclab.model import write_actuator as write_actuator
     from ipmclab.posterior.posterior import sample_posterior as sample_posterior
     from ipmclab.posterior.posterior import write_posterior as write_posterior
@@ -76,6 +77,7 @@ _HOMES: Final = {
     "Actuator": "ipmclab.model",
     "load_actuator": "ipmclab.model",
     "simulate": "ipmclab.model",
+    "simulate_many": "ipmclab.model",
     "write_actuator": "ipmclab.model",
     "export_actuator": "ipmclab.codegen",
     "check": "ipmclab.quality",

@@ -23,6 +23,12 @@ def detached() -> dict[str, Any]:
         return {"start_new_session": True}
 
 
+def processors() -> int:
+    """How many processors this process may use."""
+    mine: Callable[[int], set[int]] | None = getattr(os, "sched_getaffinity", None)  # of Linux
+    return os.cpu_count() or 1 if mine is None else len(mine(0))
+
+
 def python_child(module: str, *arguments: str) -> list[str]:
     """The command of a child process that runs a module of ours.
 

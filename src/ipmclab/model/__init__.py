@@ -12,6 +12,7 @@ from ipmclab.model.actuator_file import (
 )
 from ipmclab.model.curvature import curvature
 from ipmclab.model.line_error import ErrorBound, line_error_bound
+from ipmclab.model.many import Responses, simulate_many
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.ports import OUTPUTS
@@ -25,6 +26,7 @@ __all__ = [
     "Actuator",
     "ErrorBound",
     "Parameter",
+    "Responses",
     "Sensitivities",
     "Simulator",
     "actuator_from_text",
@@ -35,6 +37,7 @@ __all__ = [
     "load_actuator",
     "sensitivities",
     "simulate",
+    "simulate_many",
     "simulate_outputs",
     "with_stages",
     "write_actuator",

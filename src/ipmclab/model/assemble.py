@@ -44,6 +44,7 @@ class System:
         Names of the states, of the ports that are driven from outside, and of those that are read.
     a, b, c, d : matrix
         Shapes (n_states, n_states), (n_states, n_inputs), (n_outputs, n_states), (n_outputs, n_inputs); SI units.
+        With the blocks of many parameter sets they have that axis first.
     law_ports : LawPorts, optional
         Static laws at ports; None in a linear system.
     """
@@ -103,15 +104,19 @@ def assemble(
 
     n = sum(len(block.states) for block in blocks)
     kind = np.result_type(float, *(matrix for block in blocks for matrix in (block.a, block.b, block.c, block.d)))
-    a, b = np.zeros((n, n), kind), np.zeros((n, len(input_ports)), kind)
-    c, d = np.zeros((len(output_ports), n), kind), np.zeros((len(output_ports), len(input_ports)), kind)
+    sets = np.broadcast_shapes(
+        *(matrix.shape[:-2] for block in blocks for matrix in (block.a, block.b, block.c, block.d))
+    )
+    a, b = np.zeros((*sets, n, n), kind), np.zeros((*sets, n, len(input_ports)), kind)
+    c = np.zeros((*sets, len(output_ports), n), kind)
+    d = np.zeros((*sets, len(output_ports), len(input_ports)), kind)
     state = column = row = 0
     for block, driven_columns in zip(blocks, moving, strict=True):
         states = slice(state, state := state + len(block.states))
         columns = slice(column, column := column + len(driven_columns))
         rows = slice(row, row := row + len(block.outputs))
-        a[states, states], b[states, columns] = block.a, block.b[:, driven_columns]
-        c[rows, states], d[rows, columns] = block.c, block.d[:, driven_columns]
+        a[..., states, states], b[..., states, columns] = block.a, block.b[..., driven_columns]
+        c[..., rows, states], d[..., rows, columns] = block.c, block.d[..., driven_columns]
 
     joined = np.zeros((len(input_ports), len(output_ports)))
     driven = np.zeros((len(input_ports), len(outside)))
@@ -121,10 +126,12 @@ def assemble(
         else:
             joined[index, drivers[port]] = 1.0
     try:
-        solved = np.linalg.solve(np.eye(len(input_ports)) - joined @ d, np.hstack([joined @ c, driven]))
+        outside_driven = np.broadcast_to(driven, (*sets, *driven.shape))
+        here = np.concatenate([joined @ c, outside_driven], axis=-1)
+        solved = np.linalg.solve(np.eye(len(input_ports)) - joined @ d, here)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"the ports {input_ports} form a loop that has no solution") from error
-    from_states, from_outside = solved[:, :n], solved[:, n:]
+    from_states, from_outside = solved[..., :n], solved[..., n:]
     a, b, c, d = a + b @ from_states, b @ from_outside, c + d @ from_states, d @ from_outside
     chosen = [drivers[port] for port in outputs]
     at_laws = [drivers[law.voltage] for law in laws]
@@ -134,16 +141,16 @@ def assemble(
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         a=a,
-        b=b[:, :first_law],
-        c=c[chosen],
-        d=d[chosen, :first_law],
+        b=b[..., :first_law],
+        c=c[..., chosen, :],
+        d=d[..., chosen, :first_law],
         law_ports=LawPorts(
             laws=tuple(laws),
-            drive=b[:, first_law:],
-            reach=d[chosen, first_law:],
-            c=c[at_laws],
-            d=d[at_laws, :first_law],
-            loop=d[at_laws, first_law:],
+            drive=b[..., first_law:],
+            reach=d[..., chosen, first_law:],
+            c=c[..., at_laws, :],
+            d=d[..., at_laws, :first_law],
+            loop=d[..., at_laws, first_law:],
         )
         if laws
         else None,

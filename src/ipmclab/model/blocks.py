@@ -77,17 +77,27 @@ def block(
     c: Sequence[Sequence[complex]],
     d: Sequence[Sequence[complex]],
 ) -> Block:
-    """A block from nested lists; its matrices are float, or complex where an entry is."""
+    """A block from nested lists; its matrices are float, or complex where an entry is.
+
+    Entries may be arrays with one value for each of many parameter sets: the matrices then have that axis first.
+    """
     n, m, p = len(states), len(inputs), len(outputs)
     return Block(
         tuple(states),
         tuple(inputs),
         tuple(outputs),
-        np.array(a).reshape(n, n),
-        np.array(b).reshape(n, m),
-        np.array(c).reshape(p, n),
-        np.array(d).reshape(p, m),
+        _matrix(a, n, n),
+        _matrix(b, n, m),
+        _matrix(c, p, n),
+        _matrix(d, p, m),
     )
+
+
+def _matrix(rows: Sequence[Sequence[Any]], height: int, width: int) -> Matrix:
+    entries = [entry for row in rows for entry in row]
+    if any(isinstance(entry, np.ndarray) for entry in entries):
+        return np.stack(np.broadcast_arrays(*entries), axis=-1).reshape(-1, height, width)
+    return np.array(entries).reshape(height, width)
 
 
 def standing_in(blocks: Sequence[Block]) -> tuple[Block, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ import numpy.typing as npt
 from ipmclab.errors import InputError, suggest
 from ipmclab.run import check_time
 from ipmclab.units import FREQUENCY, TIME, parse_quantity
+
+if TYPE_CHECKING:
+    from ipmclab.signals import Signal
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -186,3 +189,28 @@ def count_rows(duration: Any, rate: Any, *, most: int = MOST_ROWS) -> tuple[int,
             repair="change the duration or the rate",
         )
     return round(wanted), hertz
+
+
+def voltage_of(signal: Any, time: FloatArray, duration: Any, rate: float) -> tuple[FloatArray, Signal | None]:
+    """The voltage at the rows of a record, and the signal that it is of, where it is of one.
+
+    Parameters
+    ----------
+    signal : Signal, str, or float array of shape (n_time,) [V]
+    time : float array, shape (n_time,) [s]
+    duration : float [s], or its text
+    rate : float [Hz]
+
+    Raises
+    ------
+    InputError
+        What cannot be a voltage at these rows, a signal longer than the record.
+    """
+    if isinstance(signal, str):
+        from ipmclab.signals import parse
+
+        signal = parse(signal)
+    if not hasattr(signal, "voltage"):
+        return checked_voltage(signal, len(time)), None
+    signal.check_fits(above_zero("duration", duration, "s"), rate)
+    return checked_voltage(signal.voltage(time), len(time)), signal

@@ -19,7 +19,7 @@ from ipmclab.model.environment.in_run import AnyEnvironment, Surroundings, surro
 from ipmclab.model.given import need_actuator
 from ipmclab.model.outputs import modal_coefficients, simulate_outputs
 from ipmclab.model.ports import OUTPUTS
-from ipmclab.model.request import above_zero, check_hold, checked_voltage, count_rows
+from ipmclab.model.request import check_hold, count_rows, voltage_of
 from ipmclab.model.stages.circuit import CONTACT
 from ipmclab.model.stages.laser import blank_lost, read_far
 from ipmclab.model.validity import validity
@@ -99,7 +99,7 @@ def simulate(
     check_hold(hold)
     rows, frequency = count_rows(duration, rate)
     time = np.arange(rows) / frequency
-    volts, given = _voltage(signal, time, duration, frequency)
+    volts, given = voltage_of(signal, time, duration, frequency)
     if environment is not None:
         asked = _Asked(time, volts, hold, given, initial_state, external_force)
         return _in_environment(actuator, asked, environment)
@@ -310,14 +310,3 @@ def _as_run(
     )
     found = (*validity(actuator, run, signal), *(around.findings if around else ()))
     return replace(run, metadata=replace(run.metadata, findings=found)) if found else run
-
-
-def _voltage(signal: Any, time: FloatArray, duration: Any, rate: float) -> tuple[FloatArray, Signal | None]:
-    if isinstance(signal, str):
-        from ipmclab.signals import parse
-
-        signal = parse(signal)
-    if not hasattr(signal, "voltage"):
-        return checked_voltage(signal, len(time)), None
-    signal.check_fits(above_zero("duration", duration, "s"), rate)
-    return checked_voltage(signal.voltage(time), len(time)), signal

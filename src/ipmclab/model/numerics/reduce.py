@@ -44,17 +44,17 @@ def seen_states(systems: Sequence[System], outputs: Sequence[int]) -> npt.NDArra
 
 
 def reduced(system: System, outputs: Sequence[int], states: npt.NDArray[np.int64]) -> System:
-    """The system with some outputs, and with states that are all they see (``seen_states``)."""
+    """The system, or many, with some outputs, and with states that are all they see (``seen_states``)."""
     rows = np.array(outputs, dtype=np.int64)
     ports = system.law_ports
     return System(
         states=tuple(system.states[i] for i in states),
         inputs=system.inputs,
         outputs=tuple(system.outputs[i] for i in rows),
-        a=system.a[np.ix_(states, states)],
-        b=system.b[states],
-        c=system.c[np.ix_(rows, states)],
-        d=system.d[rows],
+        a=system.a[..., states[:, None], states],
+        b=system.b[..., states, :],
+        c=system.c[..., rows[:, None], states],
+        d=system.d[..., rows, :],
         law_ports=None
         if ports is None
         else replace(ports, drive=ports.drive[states], reach=ports.reach[rows], c=ports.c[:, states]),

@@ -1,0 +1,333 @@
+"""Many simulations of one actuator: other parameters, other voltages, or both."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, suggest
+from ipmclab.model.actuator import Actuator
+from ipmclab.model.assemble import System
+from ipmclab.model.batch import Batch, Record, Signals
+from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.ports import choose_outputs
+from ipmclab.model.reductions import Reduced
+from ipmclab.model.stages.laser import blank_lost
+from ipmclab.platform import processors
+from ipmclab.run import Hold
+
+if TYPE_CHECKING:
+    from ipmclab.model.numerics.lanes import Lanes
+
+FloatArray = npt.NDArray[np.float64]
+Outputs = Mapping[str, FloatArray]
+Reduce = Callable[[Outputs], Mapping[str, npt.ArrayLike]]
+_Made = TypeVar("_Made")
+
+MOST_KEPT: Final = 100_000_000
+"""Values that are kept where nothing reduces them: 800 MB."""
+
+_BLOCK: Final = 512
+"""Sets that are worked on at once: what is set up for all of them together costs each one little."""
+
+_BLOCK_VALUES: Final = 4_000_000
+"""Values of a block that a function is given: 32 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """What an actuator answers with many parameter sets, or to many voltages.
+
+    Parameters
+    ----------
+    time : float array, shape (n_time,) [s]
+    voltage : float array, shape (1 or n_sets, n_time) [V]
+    outputs : mapping of output to float array, shape (n_sets, n_time) [SI]
+    """
+
+    time: FloatArray
+    voltage: FloatArray
+    outputs: Outputs
+
+    def __len__(self) -> int:
+        return len(next(iter(self.outputs.values())))
+
+    def __getitem__(self, output: str) -> FloatArray:
+        """One output of all sets."""
+        try:
+            return self.outputs[output]
+        except KeyError:
+            raise InputError(
+                f"no output {output!r}", code="unknown-output", where="outputs", repair=suggest(output, self.outputs)
+            ) from None
+
+
+@overload
+def simulate_many(
+    actuator: Actuator,
+    signals: Signals,
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    *,
+    duration: float | str,
+    rate: float | str,
+    hold: Hold = "zero",
+    outputs: Sequence[str] | None = None,
+    reduce: None = None,
+) -> Responses: ...
+
+
+@overload
+def simulate_many(
+    actuator: Actuator,
+    signals: Signals,
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    *,
+    duration: float | str,
+    rate: float | str,
+    hold: Hold = "zero",
+    outputs: Sequence[str] | None = None,
+    reduce: str | Sequence[str] | Reduce,
+) -> dict[str, FloatArray]: ...
+
+
+def simulate_many(
+    actuator: Actuator,
+    signals: Signals,
+    parameters: Mapping[str, npt.ArrayLike] | None = None,
+    *,
+    duration: float | str,
+    rate: float | str,
+    hold: Hold = "zero",
+    outputs: Sequence[str] | None = None,
+    reduce: str | Sequence[str] | Reduce | None = None,
+) -> Responses | dict[str, FloatArray]:
+    """Simulate one actuator with many parameter sets, under one voltage or one for each set, from rest.
+
+    The numbers are those of ``simulate`` for each set, to 1e-12 of the largest. Linear actuators go side by side
+    through one compiled loop, others one by one; both on all processors.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    signals : Signal, its text, or float array of shape (n_time,) [V]; or one for each set
+        A list of signals or texts, or an array of shape (n_sets, n_time), has one for each parameter set.
+    parameters : mapping of dotted name to float array, shape (n_sets,) [SI], optional
+        A single number holds for every set. Left out where only the voltages differ.
+    duration : float [s], or a text such as "40 s"
+    rate : float [Hz]
+    hold : "zero", "zero-before" or "first"
+    outputs : sequence of str, optional
+        Some of ``OUTPUTS``; all where it is left out.
+    reduce : str, sequence of str, or function, optional
+        Names of metrics, such as ``displacement.peak`` or ``current.mean`` (``reductions.REDUCTIONS`` has them all),
+        which are gathered along the way: no trajectory is kept. Or a function that is given the outputs of a block of
+        sets by name, each of shape (n_block, n_time), and returns arrays with n_block rows by name.
+
+    Returns
+    -------
+    responses : Responses
+        Or, reduced, a dict of arrays by name, with one row for each set.
+
+    Raises
+    ------
+    InputError
+        What ``simulate`` refuses, with the place of the set; unequal lengths; more values than a memory holds.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator, simulate_many
+    >>> strip = load_actuator("friend-2")
+    >>> found = simulate_many(strip, "step 1 V", {"circuit.dc_resistivity": [30.0, 43.0, 60.0]},
+    ...                       duration="40 s", rate="50 Hz", reduce=["current.final", "displacement.peak"])
+    >>> (1e3 * found["current.final"]).round(2).tolist()
+    [16.29, 12.69, 10.02]
+    """
+    record = Record.of(duration, rate, hold)
+    if reduce is None or callable(reduce):
+        batch = Batch.of(actuator, signals, parameters, record, outputs)
+        return _kept(batch) if reduce is None else _by_function(batch, reduce)
+    named = Reduced.of([reduce] if isinstance(reduce, str) else reduce)
+    if outputs is not None:
+        raise InputError(
+            "metrics name the outputs that they need",
+            code="needless-argument",
+            where="outputs",
+            repair="leave outputs out, or reduce by a function",
+        )
+    return reduce_batch(Batch.of(actuator, signals, parameters, record, named.outputs), named)
+
+
+def reduce_batch(batch: Batch, reduction: Reduced) -> dict[str, FloatArray]:
+    """The metrics of a batch by name, one value for each set.
+
+    Parameters
+    ----------
+    batch : Batch
+        With the outputs of the reduction, in their order.
+    reduction : Reduced
+
+    Raises
+    ------
+    InputError
+        An output that is not finite.
+    """
+
+    def work(part: Batch, begin: int) -> dict[str, FloatArray]:
+        period = 1.0 / batch.record.rate
+        lanes = _lanes(part)
+        if lanes is None:
+            return reduction.of_outputs(_one_by_one(part, begin), period)
+        from ipmclab.model.numerics.lanes_loop import TALLIES
+
+        gathered = reduction.gathered(tuple(TALLIES))
+        numbers = dict(zip(gathered, lanes.gather(part.voltage, gathered), strict=True))
+        for (place, _), found in numbers.items():
+            _check_finite(found, begin, batch.outputs[place])
+        return reduction.made(numbers, len(batch.record.time), period)
+
+    return _joined(_in_order(batch, _BLOCK, work))
+
+
+def _by_function(batch: Batch, function: Reduce) -> dict[str, FloatArray]:
+    size = max(1, min(_BLOCK, _BLOCK_VALUES // (len(batch.outputs) * len(batch.record.time))))
+    found: list[dict[str, FloatArray]] = []
+    for values in _in_order(batch, size, _values):
+        given = {name: values[:, place] for place, name in enumerate(batch.outputs)}
+        made = {name: np.asarray(array) for name, array in function(given).items()}
+        for name, array in made.items():
+            if not array.ndim or len(array) != len(values):
+                raise InputError(
+                    f"{name!r} has shape {array.shape} for a block of {len(values)} sets",
+                    code="unequal-lengths",
+                    where="reduce",
+                    repair="return arrays that have one row for each set of the block",
+                )
+        found.append(made)
+    return _joined(found)
+
+
+def _kept(batch: Batch) -> Responses:
+    shape = batch.sets, len(batch.outputs), len(batch.record.time)
+    if (count := int(np.prod(shape))) > MOST_KEPT:
+        raise InputError(
+            f"{shape[0]} sets of {shape[1]} outputs and {shape[2]} rows are {count} values, "
+            f"{MOST_KEPT} are kept at most",
+            code="too-many",
+            where="reduce",
+            repair="reduce them, by names such as displacement.peak or by a function",
+        )
+    every = np.empty(shape)
+
+    def work(part: Batch, begin: int) -> None:
+        _write(part, begin, every[begin : begin + part.sets])
+
+    for _ in _in_order(batch, _BLOCK, work):
+        pass
+    outputs = {name: every[:, place] for place, name in enumerate(batch.outputs)}
+    return Responses(batch.record.time, batch.voltage, outputs)
+
+
+def _joined(parts: Iterator[dict[str, FloatArray]] | list[dict[str, FloatArray]]) -> dict[str, FloatArray]:
+    found = list(parts)
+    return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
+
+
+def _in_order(batch: Batch, size: int, work: Callable[[Batch, int], _Made]) -> Iterator[_Made]:
+    """What work makes of each part of a batch, in their order; some parts are under way at once."""
+    threads = processors()
+    size = min(size, max(1, -(-batch.sets // threads)))
+    parts = [(begin, min(begin + size, batch.sets)) for begin in range(0, batch.sets, size)]
+    if len(parts) == 1:
+        yield work(batch, 0)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        under_way: deque[Future[_Made]] = deque()
+        try:
+            for begin, end in parts:
+                under_way.append(pool.submit(work, batch.part(begin, end), begin))
+                if len(under_way) > 2 * threads:
+                    yield under_way.popleft().result()
+            while under_way:
+                yield under_way.popleft().result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _values(batch: Batch, begin: int) -> FloatArray:
+    found = np.empty((batch.sets, len(batch.outputs), len(batch.record.time)))
+    _write(batch, begin, found)
+    return found
+
+
+def _write(batch: Batch, begin: int, found: FloatArray) -> None:
+    """Write the outputs of a batch whose first set has this number."""
+    lanes = _lanes(batch)
+    if lanes is None:
+        found[:] = _one_by_one(batch, begin)
+        return
+    lanes.outputs(batch.voltage, found)
+    for place, name in enumerate(batch.outputs):
+        _check_finite(found[:, place].sum(axis=-1), begin, name)
+
+
+def _one_by_one(batch: Batch, begin: int) -> FloatArray:
+    found = np.empty((batch.sets, len(batch.outputs), len(batch.record.time)))
+    for k, values in enumerate(found):
+        strip, voltage = batch.of_set(k)
+        values[:] = simulate_outputs(strip, batch.record.time, voltage, batch.record.hold, outputs=batch.outputs)
+        for place, name in enumerate(batch.outputs):
+            _check_finite(values[place].sum(keepdims=True), begin + k, name)
+        blank_lost(values, batch.outputs, strip.parameter_values)
+    return found
+
+
+def _check_finite(numbers: FloatArray, begin: int, output: str) -> None:
+    if not np.isfinite(numbers).all():
+        raise InputError(
+            f"the simulated {output} of set {begin + int(np.argmin(np.isfinite(numbers)))} is not finite",
+            code="bad-output",
+            where="simulate_many",
+            repair="these numbers are beyond floating point: correct the voltage, the rate or the parameters",
+        )
+
+
+def _lanes(batch: Batch) -> Lanes | None:
+    """The loop in which the sets go side by side; None for an actuator that needs another."""
+    from ipmclab.model.numerics.lanes import MOST_STATES, Lanes
+
+    actuator, structure = batch.actuator, batch.actuator.structure
+    if structure.leak or structure.laser or any(name.startswith("hydration.") for name in batch.changes):
+        return None
+    chosen = choose_outputs(batch.outputs)
+    own = _stacked(batch)
+    anywhere = replace(own, a=np.any(own.a != 0.0, axis=0), c=np.any(own.c != 0.0, axis=0))
+    seen = seen_states([actuator.system, anywhere], chosen)
+    if len(seen) > MOST_STATES:
+        return None
+    like = reduced(actuator.system, chosen, seen)
+    return Lanes(reduced(own, chosen, seen), like, 1.0 / batch.record.rate, batch.record.hold)
+
+
+def _stacked(batch: Batch) -> System:
+    """The joined systems of all sets, with an axis of sets first in every matrix."""
+    actuator, structure = batch.actuator, batch.actuator.structure
+    if structure.is_lumped and not structure.further:
+        every: Any = {**actuator.parameter_values, **batch.changes}  # stages compute with arrays as with numbers
+        joined = actuator.assembled(every)
+        matrices = {
+            name: np.broadcast_to(matrix, (batch.sets, *matrix.shape[-2:]))
+            for name in ("a", "b", "c", "d")
+            for matrix in (getattr(joined, name),)
+        }
+    else:
+        systems = [batch.of_set(k)[0].system for k in range(batch.sets)]
+        joined = systems[0]
+        matrices = {name: np.stack([getattr(one, name) for one in systems]) for name in ("a", "b", "c", "d")}
+    return replace(joined, a=matrices["a"], b=matrices["b"], c=matrices["c"], d=matrices["d"])

@@ -1,0 +1,162 @@
+"""Many parameter sets of one linear actuator through one compiled loop, which is written from their joined system."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.assemble import System
+from ipmclab.model.numerics import lanes_loop
+from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.lanes_loop import WIDTH
+from ipmclab.run import Hold
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_STATES: Final = 16
+"""Of a system whose loop is written out: its length, and how long it takes to compile, grows with their square."""
+
+_REACH: Final = 0.25
+_TERMS: Final = 11  # 0.25^12/12! is below 1e-16
+
+_LINE: Final = 8  # floats of a cache line: what begins on one is loaded at once
+
+Gathered = tuple[tuple[int, str], ...]
+"""Output and name in ``lanes_loop.TALLIES``."""
+
+
+class Lanes:
+    """The recursion of many systems over one period.
+
+    From rest, with the input straight between rows, ``x+ = E x + b0 u + b1 u+`` for every hold. With z = x - b1 u this
+    is ``z+ = E z + (b0 + E b1) u``: the voltage of one row only, whatever the hold, and z begins at -b1 u.
+
+    Parameters
+    ----------
+    system : System
+        With matrices of shape (n_sets, ...), linear, driven by the voltage alone.
+    like : System
+        The same for one parameter set. It gives the scales of the states, so that digits do not hang on which sets come
+        together.
+    period : float [s]
+    hold : "zero", "zero-before" or "first"
+    """
+
+    def __init__(self, system: System, like: System, period: float, hold: Hold) -> None:
+        self.sets, self._outputs = len(system.a), system.c.shape[-2]
+        state, begin, end = _transition(system, like, period, hold)
+        step = np.concatenate([state, begin + state @ end], axis=-1)
+        read = np.concatenate([system.c, system.d + system.c @ end], axis=-1)
+        matrices = np.concatenate([read, step], axis=-2)
+        self._pattern = _pattern(system, like, with_end=hold != "zero")
+        self._entries = matrices[:, self._pattern]
+        self._start = -end[..., 0]
+
+    def outputs(self, voltage: FloatArray, found: FloatArray) -> None:
+        """Write the outputs of all sets.
+
+        Parameters
+        ----------
+        voltage : float array, shape (1 or n_sets, n_time) [V]
+        found : float array, shape (n_sets, n_outputs, n_time)
+        """
+        self._run(voltage, None, found)
+
+    def gather(self, voltage: FloatArray, gathered: Gathered) -> FloatArray:
+        """What is gathered along the way, shape (n_gathered, n_sets); no output is kept."""
+        groups = self._run(voltage, gathered, np.zeros((0, 0, 0)))
+        first = self._states + 1 + self._outputs
+        return groups[:, first : first + len(gathered)].transpose(1, 0, 2).reshape(len(gathered), -1)[:, : self.sets]
+
+    @property
+    def _states(self) -> int:
+        return int(self._start.shape[1])
+
+    def _run(self, voltage: FloatArray, gathered: Gathered | None, found: FloatArray) -> FloatArray:
+        """The groups after the last row, shape (n_groups, n_places, WIDTH)."""
+        shared = len(voltage) == 1
+        run = _loop(self._pattern.shape, self._pattern.tobytes(), self._outputs, gathered, shared)
+        count, first = -(-self.sets // WIDTH), self._states + 1 + self._outputs
+        tallies = gathered or ()
+        head = first + len(tallies)
+        flat = _aligned((count, (head + self._entries.shape[1]) * WIDTH))
+        groups = flat.reshape(count, -1, WIDTH)
+        filled = np.minimum(np.arange(count * WIDTH), self.sets - 1)  # the last group is filled up with the last set
+        groups[:, head:] = self._entries[filled].reshape(count, WIDTH, -1).transpose(0, 2, 1)
+        start = self._start * voltage[:, :1]
+        groups[:, : self._states] = start[filled].reshape(count, WIDTH, -1).transpose(0, 2, 1)
+        for place, (_, name) in enumerate(tallies):
+            groups[:, first + place] = lanes_loop.TALLIES[name][1]
+        run(0, count, flat, voltage, found)
+        return groups
+
+
+def _pattern(system: System, like: System, *, with_end: bool) -> npt.NDArray[np.bool_]:
+    """Where outputs and next states can have entries, of the states and of the voltage.
+
+    Taken from what leads where, and not from numbers, of which a long period makes some zero.
+    """
+    a, b, c, d = (
+        np.any(getattr(system, name) != 0.0, axis=0) | (getattr(like, name) != 0.0) for name in ("a", "b", "c", "d")
+    )
+    state = a | np.eye(len(a), dtype=bool)
+    for _ in range(len(a).bit_length()):
+        state = state @ state
+    drive = state @ b
+    direct = d | c @ drive if with_end else d
+    return np.vstack([np.hstack([c, direct]), np.hstack([state, drive])])
+
+
+def _transition(system: System, like: System, period: float, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """E, b0 and b1 of each system, shapes (n_sets, n, n) and twice (n_sets, n, 1)."""
+    from scipy.linalg import matrix_balance
+
+    sets, n = len(system.a), system.a.shape[-1]
+    scales = matrix_balance(like.a, permute=False, separate=True)[1][0] if n else np.ones(0)
+    size = np.abs(like.b / scales[:, None]).max(initial=0.0)
+    level = float(np.exp2(np.round(np.log2(size)))) if size > 0.0 else 1.0
+    # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a constant 1 V
+    # and, times t, the response to a slope that reaches 1 V at t (``discretise.transitions``).
+    generator = np.zeros((sets, n + 2, n + 2))
+    generator[:, :n, :n] = system.a * (scales / scales[:, None])
+    generator[:, :n, n] = system.b[..., 0] / (scales * level)
+    generator[:, n, n + 1] = 1.0 / period
+    generator *= period
+    whole = np.empty_like(generator)
+    lanes_loop.exponentials(generator, _REACH, _TERMS, whole)
+    state = whole[:, :n, :n] * (scales[:, None] / scales)
+    held, ramped = (whole[:, :n, n + k, None] * (scales[:, None] * level) for k in (0, 1))
+    nothing = np.zeros_like(held)
+    if hold == "zero":
+        return state, held, nothing
+    if hold == "zero-before":
+        return state, nothing, held
+    return state, held - ramped, ramped
+
+
+@lru_cache(maxsize=64)
+def _loop(
+    shape: tuple[int, int], pattern: bytes, outputs: int, gathered: Gathered | None, shared: bool
+) -> Callable[..., None]:
+    """The compiled loop of a pattern; what Numba keeps of it on disk is known by this name."""
+    asked = repr((shape, pattern, outputs, gathered, shared))
+    name = f"lanes_{hashlib.sha256(asked.encode()).hexdigest()[:16]}"
+    entries = np.frombuffer(pattern, dtype=bool).reshape(shape)
+    source = lanes_loop.loop_source(name, entries, outputs, gathered, shared=shared)
+    made: dict[str, Any] = {}
+    # Numba keeps compiled code for the file that a function stands in: this one's is the file that wrote it.
+    exec(compile(source, lanes_loop.__file__, "exec"), vars(lanes_loop), made)
+    run: Callable[..., None] = kernel(made[name])
+    return run
+
+
+def _aligned(shape: tuple[int, int]) -> FloatArray:
+    """Zeros that begin on a cache line."""
+    whole = np.zeros(shape[0] * shape[1] + _LINE)
+    begin = (-whole.ctypes.data // whole.itemsize) % _LINE
+    return whole[begin : begin + shape[0] * shape[1]].reshape(shape)

@@ -1,0 +1,189 @@
+"""Many linear systems of one structure, side by side in the lanes of a processor.
+
+The state of one system moves by ``z+ = A z + b u`` and reads ``y = C z + d u`` for every hold (``lanes.Lanes``). Which
+entries of these matrices are not zero is the same for all parameter sets of an actuator. From that pattern
+``loop_source`` writes the loop out: one statement for each state and each output, in which every product is one load
+of a coefficient of 32 systems that lie side by side. A compiler turns exactly this form into vector operations: all in
+one flat array, at places that are numbers in the source, because it cannot know of two arrays that they are apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.model.numerics.compiled import kernel
+
+FloatArray = npt.NDArray[np.float64]
+
+WIDTH: Final = 32
+"""Systems side by side: four vectors of eight, which hide how long one product takes."""
+
+CHUNK: Final = 128
+"""Rows whose outputs are made before they are put where they belong: 128 kB, which stay in the second cache."""
+
+TALLIES: Final[dict[str, tuple[str, float]]] = {
+    "sum": ("{sum} + y", 0.0),
+    "squares": ("{squares} + y * y", 0.0),
+    "largest": ("y if y > {largest} else {largest}", -np.inf),
+    "smallest": ("y if y < {smallest} else {smallest}", np.inf),
+    "peak": ("y if abs(y) > {size} else {peak}", np.nan),
+    "peak_row": ("row if abs(y) > {size} else {peak_row}", np.nan),
+    "size": ("abs(y) if abs(y) > {size} else {size}", -1.0),
+    "final": ("y", np.nan),
+}
+"""What a loop can gather of an output y, in this order: how each row changes it, and with what it begins."""
+
+
+@kernel
+def fill(voltage: FloatArray, first_set: int, begin: int, rows: int, lanes: FloatArray) -> None:
+    """The voltages of some rows, side by side, one row of ``voltage`` for each system; the last one fills up."""
+    for i in range(WIDTH):
+        own = voltage[min(first_set + i, voltage.shape[0] - 1)]
+        for t in range(rows):
+            lanes[t, i] = own[begin + t]
+
+
+@kernel
+def spread(lanes: FloatArray, first_set: int, begin: int, rows: int, outputs: FloatArray) -> None:
+    """Outputs that lie side by side, put where each system has its own: shape (n_sets, n_outputs, n_time)."""
+    for o in range(outputs.shape[1]):
+        for i in range(min(WIDTH, outputs.shape[0] - first_set)):
+            for t in range(rows):
+                outputs[first_set + i, o, begin + t] = lanes[o, t, i]
+
+
+@kernel
+def _multiply(left: FloatArray, right: FloatArray, result: FloatArray) -> None:
+    """``result = left right``; what is zero on the left costs nothing, and leaves an exact zero."""
+    n = left.shape[0]
+    for i in range(n):
+        for j in range(n):
+            result[i, j] = 0.0
+        for k in range(n):
+            factor = left[i, k]
+            if factor != 0.0:
+                for j in range(n):
+                    result[i, j] += factor * right[k, j]
+
+
+@kernel
+def exponentials(generators: FloatArray, reach: float, terms: int, results: FloatArray) -> None:
+    """Exponentials of many small matrices, shape (n_sets, n, n): scaled, by their series, squared.
+
+    What is squared is the exponential less 1, so that what moves slowly keeps its digits.
+
+    Parameters
+    ----------
+    generators : float array, shape (n_sets, n, n)
+    reach : float
+        The norm down to which each is scaled.
+    terms : int
+        Of the series, enough for that norm.
+    results : float array, shape (n_sets, n, n)
+        Written.
+    """
+    n = generators.shape[1]
+    scaled, total, product = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    for s in range(generators.shape[0]):
+        norm = 0.0
+        for j in range(n):
+            column = 0.0
+            for i in range(n):
+                column += abs(generators[s, i, j])
+            norm = max(norm, column)
+        squarings = int(np.ceil(np.log2(norm / reach))) if reach < norm < 1e300 else 0
+        factor = 2.0 ** (-squarings)
+        for i in range(n):
+            for j in range(n):
+                scaled[i, j] = generators[s, i, j] * factor
+                total[i, j] = scaled[i, j] / terms
+            total[i, i] += 1.0
+        for k in range(terms - 1, 1, -1):
+            _multiply(scaled, total, product)
+            for i in range(n):
+                for j in range(n):
+                    total[i, j] = product[i, j] / k
+                total[i, i] += 1.0
+        _multiply(scaled, total, product)
+        for _ in range(squarings):
+            total[:, :] = product
+            _multiply(total, total, product)
+            for i in range(n):
+                for j in range(n):
+                    product[i, j] += 2.0 * total[i, j]
+        for i in range(n):
+            for j in range(n):
+                results[s, i, j] = product[i, j]
+            results[s, i, i] += 1.0
+
+
+def loop_source(
+    name: str, pattern: npt.NDArray[np.bool_], outputs: int, gathered: Sequence[tuple[int, str]] | None, *, shared: bool
+) -> str:
+    """The loop for one pattern, as source text of a function.
+
+    A group of WIDTH systems is one row of ``groups``: states, voltage, outputs, what is gathered, then the coefficients
+    in the order of the pattern, each for all lanes.
+
+    Parameters
+    ----------
+    name : str
+        Of the function.
+    pattern : bool array, shape (n_outputs + n_states, n_states + 1)
+        Where the matrices have entries: of the states, then of the voltage.
+    outputs : int
+        How many of the rows are outputs, which come first; the others are the states.
+    gathered : sequence of (output, name in TALLIES), optional
+        In the order of TALLIES for each output. Where it is left out, every output is written.
+    shared : bool
+        Whether one voltage drives all systems.
+    """
+    states = pattern.shape[1] - 1
+    first_output = states + 1
+    first_tally = first_output + outputs
+    coefficient = first_tally + len(gathered or ())
+    lines = ["u = volts" if shared else f"u = {_at(states)}", *(f"z{j} = {_at(j)}" for j in range(states))]
+    for row, entries in enumerate(pattern):
+        products = [
+            f"{_at(coefficient + k)} * " + (f"z{column}" if column < states else "u")
+            for k, column in enumerate(np.flatnonzero(entries).tolist())
+        ]
+        coefficient += len(products)
+        total = " + ".join(products) or "0.0"
+        if row >= outputs:
+            lines.append(f"{_at(row - outputs)} = {total}")
+        elif gathered is None:
+            lines.append(f"{_at(first_output + row)} = {total}")
+        else:
+            places = {tally: _at(first_tally + k) for k, (output, tally) in enumerate(gathered) if output == row}
+            lines.append(f"y = {total}")
+            lines += [f"{place} = " + TALLIES[tally][0].format(**places) for tally, place in places.items()]
+    own = ["for i in range(WIDTH):", f"    {_at(states)} = inputs[t, i]"]
+    keep = [f"for o in range({outputs}):", "    for i in range(WIDTH):"]
+    keep += [f"        lanes[o, t, i] = g[{first_output * WIDTH} + o * WIDTH + i]"]
+    each_row = ["volts = voltage[0, begin + t]"] if shared else own
+    each_row += ["row = float(begin + t)", "for i in range(WIDTH):", *(f"    {line}" for line in lines)]
+    each_row += keep if gathered is None else []
+    inner = "\n".join(f"                {line}" for line in each_row)
+    filled = "" if shared else "fill(voltage, group * WIDTH, begin, rows, inputs)"
+    spread_out = "spread(lanes, group * WIDTH, begin, rows, outputs)" if gathered is None else ""
+    return f"""
+def {name}(first, last, groups, voltage, outputs):
+    inputs, lanes = np.empty((CHUNK, WIDTH)), np.empty(({outputs}, CHUNK, WIDTH))
+    for group in range(first, last):
+        g = groups[group]
+        for begin in range(0, voltage.shape[1], CHUNK):
+            rows = min(CHUNK, voltage.shape[1] - begin)
+            {filled}
+            for t in range(rows):
+{inner}
+            {spread_out}
+"""
+
+
+def _at(place: int) -> str:
+    return f"g[{place * WIDTH} + i]"
