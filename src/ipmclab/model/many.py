@@ -318,8 +318,8 @@ def _lanes(batch: Batch) -> Lanes | None:
 def _stacked(batch: Batch) -> System:
     """The joined systems of all sets, with an axis of sets first in every matrix."""
     actuator, structure = batch.actuator, batch.actuator.structure
-    if structure.is_lumped and not structure.further:
-        every: Any = {**actuator.parameter_values, **batch.changes}  # stages compute with arrays as with numbers
+    if structure.takes_arrays:
+        every: Any = {**actuator.parameter_values, **batch.changes}
         joined = actuator.assembled(every)
         matrices = {
             name: np.broadcast_to(matrix, (batch.sets, *matrix.shape[-2:]))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.actuator import Actuator
-from ipmclab.model.assemble import System
+from ipmclab.model.assemble import System, one_by_one
 from ipmclab.model.blocks import Matrix
 from ipmclab.model.numerics.dense import check_solved, law_numbers, parts
 from ipmclab.model.numerics.discretise import Transition, transitions
@@ -164,12 +164,18 @@ class _Point:
     @classmethod
     def of(cls, actuator: Actuator, names: Sequence[str], chosen: Sequence[int]) -> _Point:
         system = actuator.system
-        stepped = [
-            actuator.assembled({**actuator.parameter_values, name: complex(actuator[name], _COMPLEX_STEP)})
-            for name in names
-        ]
+        values: dict[str, Any] = dict(actuator.parameter_values)
+        if actuator.structure.takes_arrays:
+            for place, name in enumerate(names):
+                values[name] = np.full(len(names), complex(actuator[name]))
+                values[name][place] = complex(actuator[name], _COMPLEX_STEP)
+            stepped = [actuator.assembled(values)]
+        else:
+            stepped = [actuator.assembled({**values, name: complex(actuator[name], _COMPLEX_STEP)}) for name in names]
         seen = seen_states([system, *stepped], chosen)
         own, *others = (reduced(each, chosen, seen) for each in (system, *stepped))
+        if actuator.structure.takes_arrays:
+            others = [*one_by_one(others[0], len(names))]
         return cls(own, tuple(others), seen, {})
 
     def moves_over(self, durations: FloatArray) -> _Moves:

@@ -160,6 +160,11 @@ class Structure:
         """Whether the current is that of the linear lumped circuit, of which poles and residues are all there is."""
         return not (self.leak or self.clamp or self.line or any(kind.electrical for kind, _ in self.further))
 
+    @property
+    def takes_arrays(self) -> bool:
+        """Whether its stages compute with arrays, one value for each of many parameter sets, as with numbers."""
+        return not (self.clamp or self.line or self.further)
+
     def law_ports(self, values: Values) -> tuple[tuple[str, str, complex], ...]:
         """Where a leak sits: port of the voltage, port of the current, and the area [m^2] that leaks there."""
         return self.electrical.law_ports(values) if self.leak else ()

@@ -18,8 +18,8 @@ def seen_states(systems: Sequence[System], outputs: Sequence[int]) -> npt.NDArra
     Parameters
     ----------
     systems : sequence of System
-        Systems with the same states. A path counts where one of them has it: a derivative may have a path that the
-        system itself has not, as by the amplitude of a part that is switched off.
+        Systems with the same states, each of one or of many parameter sets. A path counts where one of them has it: a
+        derivative may have a path that the system itself has not, as by the amplitude of a part that is switched off.
     outputs : sequence of int
         Places of the outputs.
 
@@ -32,10 +32,10 @@ def seen_states(systems: Sequence[System], outputs: Sequence[int]) -> npt.NDArra
     inner = np.zeros((n, n), dtype=bool)
     seen = np.zeros(n, dtype=bool)
     for system in systems:
-        inner |= system.a != 0
-        seen |= np.any(system.c[list(outputs)] != 0, axis=0)
+        inner |= np.any(system.a.reshape(-1, n, n) != 0, axis=0)
+        seen |= np.any(system.c[..., list(outputs), :].reshape(-1, n) != 0, axis=0)
         if system.law_ports is not None:
-            seen |= np.any(system.law_ports.c != 0, axis=0)
+            seen |= np.any(system.law_ports.c.reshape(-1, n) != 0, axis=0)
     while True:
         wider = seen | np.any(inner[seen], axis=0)
         if np.array_equal(wider, seen):
@@ -57,7 +57,7 @@ def reduced(system: System, outputs: Sequence[int], states: npt.NDArray[np.int64
         d=system.d[..., rows, :],
         law_ports=None
         if ports is None
-        else replace(ports, drive=ports.drive[states], reach=ports.reach[rows], c=ports.c[:, states]),
+        else replace(ports, drive=ports.drive[..., states, :], reach=ports.reach[..., rows, :], c=ports.c[..., states]),
     )
 
 
