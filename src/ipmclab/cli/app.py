@@ -17,6 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from ipmclab.cli import (
     again,
+    baseline,
     check,
     choose,
     demo,
@@ -55,6 +56,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "import": import_.import_,
     "export": export.export,
     "check": check.check,
+    "baseline": baseline.baseline,
     "plot": plot.plot,
     "identifiability": identifiability.identifiability,
     "identify": identify.identify,
