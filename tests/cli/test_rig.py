@@ -28,7 +28,11 @@ def test_the_check_is_one_document(command: Command) -> None:
     assert document["peak_current_at_reversal"] == {"value": pytest.approx(6.0 / 17.0), "unit": "A"}
     current = next(one for one in document["channels"] if one["channel"] == "current")
     assert current["range"] == pytest.approx([-0.2, 0.2], abs=1e-4)
-    assert {one["code"] for one in document["findings"]} == {"range-too-small", "no-calibration"}
+    assert {one["code"] for one in document["findings"]} == {
+        "range-too-small",
+        "no-calibration",
+        "amplifier-limit",  # 353 mA of 300 mA
+    }
     assert command("rig", "check", "thesis", "--amplitude", "3 V").status == 0
 
 

@@ -28,7 +28,11 @@ def changed(name: str, **values: object) -> Rig:
     )
 
 
-CALIBRATED = replace(THESIS_RIG, channels=tuple(replace(one, calibrated="2026-10-01") for one in THESIS_RIG.channels))
+CALIBRATED = replace(
+    THESIS_RIG,
+    channels=tuple(replace(one, calibrated="2026-10-01") for one in THESIS_RIG.channels),
+    output=replace(THESIS_RIG.output, current_limit=None),  # but for the test of it
+)
 
 
 def looked_at(rig: Rig = CALIBRATED, *hands: str, amplitude: float = 1.0) -> RigCheck:
@@ -75,6 +79,27 @@ def test_a_voltage_beyond_its_input_is_told() -> None:
     assert ("output-range", None, "error") in {
         (one.code, one.channel, one.severity) for one in looked_at(amplitude=11.0).findings
     }
+
+
+def test_what_the_amplifier_delivers_is_held_against_the_expected_current() -> None:
+    wide = changed("current", converter=Converter(-1.0, 1.0, 26e-6))
+    limited = replace(wide, output=THESIS_RIG.output)
+    assert THESIS_RIG.output.current_limit == 0.3
+    assert looked_at(limited, amplitude=2.5).findings == ()  # 294 mA at a reversal
+    finding = only(looked_at(limited, amplitude=3.0))
+    assert (finding.code, finding.severity) == ("amplifier-limit", "warning")
+    assert "a polarity reversal draws 353 mA, the amplifier delivers 300 mA" in finding.message
+    weak = replace(wide, output=replace(THESIS_RIG.output, current_limit=0.05))
+    assert (only(looked_at(weak)).severity, only(looked_at(weak)).values["expected"]) == (
+        "error",
+        pytest.approx(1 / 17),
+    )
+
+
+def test_the_resolution_is_the_coarser_of_sensor_and_converter() -> None:
+    laser = THESIS_RIG["displacement"]
+    assert laser.resolution == 1.25e-6 > laser.gain * laser.converter.step
+    assert replace(laser, sensor_resolution=0.1e-6).resolution == laser.gain * laser.converter.step
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,9 @@ def channels(draw: st.DrawFn, name: str, number: int) -> Channel:
         terminal=draw(st.sampled_from(["differential", "single-ended", "non-referenced"])),
         calibrated=draw(st.none() | st.dates(datetime.date(1990, 1, 1), datetime.date(2026, 1, 1)).map(str)),
         uncertainty=draw(st.just(0.0) | magnitudes),
+        instrument=draw(st.sampled_from(["", "optoNCDT 1420-25"])),
+        interface=draw(st.sampled_from(["", "RS-485"])),
+        sensor_resolution=draw(st.just(0.0) | magnitudes),
     )
 
 
@@ -134,7 +137,13 @@ def rigs(draw: st.DrawFn) -> Rig:
         shunt_resistance=draw(st.floats(0.0, 1000.0)),
         source_resistance=draw(st.floats(0.0, 1000.0)),
         voltage_sensed=draw(st.sampled_from(["electrodes", "upstream of shunt"])),
-        output=Output(low, high, "cDAQ1Mod2/ao0"),
+        output=Output(
+            low,
+            high,
+            "cDAQ1Mod2/ao0",
+            draw(st.sampled_from(["", "current amplifier"])),
+            draw(st.none() | st.floats(1e-3, 10.0)),
+        ),
         thermometer=draw(st.none() | st.just(Thermometer("cDAQ1Mod3/ai1", 1000.0, 3))),
         four_probe=draw(
             st.none()

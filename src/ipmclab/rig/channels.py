@@ -99,6 +99,12 @@ class Channel:
         ISO date of the calibration.
     uncertainty : float [SI unit of the channel]
         Standard uncertainty of the calibration; 0 where none is stated.
+    instrument : str
+        The sensor by its maker's name.
+    interface : str
+        How a computer reaches its settings, such as ``"RS-485"``; its readings come by the input.
+    sensor_resolution : float [SI unit of the channel]
+        The smallest change that the sensor tells, by its data sheet.
     """
 
     name: str
@@ -114,6 +120,9 @@ class Channel:
     terminal: Terminal = "differential"
     calibrated: str | None = None
     uncertainty: float = 0.0
+    instrument: str = ""
+    interface: str = ""
+    sensor_resolution: float = 0.0
 
     @property
     def quantity(self) -> Quantity:
@@ -122,8 +131,8 @@ class Channel:
 
     @property
     def resolution(self) -> float:
-        """The step of the converter in the unit of the channel [SI]."""
-        return abs(self.gain) * self.converter.step
+        """The smallest change that is read [SI]: a step of the converter, or of the sensor where that is larger."""
+        return max(abs(self.gain) * self.converter.step, self.sensor_resolution)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -170,11 +179,17 @@ class Output:
         What it can give.
     physical : str
         The output, such as ``"cDAQ1Mod2/ao0"``; empty where there is no hardware.
+    amplifier : str
+        What stands between the output and the strip.
+    current_limit : float [A], optional
+        What it can deliver.
     """
 
     low: float
     high: float
     physical: str = ""
+    amplifier: str = ""
+    current_limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -330,6 +345,9 @@ THESIS_RIG: Final = Rig(
             lost=1.5,  # 3 mA, an error value of this maker's sensors; below 4 mA in all of them
             zeroed=True,
             physical="cDAQ1Mod1/ai1",
+            instrument="optoNCDT 1420-25",
+            interface="RS-485",
+            sensor_resolution=1.25e-6,
         ),
         Channel(
             "force",
@@ -342,6 +360,7 @@ THESIS_RIG: Final = Rig(
             rest=4.48e-3,
             zeroed=True,
             physical="cDAQ1Mod1/ai2",
+            instrument="GSO-10 with LCA-RTC",
         ),
         Channel(
             "relative_humidity",
@@ -353,7 +372,8 @@ THESIS_RIG: Final = Rig(
     ),
     shunt_resistance=_SHUNT,
     voltage_sensed="upstream of shunt",
-    output=Output(-10.0, 10.0, physical="cDAQ1Mod2/ao0"),
+    # The module alone gives 1 mA.
+    output=Output(-10.0, 10.0, physical="cDAQ1Mod2/ao0", amplifier="current amplifier", current_limit=0.3),
     thermometer=Thermometer("cDAQ1Mod3/ai1"),
     four_probe=FourProbe("cDAQ1Mod3/ai0"),
 )

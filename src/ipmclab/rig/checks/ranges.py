@@ -53,6 +53,7 @@ def ranges(rig: Rig, amplitude: float, peak: float) -> Iterator[Finding]:
             "take a smaller amplitude",
             values={"amplitude": amplitude},
         )
+    yield from _amplifier(rig, peak)
     for channel in rig.channels:
         if channel.name == "voltage":
             yield from _fits(channel, amplitude, f"{amplitude:g} V")
@@ -65,6 +66,23 @@ def ranges(rig: Rig, amplitude: float, peak: float) -> Iterator[Finding]:
             yield from _shunt(channel, rig.shunt_resistance)
         elif channel.sensor_range is not None:
             yield from _whole_sensor(channel, channel.sensor_range)
+
+
+def _amplifier(rig: Rig, peak: float) -> Iterator[Finding]:
+    """Whether the amplifier delivers the current of an edge [A], and of a polarity reversal, which is twice that."""
+    most = rig.output.current_limit
+    if most is None or 2.0 * peak <= most:
+        return
+    alone = peak > most
+    current, when = (peak, "an edge") if alone else (2.0 * peak, "a polarity reversal")
+    wanted, given = f"{1e3 * current:.3g} mA", f"{1e3 * most:.3g} mA"
+    yield Finding(
+        "amplifier-limit",
+        "error" if alone else "warning",
+        f"{when} draws {wanted}, the amplifier delivers {given}: it would not hold its voltage",
+        "take a smaller amplitude, or a stronger amplifier",
+        values={"expected": current, "limit": most},
+    )
 
 
 def _fits(channel: Channel, expected: float, what: str) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ from ipmclab.units import (
 )
 
 if TYPE_CHECKING:
-    from ipmclab.rig.files.tables import ChannelTable, RigTable, TextPair, VirtualTable
+    from ipmclab.rig.files.tables import ChannelTable, OutputTable, RigTable, TextPair, VirtualTable
 
 _LIBRARY: Final = resources.files("ipmclab.rig.files") / "library"
 _ALIASES: Final = {"virtual": "thesis"}
@@ -161,7 +161,7 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
         shunt_resistance=_series(table.shunt_resistance, place / "shunt_resistance"),
         source_resistance=_series(table.source_resistance, place / "source_resistance"),
         voltage_sensed=table.voltage_sensed,
-        output=Output(low, high, table.output.physical),
+        output=_output(table.output, low, high, place / "output"),
         thermometer=None
         if meter is None
         else Thermometer(
@@ -184,6 +184,12 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
         virtual=_virtual(table.virtual, place / "virtual", folder),
         chamber=None if table.chamber is None else chamber_settings(table.chamber, str(place / "chamber"), folder),
     )
+
+
+def _output(table: OutputTable, low: float, high: float, place: _Place) -> Output:
+    most = table.current_limit
+    limit = None if most is None else _positive(most, CURRENT, place / "current_limit")
+    return Output(low, high, table.physical, table.amplifier, limit)
 
 
 def _channel(name: str, table: ChannelTable, place: _Place) -> Channel:
@@ -213,6 +219,9 @@ def _channel(name: str, table: ChannelTable, place: _Place) -> Channel:
         terminal=table.terminal,
         calibrated=_date(table.calibrated, place / "calibrated"),
         uncertainty=_difference(table.uncertainty, quantity, place / "uncertainty"),
+        instrument=table.instrument,
+        interface=table.interface,
+        sensor_resolution=_difference(table.sensor_resolution, quantity, place / "sensor_resolution"),
     )
     if sensor is not None:
         _check_sensor(channel, sensor, place)

@@ -21,6 +21,8 @@ class OutputTable(Strict):
 
     physical: str = ""
     range: TextPair = ("-10 V", "10 V")
+    amplifier: str = ""
+    current_limit: str | None = None
 
 
 class ChannelTable(Strict):
@@ -38,6 +40,9 @@ class ChannelTable(Strict):
     zeroed: bool = False
     calibrated: str | datetime.date | None = None
     uncertainty: str | None = None
+    instrument: str = ""
+    interface: str = ""
+    sensor_resolution: str | None = None
 
 
 class ThermometerTable(Strict):

@@ -73,7 +73,13 @@ def rig_to_text(rig: Rig) -> str:
 
 def _output(output: Output) -> dict[str, Any]:
     range_ = [_text(output.low, VOLTAGE), _text(output.high, VOLTAGE)]
-    return {"physical": output.physical, "range": range_} if output.physical else {"range": range_}
+    table: dict[str, Any] = {"physical": output.physical} if output.physical else {}
+    table["range"] = range_
+    if output.amplifier:
+        table["amplifier"] = output.amplifier
+    if output.current_limit is not None:
+        table["current_limit"] = _text(output.current_limit, CURRENT)
+    return table
 
 
 def _channel(channel: Channel) -> dict[str, Any]:
@@ -99,6 +105,9 @@ def _channel(channel: Channel) -> dict[str, Any]:
         table["calibrated"] = channel.calibrated
     if channel.uncertainty:
         table["uncertainty"] = _text(channel.uncertainty, quantity)
+    table |= {key: text for key, text in (("instrument", channel.instrument), ("interface", channel.interface)) if text}
+    if channel.sensor_resolution:
+        table["sensor_resolution"] = _text(channel.sensor_resolution, quantity)
     return table
 
 
