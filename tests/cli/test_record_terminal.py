@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from ipmclab.cli.app import run
-from ipmclab.cli.record import _finish, _Terminal
+from ipmclab.cli.record import Terminal, _finish
 from ipmclab.cli.record_view import View
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
@@ -79,9 +79,9 @@ class Recorder:
         self.asked.append(kind)
 
 
-def terminal(recorder: Any, **change: bool) -> _Terminal:
+def terminal(recorder: Any, **change: bool) -> Terminal:
     about = {"ask_first": True, "plan_only": False, "joined": False, **change}
-    return _Terminal(recorder, View(quiet=False, keys=True), **about)
+    return Terminal(recorder, View(quiet=False, keys=True), **about)
 
 
 @pytest.mark.parametrize("key", ["\x04", "\x1b"])

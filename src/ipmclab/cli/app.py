@@ -18,6 +18,7 @@ from typer.core import TyperCommand, TyperGroup
 from ipmclab.cli import (
     again,
     baseline,
+    characterise,
     check,
     choose,
     demo,
@@ -69,6 +70,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "choose": choose.choose,
     "report": report.report,
     "record": record.record,
+    "characterise": characterise.characterise,
     "recover": recover.recover,
     "runs": runs.runs,
     "page": page.page,

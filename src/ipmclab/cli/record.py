@@ -120,7 +120,7 @@ def record(
             "repeats": repeats,
         }
         recorder = launch(RECORDER, job)
-    terminal = _Terminal(recorder, view, ask_first=keys and not yes, plan_only=plan, joined=attach is not None)
+    terminal = Terminal(recorder, view, ask_first=keys and not yes, plan_only=plan, joined=attach is not None)
     try:
         last = terminal.follow()
     finally:
@@ -144,7 +144,7 @@ def _answers(pairs: list[str], file: Path | None) -> dict[str, str]:
     return found | answers_in(pairs, example="clamp=done")
 
 
-class _Terminal:
+class Terminal:
     """The terminal as a client of the recorder: what it shows, what it reads, what its signals mean."""
 
     def __init__(self, recorder: Recorder, view: View, *, ask_first: bool, plan_only: bool, joined: bool) -> None:
@@ -348,7 +348,7 @@ class _Terminal:
                 self._recorder.request("abort")
 
 
-def _finish(terminal: _Terminal, last: Message, as_json: bool) -> None:
+def _finish(terminal: Terminal, last: Message, as_json: bool) -> None:
     """Say what came of it, and leave with its status."""
     from ipmclab.rig.process.client import error_from
 

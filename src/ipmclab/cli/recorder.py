@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ipmclab.errors import IpmclabError
+    from ipmclab.model import Actuator
     from ipmclab.rig.bench import Bench
     from ipmclab.rig.chambers.watch import ChamberWatch
     from ipmclab.rig.channels import Rig
@@ -83,6 +84,10 @@ def read_experiment(job: Mapping[str, Any]) -> Experiment:
     """The experiment of a job, with what its command line changes."""
     from ipmclab.rig.experiments.experiment import load_experiment
 
+    if job.get("campaign"):
+        from ipmclab.cli.sitting import experiment_of
+
+        return experiment_of(job)
     experiment = load_experiment(job["experiment"])
     changes = {key: job[key] for key in ("pair", "repeats") if job.get(key) is not None}
     return replace(experiment, **changes)
@@ -112,8 +117,16 @@ def rig_of(experiment: Experiment) -> Rig:
     return rig
 
 
-def plan_of(experiment: Experiment, rig: Rig, laboratory: Laboratory) -> Plan:
+def plan_of(experiment: Experiment, rig: Rig, laboratory: Laboratory, strip: Actuator | None = None) -> Plan:
     """What an experiment is going to do.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    rig : Rig
+    laboratory : Laboratory
+    strip : Actuator, optional
+        A model of the strip, where another is known than the one that experiment or rig name.
 
     Raises
     ------
@@ -131,7 +144,7 @@ def plan_of(experiment: Experiment, rig: Rig, laboratory: Laboratory) -> Plan:
         experiment,
         rig,
         bytes_free=laboratory.free_space(),
-        actuator=load_actuator(named) if named else None,
+        actuator=strip or (load_actuator(named) if named else None),
         rig_proof=proof_of(rig, experiment.rig) if rig.bench == "ni" else "",
     )
     for run in plan.runs:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
@@ -125,6 +125,29 @@ class _Table(Strict):
 
 
 @dataclass(frozen=True)
+class ListedRun:
+    """One run that somebody has planned already, as a campaign does.
+
+    Parameters
+    ----------
+    signal : Signal
+    purpose : "signal", "baseline" or "reference"
+    repeat : int
+        Counts from 1.
+    pair_id : str, optional
+        Shared by the two polarities of one signal.
+    uuid : str, optional
+        Of the run to be: by it the run is found again, whatever ended the program.
+    """
+
+    signal: Signal
+    purpose: Literal["signal", "baseline", "reference"] = "signal"
+    repeat: int = 1
+    pair_id: str | None = None
+    uuid: str | None = None
+
+
+@dataclass(frozen=True)
 class Experiment:
     """What is to be recorded, checked and in SI units.
 
@@ -171,6 +194,8 @@ class Experiment:
         The table as it stands.
     where : str
         The file, for messages.
+    listed : tuple of ListedRun
+        The runs of each condition, in the place of what signals, repeats, pair and baseline say; no file states them.
 
     Use ``load_experiment`` to make one.
     """
@@ -203,6 +228,7 @@ class Experiment:
     reference: Reference | None = None
     limits: Mapping[str, Any] = field(default_factory=dict)
     where: str = "experiment"
+    listed: tuple[ListedRun, ...] = ()
 
 
 def load_experiment(path: str | Path) -> Experiment:

@@ -331,7 +331,7 @@ class Session:
         control = self._requests.begin_run()
         if control is None:
             return None
-        uuid = str(uuid4())
+        uuid = planned.uuid or str(uuid4())
         rows = planned.rows
         signal = shortened(str(planned.signal))
         about = {"signal": signal, "purpose": planned.purpose, "rate": planned.rate, "rows": rows}

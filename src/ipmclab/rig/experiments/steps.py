@@ -119,6 +119,8 @@ class PlannedRun:
         Shared by the two polarities of one signal.
     repeat : int
         Counts from 1.
+    uuid : str, optional
+        That it will have, where it was given one beforehand.
     """
 
     signal: Signal
@@ -132,6 +134,7 @@ class PlannedRun:
     zero_after: float
     pair_id: str | None = None
     repeat: int = 1
+    uuid: str | None = None
 
     @property
     def seconds(self) -> float:
@@ -250,6 +253,11 @@ def planned_runs(experiment: Experiment, visit: Visit | None = None) -> Iterator
         zero_before=experiment.zero_time,
         zero_after=experiment.zero_time,
     )
+    if experiment.listed:
+        for one in experiment.listed:
+            named = replace(template, pair_id=one.pair_id, uuid=one.uuid)
+            yield replace(named, signal=one.signal, purpose=one.purpose, repeat=one.repeat)
+        return
     again = 0 if visit is None else visit.again
     if visit is not None and visit.is_reference:
         assert experiment.reference is not None

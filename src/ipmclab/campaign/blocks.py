@@ -1,0 +1,203 @@
+"""Every run of a campaign in its order: blocks of one strip, in one clamping, under one condition."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from ipmclab.campaign.campaign import ROOM, Campaign, Part, Strip
+from ipmclab.errors import InputError
+from ipmclab.rig.experiments.experiment import Experiment, ListedRun
+from ipmclab.rig.experiments.steps import PlannedRun, planned_runs, planned_visits
+from ipmclab.rig.experiments.visits import Visit
+from ipmclab.signals.signal import shortened
+
+Thing = TypeVar("Thing")
+
+
+@dataclass(frozen=True)
+class CampaignRun:
+    """One run that a campaign asks for.
+
+    Parameters
+    ----------
+    id : str
+        The same whenever the campaign is planned: sample, experiment, condition, signal and repeat.
+    number : int
+        Its place in the campaign, counted from 1.
+    sample, part, condition, label : str
+        ``label`` is its signal, or ``"baseline"``.
+    measured : "displacement", "force" or "current"
+        What tells the runs of one signal apart.
+    planned : PlannedRun
+    """
+
+    id: str
+    number: int
+    sample: str
+    part: str
+    condition: str
+    label: str
+    measured: str
+    planned: PlannedRun
+
+    def listed(self, uuid: str) -> ListedRun:
+        """What the experiment that records it is told."""
+        one = self.planned
+        assert one.purpose != "fingerprint"
+        return ListedRun(one.signal, one.purpose, one.repeat, one.pair_id, uuid)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Runs of one strip that follow each other in one condition.
+
+    Parameters
+    ----------
+    number : int
+        Counts from 1.
+    strip : Strip
+    part : str
+    condition : str
+        ``"room"``, or for example ``"20 degC, 80 %RH"``.
+    experiment : Experiment
+        What is common to its runs.
+    runs : tuple of CampaignRun
+    """
+
+    number: int
+    strip: Strip
+    part: str
+    condition: str
+    experiment: Experiment
+    runs: tuple[CampaignRun, ...]
+
+
+def blocks_of(campaign: Campaign) -> tuple[Block, ...]:
+    """Every block of a campaign, in the order in which they are recorded.
+
+    Listed, the samples follow each other, and of each its experiments, their conditions in the order that each states
+    (up the list and down again, unless it says otherwise), their signals and the repeats of each. Randomised, each
+    repeat of everything is a whole of its own: the order of samples, of the experiments of each, and of the
+    signals under each condition is drawn anew in it, so that what drifts does not look like a repeat's effect.
+    A baseline comes first in its block.
+
+    Examples
+    --------
+    >>> from ipmclab.campaign.campaign_file import TEMPLATE, campaign_from_text
+    >>> blocks = blocks_of(campaign_from_text(TEMPLATE.replace("randomised", "listed")))
+    >>> [(block.strip.sample.id, block.part, block.condition, len(block.runs)) for block in blocks][:3]
+    [('strip-1', 'displacement', '20 degC, 80 %RH', 7),
+     ('strip-1', 'displacement', '20 degC, 60 %RH', 7),
+     ('strip-1', 'displacement', '20 degC, 80 %RH', 7)]
+    """
+    found: list[Block] = []
+    count = 0
+    for strip, part, visit, runs in _in_order(campaign):
+        if not runs:
+            continue
+        experiment = _under(part.experiments[strip.sample.id], visit)
+        block = Block(len(found) + 1, strip, part.name, _condition(visit), experiment, ())
+        named = tuple(_named(one, block, visit, count + at) for at, one in enumerate(runs, start=1))
+        found.append(replace(block, runs=named))
+        count += len(named)
+    _refuse_double(found, campaign.where)
+    return tuple(found)
+
+
+def _in_order(campaign: Campaign) -> Iterator[tuple[Strip, Part, Visit | None, list[PlannedRun]]]:
+    if campaign.order == "listed":
+        for strip in campaign.strips:
+            for part in _of(strip, campaign):
+                for visit, runs in _visited(part.experiments[strip.sample.id]):
+                    yield strip, part, visit, runs
+        return
+    most = max(one.repeats for part in campaign.parts for one in part.experiments.values())
+    for repeat in range(1, most + 1):
+        for strip in _drawn(campaign.strips, campaign.seed, repeat):
+            for part in _drawn(_of(strip, campaign), campaign.seed, repeat, strip.sample.id):
+                experiment = part.experiments[strip.sample.id]
+                for visit, runs in _visited(experiment) if repeat <= experiment.repeats else ():
+                    place = (strip.sample.id, part.name, 0 if visit is None else visit.number)
+                    yield strip, part, visit, _replicate(runs, experiment.repeats, repeat, campaign.seed, place)
+
+
+def _replicate(
+    runs: Sequence[PlannedRun], repeats: int, repeat: int, seed: int, place: tuple[object, ...]
+) -> list[PlannedRun]:
+    """What is recorded under one condition in one repeat of everything: first what is no signal, then all signals."""
+    others = [
+        replace(one, repeat=(one.repeat - 1) * repeats + repeat)  # it is there once in each repeat of everything
+        for one in runs
+        if one.purpose != "signal"
+    ]
+    signals = [one for one in runs if one.purpose == "signal" and (one.repeat - 1) % repeats + 1 == repeat]
+    return [*others, *(one for pair in _drawn(_pairs(signals), seed, repeat, *place) for one in pair)]
+
+
+def _of(strip: Strip, campaign: Campaign) -> list[Part]:
+    return [part for part in campaign.parts if strip.sample.id in part.experiments]
+
+
+def _visited(experiment: Experiment) -> Iterator[tuple[Visit | None, list[PlannedRun]]]:
+    for visit in planned_visits(experiment) or (None,):
+        yield visit, list(planned_runs(experiment, visit))
+
+
+def _pairs(runs: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
+    """Runs by signal; the two polarities of one stay together."""
+    found: dict[str, list[PlannedRun]] = {}
+    for place, one in enumerate(runs):
+        found.setdefault(one.pair_id or str(place), []).append(one)
+    return list(found.values())
+
+
+def _drawn(things: Sequence[Thing], *seed: object) -> list[Thing]:
+    """Things in an order that the seed gives, on every machine the same."""
+    shuffled = list(things)
+    random.Random(repr(seed)).shuffle(shuffled)
+    return shuffled
+
+
+def _under(experiment: Experiment, visit: Visit | None) -> Experiment:
+    """The experiment at one of its conditions."""
+    return experiment if visit is None else replace(experiment, environments=(visit.environment,), reference=None)
+
+
+def _condition(visit: Visit | None) -> str:
+    return ROOM if visit is None else visit.environment.name
+
+
+def _named(planned: PlannedRun, block: Block, visit: Visit | None, number: int) -> CampaignRun:
+    label = shortened(str(planned.signal)) if planned.purpose in ("signal", "reference") else "baseline"
+    label = f"{label} (reference)" if planned.purpose == "reference" else label
+    again = f" ({visit.number})" if visit is not None and visit.of > 1 else ""
+    sample = block.strip.sample.id
+    name = f"{sample}/{block.part}/{block.condition}{again}/{label}/{planned.repeat}"
+    if planned.pair_id is not None:
+        pair = f"{sample}/{block.part}/{block.condition}{again}/{_unsigned(label)}/{planned.repeat}"
+        planned = replace(planned, pair_id=hashlib.sha256(pair.encode()).hexdigest()[:12])
+    measured = next((one for one in ("displacement", "force") if one in planned.measured), "current")
+    return CampaignRun(name, number, sample, block.part, block.condition, label, measured, planned)
+
+
+def _unsigned(label: str) -> str:
+    return label.replace("-", "")
+
+
+def _refuse_double(blocks: Sequence[Block], where: str) -> None:
+    """Two runs that nothing tells apart would be one run for whoever goes on after a break."""
+    seen: set[str] = set()
+    for block in blocks:
+        for run in block.runs:
+            if run.id in seen:
+                raise InputError(
+                    f"two runs of {run.sample} are the same: {run.id}",
+                    code="bad-value",
+                    where=f"{where}: {block.experiment.where}",
+                    repair="list each signal and each condition once, and state how often: repeats = 2",
+                )
+            seen.add(run.id)

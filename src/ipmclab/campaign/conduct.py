@@ -1,0 +1,219 @@
+"""A campaign carried out: sitting after sitting, each run judged, and gone on with after any break."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from uuid import UUID
+
+from ipmclab.campaign.blocks import Block, CampaignRun
+from ipmclab.campaign.campaign import Campaign
+from ipmclab.campaign.facts import measured_facts
+from ipmclab.campaign.sitting import Sitting, sittings_of
+from ipmclab.campaign.state import State, Verdict
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.quality import check
+from ipmclab.run import Finding, Run
+from ipmclab.store.journal.laboratory import Laboratory
+from ipmclab.store.run_file import read_run
+from ipmclab.version import __version__
+
+_SEVERITIES: Final = ("info", "warning", "error")
+
+
+@dataclass(frozen=True)
+class Sat:
+    """How a sitting ended.
+
+    Parameters
+    ----------
+    ended : "done", "stop", "abort" or "zero"
+        As an operator, or the guard, ended it.
+    reason : str
+    """
+
+    ended: str = "done"
+    reason: str = ""
+
+
+Sit = Callable[[Sitting, State], Sat]
+"""Carries a sitting out at the bench of the campaign."""
+
+Tell = Callable[[str], None]
+
+
+class Conduct:
+    """Carries a campaign out in a laboratory folder.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    blocks : sequence of Block
+        All of them, in their order.
+    laboratory : Laboratory
+    state : State
+        What has been done already.
+    sit : callable
+        Carries one sitting out.
+    tell : callable
+        Is told what happens, a line at a time.
+
+    ``begin``, then ``run``.
+    """
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        blocks: Sequence[Block],
+        laboratory: Laboratory,
+        state: State,
+        *,
+        sit: Sit,
+        tell: Tell,
+    ) -> None:
+        self._campaign = campaign
+        self._blocks = blocks
+        self._laboratory = laboratory
+        self._state = state
+        self._sit = sit
+        self._tell = tell
+        self._runs = {run.id: run for block in blocks for run in block.runs}
+
+    @property
+    def left(self) -> int:
+        """How many runs are still to be recorded."""
+        return len(self._runs.keys() - self._state.done)
+
+    def begin(self) -> None:
+        """Begin, or go on where it stopped: what a break left on the disk is taken in first.
+
+        Raises
+        ------
+        InputError
+            Another campaign was carried out in this folder.
+        """
+        begun = self._state.of("campaign")
+        if not begun:
+            about = {"title": self._campaign.title, "checksum": self._campaign.checksum}
+            self._state.add("campaign", **about, version=__version__, runs=len(self._runs), text=self._campaign.text)
+        elif begun[0]["checksum"] != self._campaign.checksum:
+            raise InputError(
+                "this folder has another campaign, or another version of this one",
+                code="another-campaign",
+                where=str(self._laboratory.root),
+                repair="name another folder, or give the file as it was: the first line of campaign.log has it",
+            )
+        self._take_in()
+
+    def _take_in(self) -> None:
+        """Find what sittings recorded whose end was never told."""
+        left = self._state.open
+        absent = []
+        for uuid, name in left.items():
+            path = self._file(uuid)
+            if path is None:
+                absent.append(uuid)
+            else:
+                self._judge(self._runs[name], uuid, path)
+        if absent:
+            self._state.add("absent", uuids=absent)
+
+    def _file(self, uuid: str) -> Path | None:
+        """The run file of a uuid."""
+        for path in sorted(self._laboratory.runs.rglob(f"*_{UUID(uuid).hex[:8]}.nc")):
+            return path
+        return None
+
+    def run(self) -> None:
+        """Record what is left, and what fails its checks once more.
+
+        Raises
+        ------
+        IpmclabError
+            An operator or the guard ended it, or the bench failed: what was recorded is kept, and the next call
+            goes on from there.
+        """
+        self._measure_facts()
+        while self.left:
+            for one in list(sittings_of(self._campaign, self._blocks, self._state.done)):
+                self._sit_through(one)
+
+    def _measure_facts(self) -> None:
+        """What is known of each strip without a run; at a real bench people weigh and push."""
+        known = {(one["sample"], one["name"]) for one in self._state.of("fact")}
+        for strip in self._campaign.strips if self._campaign.is_virtual else ():
+            for fact in measured_facts(self._campaign, strip):
+                if (strip.sample.id, fact.name) not in known:
+                    self._state.add("fact", sample=strip.sample.id, **fact.as_dict())
+
+    def _sit_through(self, one: Sitting) -> None:
+        self._state.add(
+            "sitting",
+            block=one.block.number,
+            runs={run.id: uuid for run, uuid in zip(one.runs, one.uuids, strict=True)},
+        )
+        sat = self._sit(one, self._state)
+        absent = []
+        for run, uuid in zip(one.runs, one.uuids, strict=True):
+            if uuid not in self._state.open:
+                continue  # told while the sitting went on
+            path = self._file(uuid)
+            if path is None:
+                absent.append(uuid)
+            else:
+                self._judge(run, uuid, path)
+        if absent:
+            self._state.add("absent", uuids=absent)
+        if sat.ended != "done":
+            flagged = any(
+                self._state.recorded[run.id]["verdict"] == "flagged"
+                for run in one.runs
+                if run.id in self._state.recorded
+            )
+            repair = "look at the strip" if flagged else "nothing is lost"
+            raise IpmclabError(
+                f"the campaign was ended: {sat.reason or sat.ended}",
+                code="ended",
+                where=f"{one.block.strip.sample.id}, {one.block.part}",
+                repair=f"{repair}; the same command goes on with the next run",
+            )
+        if len(absent) == len(one.runs):
+            raise IpmclabError(
+                "the sitting ended and recorded nothing",
+                code="nothing-recorded",
+                where=f"{one.block.strip.sample.id}, {one.block.part}",
+                repair="see what the recorder said; the same command goes on",
+            )
+
+    def _judge(self, run: CampaignRun, uuid: str, path: Path) -> None:
+        """Say what a recorded run is good for."""
+        verdict, told = self._verdict(run, path)
+        failing = [one.code for one in told if self._fails(one)]
+        findings = [{"code": one.code, "severity": one.severity, "channel": one.channel} for one in told]
+        place = path.relative_to(self._laboratory.root).as_posix()
+        self._state.add("recorded", run=run.id, uuid=uuid, path=place, verdict=verdict, findings=findings)
+        why = f" ({', '.join(failing)})" if failing else ""
+        left = f"{len(self._runs) - self.left} of {len(self._runs)}"
+        self._tell(f"  {left}: {run.id}: {verdict}{why}")
+
+    def _verdict(self, run: CampaignRun, path: Path) -> tuple[Verdict, Sequence[Finding]]:
+        read = read_run(path)
+        if read.metadata.state != "complete" or len(read) < run.planned.rows:
+            # What a limit ended is not begun again: the strip, or the signal, is not what it was thought to be.
+            return ("flagged" if _by_guard(read) else "interrupted"), ()
+        told = check(read)
+        if not any(self._fails(one) for one in told):
+            return "kept", told
+        failed = self._state.failures.get(run.id, 0) + 1
+        return ("flagged" if failed >= self._campaign.attempts else "repeat"), told
+
+    def _fails(self, finding: Finding) -> bool:
+        least = self._campaign.fails_at
+        return least != "never" and _SEVERITIES.index(finding.severity) >= _SEVERITIES.index(least)
+
+
+def _by_guard(run: Run) -> bool:
+    """Whether a limit ended a run."""
+    return any(mark.kind == "limit" for mark in run.metadata.marks)

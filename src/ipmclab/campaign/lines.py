@@ -1,0 +1,58 @@
+"""On which line of a TOML text a key stands: what a message is to name."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+_TABLE: Final = re.compile(r"^\s*(\[\[?)\s*([^\]\s]+)\s*\]")
+_KEY: Final = re.compile(r"^\s*([A-Za-z0-9_\"'.-]+)\s*=")
+
+
+def line_of(text: str, place: str) -> int | None:
+    """The line, counted from 1, on which a key stands, or else the table that would hold it.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    place : str
+        Such as ``"experiments.1.signals.0"``; places in lists are counted from 0.
+
+    Examples
+    --------
+    >>> text = 'title = "a"\\n[[samples]]\\nid = "s1"\\n[[samples]]\\nid = 2'
+    >>> line_of(text, "samples.1.id"), line_of(text, "samples.0.colour"), line_of(text, "order")
+    (5, 2, None)
+    """
+    found: int | None = None
+    longest = 0
+    counts: dict[str, int] = {}
+    at = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        table, key = _TABLE.match(line), _KEY.match(line)
+        if table is not None:
+            at = _opened(table[2], counts, is_list=table[1] == "[[")
+            path = at
+        elif key is not None:
+            name = key[1].strip("\"'")
+            path = f"{at}.{name}" if at else name
+        else:
+            continue
+        if (place == path or place.startswith(f"{path}.")) and len(path) > longest:
+            found, longest = number, len(path)
+    return found
+
+
+def _opened(name: str, counts: dict[str, int], *, is_list: bool) -> str:
+    """The place of a table that begins: within a list it is in the last one that was opened."""
+    if is_list:
+        counts[name] = counts.get(name, -1) + 1
+    parts: list[str] = []
+    whole = ""
+    for part in name.split("."):
+        whole = f"{whole}.{part}" if whole else part
+        parts.append(part)
+        if whole in counts:
+            parts.append(str(counts[whole]))
+    return ".".join(parts)

@@ -1,0 +1,157 @@
+"""What a campaign is going to do: every run with its estimated time, and what the guard watches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ipmclab.campaign.blocks import Block, CampaignRun, blocks_of
+from ipmclab.campaign.campaign import Campaign
+from ipmclab.campaign.sitting import Sitting, sittings_of
+from ipmclab.errors import InputError
+from ipmclab.rig.experiments.plan import Plan, make_plan
+from ipmclab.store.journal.laboratory import BALLAST
+
+
+@dataclass(frozen=True)
+class TimedRun:
+    """One run with its time.
+
+    Parameters
+    ----------
+    run : CampaignRun
+    starts : float [s]
+        After the campaign began, at the earliest and without what people do: when what makes ready for it begins.
+    seconds : float [s]
+        From then to its end.
+    """
+
+    run: CampaignRun
+    starts: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """What is going to happen.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    blocks : tuple of Block
+    runs : tuple of TimedRun
+    limits : mapping of sample and experiment to (mapping of name to text)
+        What the guard watches.
+    remarks : tuple of str
+    seconds : float [s]
+        In all, at the least, without what people do.
+    asks : tuple of str
+        What people are asked to do, once for each kind of step.
+    bytes_needed : int
+    """
+
+    campaign: Campaign
+    blocks: tuple[Block, ...]
+    runs: tuple[TimedRun, ...]
+    limits: dict[str, dict[str, str]]
+    remarks: tuple[str, ...]
+    seconds: float
+    asks: tuple[str, ...]
+    bytes_needed: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The plan as a JSON document (SI units)."""
+        return {
+            "title": self.campaign.title,
+            "rig": self.campaign.rig.name,
+            "order": self.campaign.order,
+            "seed": self.campaign.seed,
+            "facts": list(self.campaign.facts),
+            "runs": [
+                {
+                    "number": one.run.number,
+                    "id": one.run.id,
+                    "sample": one.run.sample,
+                    "experiment": one.run.part,
+                    "measured": one.run.measured,
+                    "condition": one.run.condition,
+                    "signal": one.run.label,
+                    "repeat": one.run.planned.repeat,
+                    "starts": one.starts,
+                    "seconds": one.seconds,
+                }
+                for one in self.runs
+            ],
+            "limits": self.limits,
+            "remarks": list(self.remarks),
+            "asks": list(self.asks),
+            "seconds": self.seconds,
+            "bytes_needed": self.bytes_needed,
+        }
+
+
+def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
+    """Check every run of a campaign against rig, limits and disk, and tell when each will come.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    bytes_free : int
+        On the disk that it goes to.
+
+    Raises
+    ------
+    InputError
+        What cannot be done, with the experiment that asks for it.
+
+    Examples
+    --------
+    >>> from ipmclab.campaign.campaign_file import TEMPLATE, campaign_from_text
+    >>> plan = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12)
+    >>> plan.runs[1].run.id
+    'strip-1/displacement/20 degC, 80 %RH (1)/step 1 V/1'
+    """
+    blocks = blocks_of(campaign)
+    timed: list[TimedRun] = []
+    limits: dict[str, dict[str, str]] = {}
+    remarks: dict[str, None] = {}
+    asks: dict[str, None] = {}
+    passed, needed = 0.0, BALLAST
+    for one in sittings_of(campaign, blocks):
+        plan = _plan(campaign, one, bytes_free)
+        limits[f"{one.block.strip.sample.id}, {one.block.part}"] = plan.as_dict()["limits"]
+        remarks.update(dict.fromkeys(f"{one.block.part}: {text}" for text in plan.remarks))
+        asks.update(dict.fromkeys(step.text for step in plan.steps if step.question is not None))
+        timed += _timed(one, plan, passed)
+        passed += plan.seconds
+        needed += plan.bytes_needed - BALLAST
+    return CampaignPlan(campaign, blocks, tuple(timed), limits, tuple(remarks), passed, tuple(asks), needed)
+
+
+def _plan(campaign: Campaign, one: Sitting, bytes_free: int) -> Plan:
+    run = one.runs[0]
+    strip = one.block.strip.virtual(run.measured, run.label, run.condition)
+    try:
+        return make_plan(one.experiment, campaign.rig, bytes_free=bytes_free, actuator=strip)
+    except InputError as error:
+        raise InputError(
+            f"{one.block.strip.sample.id}: {error.message}",
+            code=error.code,
+            where=f"{campaign.where}: {error.where}",
+            repair=error.repair,
+        ) from error
+
+
+def _timed(one: Sitting, plan: Plan, began: float) -> list[TimedRun]:
+    """The runs of a sitting: what makes ready for one counts to it, and what ends the sitting to the last."""
+    found: list[TimedRun] = []
+    since = at = began
+    runs: Sequence[CampaignRun] = one.runs
+    for step in plan.steps:
+        at += step.seconds
+        if step.run is not None and step.run.purpose != "fingerprint":
+            found.append(TimedRun(runs[len(found)], since, at - since))
+            since = at
+    last = found[-1]
+    return [*found[:-1], TimedRun(last.run, last.starts, last.seconds + at - since)]

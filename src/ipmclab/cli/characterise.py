@@ -1,0 +1,222 @@
+"""``ipmclab characterise``: a campaign, from its plan to its report."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from ipmclab.cli.options import Json, answers_in
+from ipmclab.cli.output import print_json, print_paragraph, print_table
+from ipmclab.cli.record_view import View, duration_text, size_text
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from ipmclab.campaign.campaign import Campaign
+    from ipmclab.campaign.planned import CampaignPlan
+    from ipmclab.campaign.sitting import Sitting
+    from ipmclab.campaign.state import State
+    from ipmclab.store.journal.laboratory import Laboratory
+
+REPORT: Final = "report.html"
+METRICS: Final = "metrics.csv"
+
+
+def characterise(
+    campaign: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="CAMPAIGN",
+            help="A campaign file (.toml), or friend-chapter-5: chapter 5 of the thesis.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Where runs, state and report go; one that has them already goes on where it stopped.",
+            show_default=False,
+        ),
+    ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print every run with its time and what the guard watches; do nothing.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")
+    ] = False,
+    answer: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STEP=VALUE", help="Answer what a step asks, such as clamp=kept; may be repeated."),
+    ] = None,
+    template: Annotated[bool, typer.Option("--template", help="Print a campaign file to start from.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Characterise samples: plan a campaign, record it, and write its report.
+
+    A virtual bench runs in lock-step; a real one is driven as by ipmclab record, with its prompts. The same
+    command goes on where an earlier one stopped, whatever stopped it.
+
+    \b
+    ipmclab characterise friend-chapter-5 --plan
+    ipmclab characterise campaign.toml --out chapter-5
+    """
+    from ipmclab.campaign.campaign_file import TEMPLATE, load_campaign
+
+    if template:
+        if as_json:
+            print_json({"template": TEMPLATE})
+        else:
+            print(TEMPLATE, end="")
+        return
+    if campaign is None:
+        raise InputError(
+            "no campaign is named",
+            code="usage",
+            where="characterise",
+            repair="ipmclab characterise CAMPAIGN.toml --plan; --template prints a campaign to start from",
+        )
+    loaded = load_campaign(campaign)
+    if plan:
+        _print_plan(loaded, out or Path(), as_json=as_json)
+        return
+    if out is None:
+        raise InputError(
+            "no folder is named",
+            code="missing-option",
+            where="--out",
+            repair="give --out FOLDER, or --plan to see what would happen",
+        )
+    _carry_out(loaded, campaign, out, yes=yes, answers=answers_in(answer or [], example="clamp=done"), as_json=as_json)
+
+
+def _plan(campaign: Campaign, folder: Path) -> CampaignPlan:
+    from ipmclab.campaign.planned import plan_campaign
+
+    there = next((one for one in (folder, folder.parent) if one.is_dir()), Path())
+    return plan_campaign(campaign, bytes_free=shutil.disk_usage(there).free)
+
+
+def _print_plan(campaign: Campaign, folder: Path, *, as_json: bool) -> None:
+    planned = _plan(campaign, folder)
+    if as_json:
+        print_json(planned.as_dict())
+        return
+    order = f"randomised with seed {campaign.seed}" if campaign.order == "randomised" else "as listed"
+    print(f"{campaign.title}: {len(campaign.strips)} samples on {campaign.rig.name}, order {order}")
+    rows = [
+        [
+            str(one.run.number),
+            duration_text(one.starts),
+            duration_text(one.seconds),
+            one.run.sample,
+            one.run.part,
+            one.run.condition,
+            one.run.label,
+            str(one.run.planned.repeat),
+        ]
+        for one in planned.runs
+    ]
+    print_table(["run", "after", "takes", "sample", "experiment", "condition", "signal", "repeat"], rows)
+    watched = {", ".join(f"{name} {text}" for name, text in limits.items()) for limits in planned.limits.values()}
+    for text in sorted(watched):
+        print_paragraph(f"The guard watches: {text}.")
+    for text in planned.asks if not campaign.is_virtual else ():
+        print_paragraph(f"A person is asked: {text}.")
+    for text in planned.remarks:
+        print_paragraph(f"Remark: {text}.")
+    print_paragraph(
+        f"In all {len(planned.runs)} runs in {len(planned.blocks)} blocks, at least {duration_text(planned.seconds)} "
+        f"at a bench; needs {size_text(planned.bytes_needed)}."
+    )
+
+
+def _carry_out(
+    campaign: Campaign, file: str, folder: Path, *, yes: bool, answers: dict[str, str], as_json: bool
+) -> None:
+    from ipmclab.campaign.conduct import Conduct
+    from ipmclab.campaign.state import State
+    from ipmclab.cli.recorder import recover_first
+    from ipmclab.store.journal.laboratory import Laboratory
+
+    planned = _plan(campaign, folder)  # whatever cannot be done is told before anything moves
+    laboratory = Laboratory.open(folder)
+    view = View(quiet=as_json, keys=sys.stdin.isatty())
+    options = {"file": file, "yes": yes, "answers": answers, "keys": sys.stdin.isatty() and sys.stderr.isatty()}
+
+    def say(text: str) -> None:
+        if not as_json:
+            print(text, flush=True)
+
+    with State(laboratory.root) as state:
+        if not campaign.is_virtual:
+            _join(laboratory, view)
+        for text in recover_first(laboratory):
+            say(f"  {text}")
+        sit = _sit(campaign, laboratory, view, options)
+        conduct = Conduct(campaign, planned.blocks, laboratory, state, sit=sit, tell=say)
+        conduct.begin()
+        done = len(planned.runs) - conduct.left
+        say(f"{campaign.title}: {len(planned.runs)} runs" + (f", {done} of them done already" if done else ""))
+        _ask_facts(campaign, state, say)
+        conduct.run()
+        _finish(planned, folder, state, as_json=as_json)
+
+
+def _sit(campaign: Campaign, laboratory: Laboratory, view: View, options: dict[str, Any]) -> Any:
+    """What carries a sitting out: a virtual bench in this process, a real one by a recorder."""
+    from ipmclab.cli.sitting import at_virtual_bench, by_recorder
+
+    def sit(sitting: Sitting, state: State) -> Any:
+        if campaign.is_virtual:
+            return at_virtual_bench(campaign, laboratory, sitting, state)
+        return by_recorder(campaign, laboratory, sitting, view, options)
+
+    return sit
+
+
+def _join(laboratory: Laboratory, view: View) -> None:
+    """A recorder that outlived the command which started it is followed to its end first."""
+    from ipmclab.cli.sitting import follow
+    from ipmclab.rig.process.client import attach
+
+    with suppress(InputError):  # none is running
+        follow(attach(laboratory.root), view, joined=True)
+
+
+def _ask_facts(campaign: Campaign, state: State, say: Any) -> None:
+    """At a real bench: ask for the masses and the stiffness, and read the four probes."""
+    if campaign.is_virtual or not campaign.facts:
+        return
+    if not sys.stdin.isatty():
+        say(f"  not measured, for nobody is at a terminal: {', '.join(campaign.facts)}")
+        return
+    from ipmclab.cli.facts import asked_facts
+
+    known = {(one["sample"], one["name"]) for one in state.of("fact")}
+    for strip in campaign.strips:
+        for fact in asked_facts(campaign, strip, {name for sample, name in known if sample == strip.sample.id}):
+            state.add("fact", sample=strip.sample.id, **fact.as_dict())
+
+
+def _finish(planned: CampaignPlan, folder: Path, state: State, *, as_json: bool) -> None:
+    """Say what came of it."""
+    flagged = [name for name, one in state.recorded.items() if one["verdict"] == "flagged"]
+    again = sum(one["verdict"] == "repeat" for one in state.of("recorded"))
+    if as_json:
+        print_json(
+            {
+                "out": folder,
+                "runs": [{"id": name, **one} for name, one in state.recorded.items()],
+                "flagged": flagged,
+                "repeated": again,
+            }
+        )
+        return
+    print(f"{len(planned.runs)} runs are recorded, {again} were repeated, {len(flagged)} are flagged")
+    for name in flagged:
+        print(f"  flagged: {name}")

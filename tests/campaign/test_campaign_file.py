@@ -1,0 +1,109 @@
+"""The campaign file: what it takes, and what it says of a mistake."""
+
+from dataclasses import replace
+
+import pytest
+
+from ipmclab.campaign.blocks import blocks_of
+from ipmclab.campaign.campaign_file import TEMPLATE, campaign_from_text, load_campaign
+from ipmclab.campaign.planned import plan_campaign
+from ipmclab.campaign.sitting import sittings_of
+from ipmclab.errors import InputError
+
+MISTAKES = [
+    ("20 degC, 80 percent", "20 degX", "line 28: experiments.0.environments.0"),
+    ('rate = "50 Hz"', 'rate = "50 kg"', "line 11: method.rate"),
+    ('name = "force"', 'nam = "force"', "line 32: experiments.1"),
+    ("seed = 1 ", 'seed = "x" ', "line 4: seed"),
+    ('samples = ["strip-1"]', 'samples = ["strip-9"]', "line 34: experiments.1.samples.0"),
+    ('"current", "force"]', '"current", "forc"]', "line 35: experiments.1.measured"),
+    ("repeats = 2", "repeat = 2", "line 29: experiments.0.repeat"),
+    ('actuator = "friend-3-measured"', 'actuator = "friend-9"', "line 22: samples.1.actuator"),
+    ('id = "strip-3"', 'id = "strip-1"', "line 21: samples.1.id"),
+    ('rig = "virtual"', 'rig = "nowhere.toml"', "line 2: rig"),
+    ("baseline = true", 'baseline = true\nfolder = "runs"', "line 31: experiments.0.folder"),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "place"), MISTAKES)
+def test_a_mistake_is_told_with_its_line_and_a_repair(right, wrong, place):
+    assert right in TEMPLATE
+    with pytest.raises(InputError) as told:
+        campaign_from_text(TEMPLATE.replace(right, wrong), where="c.toml")
+    assert told.value.where == f"c.toml, {place}"
+    assert told.value.repair
+
+
+def test_an_experiment_file_is_a_part(tmp_path):
+    (tmp_path / "step.toml").write_text(
+        'sample = "other"\nsignal = "step 1 V"\nrate = "100 Hz"\nduration = "5 s"\nmeasured = ["current", "force"]'
+    )
+    text = '[[samples]]\nid = "a"\n[[experiments]]\nname = "f"\nfile = "step.toml"\nsignal = "step 2 V"'
+    ((block,),) = [blocks_of(campaign_from_text(text, folder=tmp_path))]
+    assert block.experiment.rate == 100.0
+    assert block.experiment.sample.id == "a"
+    assert [run.label for run in block.runs] == ["step 2 V"]
+
+
+def test_each_repeat_of_a_random_order_is_a_whole_of_its_own():
+    campaign = campaign_from_text(TEMPLATE)
+    blocks = blocks_of(campaign)
+    assert [[run.id for run in block.runs] for block in blocks] == [
+        [run.id for run in block.runs] for block in blocks_of(campaign)
+    ]
+    listed = blocks_of(campaign_from_text(TEMPLATE.replace("randomised", "listed")))
+    signals = {run.id for block in blocks for run in block.runs if run.planned.purpose == "signal"}
+    assert signals == {run.id for block in listed for run in block.runs if run.planned.purpose == "signal"}
+    wholes = [[run.planned.repeat for run in block.runs] for block in blocks if block.part == "displacement"]
+    assert all(len({(repeat - 1) % 2 for repeat in repeats}) == 1 for repeats in wholes)
+    orders = {tuple(run.label for run in block.runs) for block in blocks if len(block.runs) == 4}
+    assert len(orders) > 1
+    other = blocks_of(campaign_from_text(TEMPLATE.replace("seed = 1 ", "seed = 2 ")))
+    assert [run.id for block in other for run in block.runs] != [run.id for block in blocks for run in block.runs]
+
+
+def test_two_polarities_stay_together_and_share_their_pair():
+    text = TEMPLATE.replace("baseline = true", "pair = true")
+    for block in blocks_of(campaign_from_text(text)):
+        for first, second in zip(block.runs[::2], block.runs[1::2], strict=False):
+            assert first.planned.pair_id == second.planned.pair_id
+    again, once = (blocks_of(campaign_from_text(text))[0].runs[0].planned.pair_id for _ in range(2))
+    assert again == once
+
+
+def test_a_block_at_hardware_is_one_sitting():
+    campaign = campaign_from_text(TEMPLATE)
+    blocks = blocks_of(campaign)
+    runs = sum(len(block.runs) for block in blocks)
+    assert len(list(sittings_of(campaign, blocks))) == runs
+    assert campaign.is_virtual
+    real = replace(campaign, rig=replace(campaign.rig, bench="ni"))
+    assert len(list(sittings_of(real, blocks))) == len(blocks)
+    done = {run.id for run in blocks[0].runs[:-1]}
+    assert len(next(sittings_of(real, blocks, done)).runs) == 1
+
+
+def test_the_plan_tells_when_each_run_comes():
+    plan = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12)
+    ends = [one.starts + one.seconds for one in plan.runs]
+    assert [one.starts for one in plan.runs] == pytest.approx([0.0, *ends[:-1]])
+    assert plan.seconds == pytest.approx(ends[-1])
+    assert plan.limits["strip-1, force"]["voltage"].startswith("4 V")
+
+
+def test_the_plan_refuses_what_no_guard_would_let_pass():
+    text = TEMPLATE.replace("300 mA", "30 mA")
+    with pytest.raises(InputError, match="is expected to draw"):
+        plan_campaign(campaign_from_text(text), bytes_free=10**12)
+
+
+def test_chapter_5_has_the_experiments_of_the_thesis():
+    campaign = load_campaign("friend-chapter-5")
+    runs = [run for block in blocks_of(campaign) for run in block.runs]
+    assert 100 <= len(runs) <= 120
+    assert {run.sample for run in runs} == {f"friend-{number}" for number in range(1, 8)}
+    labels = {run.label for run in runs}
+    assert {"step 1 V", "step 2 V", "step 3 V", "sine 1 V 0.05 Hz", "sine 1 V 1 Hz", "square 1 V 0.1 Hz"} <= labels
+    conditions = {run.condition for run in runs}
+    assert {"room", *(f"20 degC, {humidity} %RH" for humidity in (60, 70, 80))} <= conditions
+    assert {f"{warm} degC, 80 %RH" for warm in (20, 30, 40)} <= conditions

@@ -1,0 +1,138 @@
+"""A campaign at the virtual bench: carried out, broken off, gone on with."""
+
+import json
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from benchmarks.campaign_kills import CAMPAIGN, disturbed, result, undisturbed
+from ipmclab import read_run
+from ipmclab.campaign.blocks import blocks_of
+from ipmclab.campaign.campaign_file import campaign_from_text
+from ipmclab.campaign.conduct import Conduct, Sat
+from ipmclab.campaign.sitting import sittings_of
+from ipmclab.campaign.state import State, read_events
+from ipmclab.cli.app import run
+from ipmclab.cli.record_view import View
+from ipmclab.cli.sitting import at_virtual_bench, by_recorder
+from ipmclab.errors import IpmclabError
+from ipmclab.store.journal.laboratory import Laboratory
+
+ONE = CAMPAIGN.format(repeats=1).replace('"step 1 V", "sine 1 V 2 Hz"', '"step 1 V"')
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, object]]:
+    """A campaign of four runs, and what it gave."""
+    folder = tmp_path_factory.mktemp("whole")
+    file = folder / "campaign.toml"
+    file.write_text(CAMPAIGN.format(repeats=1))
+    return file, folder / "out", undisturbed(file, folder / "out")
+
+
+def test_every_run_is_recorded_once_in_its_order(whole):
+    file, out, found = whole
+    campaign = campaign_from_text(file.read_text())
+    planned = [run.id for block in blocks_of(campaign) for run in block.runs]
+    events = read_events(out)
+    assert [one["run"] for one in events if one["event"] == "recorded"] == planned
+    assert {name for name in found if "/" in name} == set(planned)
+    first = next(one for one in events if one["event"] == "recorded")
+    about = read_run(out / first["path"]).metadata
+    assert about.uuid == first["uuid"]
+    assert about.sample.id == first["run"].partition("/")[0]
+    assert about.experiment == "killed: displacement"
+    assert about.mounting_id.startswith("virtual-")
+
+
+def test_killed_at_random_moments_it_gives_the_same(whole, tmp_path):
+    file, _, expected = whole
+    found, met = disturbed(file, tmp_path / "out", [0.3, 0.9])
+    assert met == 2
+    assert found == expected
+
+
+def test_what_is_done_is_not_done_again(whole, capsys):
+    file, out, _ = whole
+    before = read_events(out)
+    assert run(["characterise", str(file), "--out", str(out), "--json"]) == 0
+    assert read_events(out) == before
+    assert json.loads(capsys.readouterr().out)["flagged"] == []
+
+
+def test_another_campaign_is_refused(whole, tmp_path, capsys):
+    file, out, _ = whole
+    (tmp_path / "other.toml").write_text(file.read_text() + "# the same in other words\n")
+    assert run(["characterise", str(tmp_path / "other.toml"), "--out", str(out)]) == 0
+    (tmp_path / "other.toml").write_text(file.read_text().replace("seed = 7", "seed = 8"))
+    assert run(["characterise", str(tmp_path / "other.toml"), "--out", str(out)]) == 2
+    assert "another campaign" in capsys.readouterr().err
+
+
+def conduct(text: str, folder: Path, *, state: State, sit=None) -> Conduct:
+    campaign = campaign_from_text(text)
+    laboratory = Laboratory.open(folder)
+
+    def at_bench(sitting, state):
+        return at_virtual_bench(campaign, laboratory, sitting, state)
+
+    found = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=sit or at_bench, tell=lambda _: None)
+    found.begin()
+    return found
+
+
+def test_a_run_that_fails_is_repeated_and_then_flagged(tmp_path, monkeypatch):
+    from ipmclab.campaign import conduct as module
+    from ipmclab.run import Finding
+
+    bad = Finding("laser-lost", "error", "it sees nothing")
+    monkeypatch.setattr(module, "check", lambda run: [bad] if run.metadata.sample.id == "friend-1" else [])
+    with State(tmp_path) as state:
+        conduct(ONE, tmp_path, state=state).run()
+        verdicts = [(one["run"].partition("/")[0], one["verdict"]) for one in state.of("recorded")]
+    assert sorted(verdicts) == [("friend-1", "flagged"), ("friend-1", "repeat"), ("friend-3", "kept")]
+
+
+def test_what_the_guard_ends_is_flagged_and_ends_the_campaign(tmp_path):
+    limited = ONE.replace("[method]", '[method]\nlimits = { charge = "1 C", current = "1 A", energy = "5 mJ" }')
+    limited = limited.replace('"5 mJ"', '{ most = "5 mJ", action = "zero" }')
+    with State(tmp_path) as state:
+        one = conduct(limited, tmp_path, state=state)
+        with pytest.raises(IpmclabError, match="energy") as told:
+            one.run()
+        assert "look at the strip" in told.value.repair
+        assert [event["verdict"] for event in state.of("recorded")] == ["flagged"]
+        assert one.left == 1
+
+
+def test_a_stop_keeps_what_is_there_and_the_run_is_recorded_anew(tmp_path):
+    with State(tmp_path) as state:
+        one = conduct(ONE, tmp_path, state=state, sit=lambda *_: Sat("stop", "stopped by the operator"))
+        with pytest.raises(IpmclabError, match="goes on with the next run"):
+            one.run()
+    with State(tmp_path) as state:
+        one = conduct(ONE, tmp_path, state=state)
+        one.run()
+        assert not one.left
+    assert len(result(tmp_path)) == 2 + 8  # runs and facts
+
+
+def test_a_recorder_of_its_own_sits_through_a_block_of_several_runs(tmp_path):
+    file = tmp_path / "campaign.toml"
+    (tmp_path / "rig.toml").write_text((resources.files("ipmclab.rig.files") / "library" / "thesis.toml").read_text())
+    file.write_text(CAMPAIGN.format(repeats=1).replace('title = "killed"', 'title = "killed"\nrig = "rig.toml"'))
+    campaign = campaign_from_text(file.read_text(), folder=tmp_path, where=str(file))
+    laboratory = Laboratory.open(tmp_path / "out")
+    real = replace(campaign, rig=replace(campaign.rig, bench="ni"))
+    with State(laboratory.root) as state:
+        sitting = next(sittings_of(real, blocks_of(campaign)))
+        assert len(sitting.runs) == 2
+        options = {"file": file, "answers": {}, "yes": True, "keys": False}
+        sat = by_recorder(campaign, laboratory, sitting, View(quiet=True, keys=False), options)
+        assert sat.ended == "done"
+        one = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=lambda *_: sat, tell=lambda _: None)
+        state.add("sitting", block=1, runs=dict(zip([run.id for run in sitting.runs], sitting.uuids, strict=True)))
+        one.begin()
+        assert state.done == {run.id for run in sitting.runs}
