@@ -85,9 +85,9 @@ def read_experiment(job: Mapping[str, Any]) -> Experiment:
     from ipmclab.rig.experiments.experiment import load_experiment
 
     if job.get("campaign"):
-        from ipmclab.cli.sitting import experiment_of
+        from ipmclab.campaign.asked import experiment_asked_for
 
-        return experiment_of(job)
+        return experiment_asked_for(job["experiment"], job["campaign"])
     experiment = load_experiment(job["experiment"])
     changes = {key: job[key] for key in ("pair", "repeats") if job.get(key) is not None}
     return replace(experiment, **changes)

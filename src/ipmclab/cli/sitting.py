@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from ipmclab.campaign.sitting import Sitting
     from ipmclab.campaign.state import State
     from ipmclab.cli.record_view import View
-    from ipmclab.rig.experiments.experiment import Experiment
     from ipmclab.store.journal.laboratory import Laboratory
 
 
@@ -52,19 +51,13 @@ def by_recorder(
     options: Mapping[str, Any],
 ) -> Sat:
     """Sit through it as ``ipmclab record`` does: in a recorder's own process, whose prompts a terminal answers."""
-    from ipmclab.campaign.sitting import experiment_for
+    from ipmclab.campaign.asked import asked
     from ipmclab.cli.record import RECORDER
     from ipmclab.rig.process.client import launch
 
-    experiment = experiment_for(campaign, sitting, title_of(campaign, sitting))
     job = {
         "experiment": str(options["file"]),
-        "campaign": {
-            "folder": str(laboratory.root),
-            "title": experiment.title,
-            "block": sitting.block.number,
-            "runs": {run.id: uuid for run, uuid in zip(sitting.runs, sitting.uuids, strict=True)},
-        },
+        "campaign": asked(sitting, laboratory.root, title_of(campaign, sitting)),
         "answers": dict(options["answers"]),
         "yes": options["yes"],
         "plan": False,
@@ -96,20 +89,3 @@ def follow(recorder: Any, view: View, *, joined: bool = False) -> Sat:
     if error is not None and error["code"] != "aborted":
         raise error_from(error)
     return Sat(values["how"] or "abort", "" if error is None else error["message"])
-
-
-def experiment_of(job: Mapping[str, Any]) -> Experiment:
-    """In the recorder's process: the experiment of a sitting that its job tells of."""
-    from dataclasses import replace
-    from pathlib import Path
-
-    from ipmclab.campaign.blocks import blocks_of
-    from ipmclab.campaign.campaign_file import load_campaign
-    from ipmclab.campaign.sitting import Sitting, experiment_for
-
-    campaign, asked = load_campaign(job["experiment"]), job["campaign"]
-    block = blocks_of(campaign)[asked["block"] - 1]
-    known = {run.id: run for run in block.runs}
-    sitting = Sitting(block, tuple(known[name] for name in asked["runs"]), tuple(asked["runs"].values()))
-    experiment = experiment_for(campaign, sitting, asked["title"])
-    return replace(experiment, folder=Path(asked["folder"]), where=f"{job['experiment']}: {block.part}")
