@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 
 from ipmclab.campaign.blocks import blocks_of
-from ipmclab.campaign.campaign_file import TEMPLATE, campaign_from_text, load_campaign
+from ipmclab.campaign.campaign_file import campaign_from_text, load_campaign
 from ipmclab.campaign.planned import plan_campaign
 from ipmclab.campaign.sitting import sittings_of
+from ipmclab.campaign.template import TEMPLATE
 from ipmclab.errors import InputError
 
 MISTAKES = [

@@ -87,7 +87,8 @@ def blocks_of(campaign: Campaign) -> tuple[Block, ...]:
 
     Examples
     --------
-    >>> from ipmclab.campaign.campaign_file import TEMPLATE, campaign_from_text
+    >>> from ipmclab.campaign.campaign_file import campaign_from_text
+    >>> from ipmclab.campaign.template import TEMPLATE
     >>> blocks = blocks_of(campaign_from_text(TEMPLATE.replace("randomised", "listed")))
     >>> [(block.strip.sample.id, block.part, block.condition, len(block.runs)) for block in blocks][:3]
     [('strip-1', 'displacement', '20 degC, 80 %RH', 7),

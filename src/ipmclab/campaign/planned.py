@@ -107,7 +107,8 @@ def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
 
     Examples
     --------
-    >>> from ipmclab.campaign.campaign_file import TEMPLATE, campaign_from_text
+    >>> from ipmclab.campaign.campaign_file import campaign_from_text
+    >>> from ipmclab.campaign.template import TEMPLATE
     >>> plan = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12)
     >>> plan.runs[1].run.id
     'strip-1/displacement/20 degC, 80 %RH (1)/step 1 V/1'

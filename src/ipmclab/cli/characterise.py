@@ -65,7 +65,8 @@ def characterise(
     ipmclab characterise friend-chapter-5 --plan
     ipmclab characterise campaign.toml --out chapter-5
     """
-    from ipmclab.campaign.campaign_file import TEMPLATE, load_campaign
+    from ipmclab.campaign.campaign_file import load_campaign
+    from ipmclab.campaign.template import TEMPLATE
 
     if template:
         if as_json:
