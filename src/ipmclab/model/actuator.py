@@ -17,7 +17,7 @@ from ipmclab.model.assemble import System, assemble
 from ipmclab.model.blocks import Block
 from ipmclab.model.environment import Environment, EnvironmentLaw, WaterState, equilibrium, sorption, values_in
 from ipmclab.model.export import to_control, to_scipy
-from ipmclab.model.parameters import Parameter, Values
+from ipmclab.model.parameters import Declaration, Parameter, Values
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
 from ipmclab.model.response import frequency_response
 from ipmclab.model.stages.circuit import Circuit, Elements
@@ -93,16 +93,7 @@ class Actuator(Shown):
                 if declaration.default is None:
                     raise InputError("this parameter is missing", code="missing-key", where=name, repair="give it")
                 given[name] = declaration.default
-            try:
-                given[name] = float(given[name])
-            except (TypeError, ValueError):
-                raise InputError(
-                    f"{given[name]!r} is not a number",
-                    code="bad-value",
-                    where=name,
-                    repair=f"give it as a number in {declaration.quantity.unit or 'no unit'}",
-                ) from None
-            declaration.check(given[name], where=name)
+            given[name] = _checked(declaration, given[name])
         for name, uncertainty in self.standard_uncertainties.items():
             if not (math.isfinite(uncertainty) and uncertainty >= 0):
                 raise InputError(
@@ -183,9 +174,16 @@ class Actuator(Shown):
         for name in changes:
             if name not in self.parameter_values:
                 raise unknown_parameter(name, self.parameter_values)
+        known = self.structure.declarations
+        values = {**self.parameter_values, **{name: _checked(known[name], value) for name, value in changes.items()}}
+        geometry.check(values)
+        sorption.check(values)
+        # Whoever replaces does so often: what was checked before is not checked again.
+        changed: Actuator = object.__new__(type(self))
+        changed.__dict__.update(self.__getstate__(), parameter_values=values, fit_table=None, structure=self.structure)
         kept = {name: value for name, value in self.standard_uncertainties.items() if name not in changes}
-        values = {**self.parameter_values, **changes}
-        return replace(self, parameter_values=values, standard_uncertainties=kept, fit_table=None)
+        changed.__dict__["standard_uncertainties"] = kept
+        return changed
 
     def at(self, environment: Environment | WaterState) -> Actuator:
         """The actuator in a constant environment: its parameters as its laws say, and no laws left.
@@ -363,6 +361,21 @@ class Actuator(Shown):
             When python-control is not installed.
         """
         return to_control(self.system, self.name)
+
+
+def _checked(declaration: Declaration, value: Any) -> float:
+    """A value as a number within its allowed range."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{value!r} is not a number",
+            code="bad-value",
+            where=declaration.name,
+            repair=f"give it as a number in {declaration.quantity.unit or 'no unit'}",
+        ) from None
+    declaration.check(number, where=declaration.name)
+    return number
 
 
 def unknown_parameter(name: str, known: Iterable[str]) -> InputError:

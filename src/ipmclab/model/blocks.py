@@ -95,9 +95,13 @@ def block(
 
 def _matrix(rows: Sequence[Sequence[Any]], height: int, width: int) -> Matrix:
     entries = [entry for row in rows for entry in row]
-    if any(isinstance(entry, np.ndarray) for entry in entries):
-        return np.stack(np.broadcast_arrays(*entries), axis=-1).reshape(-1, height, width)
-    return np.array(entries).reshape(height, width)
+    try:
+        flat = np.array(entries)
+    except ValueError:  # numbers beside arrays
+        flat = np.empty((0, 0))
+    if flat.ndim == 1:
+        return flat.reshape(height, width)
+    return np.stack(np.broadcast_arrays(*entries), axis=-1).reshape(-1, height, width)
 
 
 def standing_in(blocks: Sequence[Block]) -> tuple[Block, ...]:

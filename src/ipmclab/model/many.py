@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
 
@@ -24,6 +23,8 @@ from ipmclab.platform import processors
 from ipmclab.run import Hold
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from ipmclab.model.numerics.lanes import Lanes
 
 FloatArray = npt.NDArray[np.float64]
@@ -247,6 +248,8 @@ def _in_order(batch: Batch, size: int, work: Callable[[Batch, int], _Made]) -> I
     if len(parts) == 1:
         yield work(batch, 0)
         return
+    from concurrent.futures import ThreadPoolExecutor  # of no use to whoever simulates one strip
+
     with ThreadPoolExecutor(threads) as pool:
         under_way: deque[Future[_Made]] = deque()
         try:

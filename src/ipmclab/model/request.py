@@ -54,8 +54,8 @@ def checked_voltage(voltage: npt.ArrayLike, rows: int) -> FloatArray:
     InputError
         Not so many numbers, or a voltage that no strip can be under.
     """
-    found = _checked_rows("voltage", "V", voltage, rows)
-    if max(found.max(initial=0.0), -found.min(initial=0.0)) > MOST_VOLTS:
+    found, largest = _checked_rows("voltage", "V", voltage, rows)
+    if largest > MOST_VOLTS:
         row = int(np.abs(found).argmax())
         raise InputError(
             f"row {row} is {found[row]:g} V, a strip can be under {MOST_VOLTS:g} V at most",
@@ -73,10 +73,11 @@ def checked_force(force: npt.ArrayLike, rows: int) -> FloatArray:
     ------
     InputError
     """
-    return _checked_rows("external_force", "N", force, rows)
+    return _checked_rows("external_force", "N", force, rows)[0]
 
 
-def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> FloatArray:
+def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> tuple[FloatArray, float]:
+    """The values, and the largest magnitude among them."""
     quantity = name.replace("_", " ")
     try:
         found = np.ascontiguousarray(values, dtype=np.float64)
@@ -91,18 +92,16 @@ def _checked_rows(name: str, unit: str, values: npt.ArrayLike, rows: int) -> Flo
             where=name,
             repair=f"give one {quantity} [{unit}] for each of round(duration x rate) rows",
         )
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = found.sum()
-    if not math.isfinite(total):  # one NaN or infinity makes the sum one; overflow is looked at below
+    largest = float(max(found.max(initial=0.0), -found.min(initial=0.0)))
+    if not math.isfinite(largest):  # a NaN is both of them
         bad = np.flatnonzero(~np.isfinite(found))
-        if len(bad):
-            raise InputError(
-                f"row {bad[0]} is {found[bad[0]]}",
-                code=f"bad-{name.replace('_', '-')}",
-                where=name,
-                repair=f"every row needs the {quantity} that was applied",
-            )
-    return found
+        raise InputError(
+            f"row {bad[0]} is {found[bad[0]]}",
+            code=f"bad-{name.replace('_', '-')}",
+            where=name,
+            repair=f"every row needs the {quantity} that was applied",
+        )
+    return found, largest
 
 
 def checked_record(time: npt.ArrayLike, voltage: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -112,21 +112,7 @@ class Structure:
     @property
     def stages(self) -> tuple[Circuit | Line | Leak | Laser | Stage, ...]:
         """The stages in the order of the cascade."""
-        found: list[Circuit | Line | Leak | Laser | Stage] = [self.electrical]
-        if self.leak:
-            found.append(Leak(self.leak, slow=self.slow_leak))
-        slow = [
-            Relaxation("displacement", self.displacement_modes, self.displacement_pairs),
-            Relaxation("force", self.force_modes, self.force_pairs),
-        ]
-        relaxing = [one for one in slow if one.modes or one.pairs]
-        found.append(Coupling(displacement_fast=slow[0] in relaxing, force_fast=slow[1] in relaxing))
-        found += relaxing
-        found += [kind.build(count) for kind, count in self.further if kind.build is not None]
-        found.append(Beam(self.viscoelastic, self.load))
-        if self.laser:
-            found.append(Laser())
-        return tuple(found)
+        return _stages(self)
 
     def blocks(self, values: Values) -> tuple[Block, ...]:
         """The linear blocks of all stages for a parameter vector, in the order of the cascade."""
@@ -220,6 +206,25 @@ def _of(names: tuple[str, ...], _edition: int) -> Structure:
             if _under(given, kind.prefix)
         ),
     )
+
+
+@cache
+def _stages(structure: Structure) -> tuple[Circuit | Line | Leak | Laser | Stage, ...]:
+    found: list[Circuit | Line | Leak | Laser | Stage] = [structure.electrical]
+    if structure.leak:
+        found.append(Leak(structure.leak, slow=structure.slow_leak))
+    slow = [
+        Relaxation("displacement", structure.displacement_modes, structure.displacement_pairs),
+        Relaxation("force", structure.force_modes, structure.force_pairs),
+    ]
+    relaxing = [one for one in slow if one.modes or one.pairs]
+    found.append(Coupling(displacement_fast=slow[0] in relaxing, force_fast=slow[1] in relaxing))
+    found += relaxing
+    found += [kind.build(count) for kind, count in structure.further if kind.build is not None]
+    found.append(Beam(structure.viscoelastic, structure.load))
+    if structure.laser:
+        found.append(Laser())
+    return tuple(found)
 
 
 @cache

@@ -72,7 +72,14 @@ def validity(actuator: Actuator, run: Run, signal: Signal | str | None = None) -
     >>> validity(leaking, simulate(leaking, "step 2 V", duration=4.0, rate=50.0))
     ()
     """
-    return (*_voltage(actuator, run), *_bending(actuator, run), *_speed(actuator, run, signal), *_ring(actuator, run))
+    volts = _largest(run.voltage)
+    bending = 0.0 if run.displacement is None else _largest(run.displacement)
+    return (
+        *_voltage(actuator, volts),
+        *_bending(actuator, run, bending),
+        *_speed(actuator, run, signal),
+        *_ring(actuator, run, volts, bending),
+    )
 
 
 def sentence(finding: Finding) -> str:
@@ -95,18 +102,19 @@ class _Limits:
 
     leaks_above: float
     resonance: Resonance
+    most_at_resonance: float
 
 
 def _limits(actuator: Actuator) -> _Limits:
     """Kept with the actuator: they are asked for at every simulation."""
     kept: dict[str, _Limits] = actuator.__dict__.setdefault("_validity_limits", {})
     if "value" not in kept:
-        kept["value"] = _Limits(_leaks_above(actuator), resonance(actuator.parameter_values))
+        first = resonance(actuator.parameter_values)
+        kept["value"] = _Limits(_leaks_above(actuator), first, _most_at_resonance(actuator, first.frequency))
     return kept["value"]
 
 
-def _voltage(actuator: Actuator, run: Run) -> list[Finding]:
-    largest = _largest(run.voltage)
+def _voltage(actuator: Actuator, largest: float) -> list[Finding]:
     if largest <= ELECTROLYSIS:
         return []
     if largest > _limits(actuator).leaks_above:
@@ -145,13 +153,12 @@ def _leaks_above(actuator: Actuator) -> float:
     return Leak(form).onset(actuator.parameter_values) if form else math.inf
 
 
-def _bending(actuator: Actuator, run: Run) -> list[Finding]:
+def _bending(actuator: Actuator, run: Run, bending: float) -> list[Finding]:
     if run.displacement is None:
         return []
     if actuator.structure.laser:
         return _lost(actuator, run.displacement, run)
     length = actuator["geometry.free_length"]
-    bending = _largest(run.displacement)
     if bending <= SMALL_BENDING * length:
         return []
     return [
@@ -215,14 +222,16 @@ def _speed(actuator: Actuator, run: Run, signal: Signal | str | None) -> list[Fi
     ]
 
 
-def _ring(actuator: Actuator, run: Run) -> list[Finding]:
+def _ring(actuator: Actuator, run: Run, volts: float, largest: float) -> list[Finding]:
     """A ring after an edge that the rows are too few to show."""
-    first = _limits(actuator).resonance
+    limits = _limits(actuator)
+    first = limits.resonance
     if run.displacement is None or run.hold == "first" or run.rate >= 2.0 * first.frequency or first.damping_ratio >= 1:
         return []
+    if 2.0 * volts * limits.most_at_resonance <= RING * largest:  # no jump is larger
+        return []
     jump = max(_largest(np.diff(run.voltage)), abs(float(run.voltage[0])))
-    largest = _largest(run.displacement)
-    if jump * _most_at_resonance(actuator, first.frequency) <= RING * largest:
+    if jump * limits.most_at_resonance <= RING * largest:
         return []
     # After an edge the beam rings by what its drive holds at the resonance.
     amplitude = jump * _gain_at_resonance(actuator, first.frequency)

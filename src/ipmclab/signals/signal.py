@@ -171,7 +171,10 @@ class Signal(ABC):
         times = np.asarray(time, dtype=np.float64)
         # One dimension: NumPy computes a lone scalar otherwise than an array, in the last digit.
         since = times.ravel() - delay
-        acts = (since >= -EDGE) & (since < self.duration - delay - EDGE)
+        end = self.duration - delay - EDGE
+        if since.min(initial=0.0) >= 0.0 and since.max(initial=0.0) < end:  # as is usual
+            return self._shape(since).reshape(times.shape)
+        acts = (since >= -EDGE) & (since < end)
         return np.where(acts, self._shape(np.where(acts, np.maximum(since, 0.0), 0.0)), 0.0).reshape(times.shape)
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, NoReturn
 
@@ -30,6 +31,8 @@ _WAVEFORMS: Final[dict[str, type[Signal]]] = {
 }
 WORDS: Final = (*_WAVEFORMS, "file", "samples")
 """The words with which a signal begins."""
+
+_LONG: Final = 500  # characters
 
 _JOINTS: Final = ("for", "then")
 _EXAMPLES: Final = {VOLTAGE: "1 V", FREQUENCY: "0.1 Hz", TIME: "0.5 s", ANGLE: "90 deg", NUMBER: "1"}
@@ -73,6 +76,17 @@ def parse(text: str, *, folder: str | Path = "") -> Signal:
     """
     if not isinstance(text, str):
         raise InputError(f"{text!r} is not a text", code="bad-signal", where="signal", repair="give 'step 1 V'")
+    # What a file holds may have changed since; a long text would fill the memory.
+    return _kept(text) if len(text) < _LONG and "file" not in text.lower() else _read(text, str(folder))
+
+
+@lru_cache(maxsize=256)
+def _kept(text: str) -> Signal:
+    """Kept, because reading a text takes longer than simulating 2,000 rows."""
+    return _read(text, "")
+
+
+def _read(text: str, folder: str) -> Signal:
     reader = _Reader(text, folder=Path(folder))
     signals: list[Signal] = []
     durations: list[float] = []

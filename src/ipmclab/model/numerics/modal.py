@@ -34,10 +34,15 @@ class Fractions:
 
     def at(self, s: complex) -> complex:
         """Its value at one s."""
-        return self.direct + sum(residue / (s - pole) for pole, residue in self.residues.items())
+        total = self.direct
+        for pole, residue in self.residues.items():
+            total += residue / (s - pole)
+        return total
 
     def __mul__(self, other: Fractions) -> Fractions:
         """One after the other; they share no pole."""
+        if not self.residues:
+            return Fractions(self.direct * other.direct, {p: r * self.direct for p, r in other.residues.items()})
         own = {pole: residue * other.at(pole) for pole, residue in self.residues.items()}
         others = {pole: residue * self.at(pole) for pole, residue in other.residues.items()}
         return Fractions(self.direct * other.direct, own | others)
@@ -129,7 +134,12 @@ def modes(
                 if abs(pole - other) <= NEARLY_MEET * max(abs(pole), abs(other)):
                     return None
         sections.append(own_poles)
+        made: dict[bytes, Fractions] = {}
         for row, name in enumerate(block.outputs):
+            reads = block.c[row].tobytes() + block.d[row].tobytes()
+            if reads in made:  # both drives are often one
+                signals[name] = made[reads]
+                continue
             total = Fractions(0.0, {})
             for column, port in enumerate(block.inputs):
                 if port in at_rest:
@@ -137,7 +147,7 @@ def modes(
                 transfer = _fractions(block, own_poles, row, column)
                 if transfer.direct or transfer.residues:
                     total = total + transfer * signals[port]
-            signals[name] = total
+            signals[name] = made[reads] = total
     return Modes(tuple(sections), tuple(signals[name] for name in outputs))
 
 
@@ -169,8 +179,8 @@ _NOBODY: Final = _Mode(0j, 0j, 0j, 0j)
 
 def _mode(pole: complex, period: float, hold: Hold) -> _Mode | None:
     """One pole for one hold, from rest; None where it vanishes."""
-    a = cmath.exp(pole * period)
     first, second = exponential_integrals(pole * period)
+    a = cmath.exp(pole * period)
     if hold == "zero":
         return _Mode(a, period * first, 0j, 0j)
     if hold == "zero-before":
