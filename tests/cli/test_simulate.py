@@ -81,12 +81,16 @@ def test_the_next_mounting_has_a_column(command, tmp_path: Path) -> None:
         ("fitted.toml+leak.cubic", "the fit in fitted.toml is of the actuator without leak.cubic"),
         ("edited.toml", "geometry.width is no longer what it was when its fit was made"),
         ("by-hand.toml", "the [fit] table is not one that identify writes"),
+        ("nameless.toml", "the [fit] table is not one that identify writes"),
+        ("other-output.toml", "the [fit] table is not one that identify writes"),
     ],
 )
 def test_no_wrong_number(command, fitted: Path, named: str, why: str) -> None:
     text = fitted.read_text("utf-8")
     Path("edited.toml").write_text(text.replace('width = "5 mm"', 'width = "6 mm"'), "utf-8")
     Path("by-hand.toml").write_text(text.partition("[fit]")[0] + "[fit]\nmine = 1\n", "utf-8")
+    Path("nameless.toml").write_text(text.replace('name = "circuit.dc', 'nome = "circuit.dc', 1), "utf-8")
+    Path("other-output.toml").write_text(text.replace("[fit.runs.noise]", "[fit.runs.noise]\nnan = 0.0"), "utf-8")
     done = command("simulate", named, *WORDS)
     assert (done.status, done.err) == (0, "")
     assert f"No interval: {why}." in " ".join(done.out.split())

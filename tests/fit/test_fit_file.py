@@ -259,6 +259,7 @@ def test_an_edited_table_is_read_or_refused_in_plain_words(
         (lambda t: t["covariance"]["rows"][0].__setitem__(1, 1.0), "covariance.rows[0][1]", "the other way"),
         (lambda t: t["covariance"]["rows"][1].__setitem__(1, -1.0), "covariance.rows[1][1]", "must be 0 or more"),
         (lambda t: t["runs"][0].update(noise=3.0), "runs[0].noise", "3 is not a table"),
+        (lambda t: t["runs"][0]["noise"].update(nan=0.0), "runs[0].noise.nan", "unknown output 'nan'"),
     ],
 )
 def test_what_no_fit_can_say_is_refused_at_its_key(

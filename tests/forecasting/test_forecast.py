@@ -92,6 +92,7 @@ def test_a_jump_of_the_rate_is_followed_and_a_spike_in_it_is_not() -> None:
         ({"origin": 21.0}, "origin", "too soon"),
         ({"origin": "60 s"}, "origin", "give it in s"),
         ({"horizon": 0.0}, "horizon", "0.0"),
+        ({"horizon": 1e9}, "horizon", "allowed are 20000000"),
         ({"horizon": "10 s"}, "horizon", "give it in s"),
         ({"channel": "current"}, "channel", "displacement, force"),
         ({"channel": "force"}, "force", "no force"),

@@ -199,7 +199,9 @@ def test_an_impossible_density_is_said_at_once_with_the_mass_as_it_was_written(
 def test_a_program_learns_of_an_impossible_density(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("p.toml").write_text(text_of(mass='"145.7 g"'), encoding="utf-8")
     assert run(["procedure", "p.toml", "--json"]) == 2
-    document = json.loads(capsys.readouterr().out)
+    told = capsys.readouterr()
+    document = json.loads(told.out)
+    assert document["error"]["message"] in told.err
     step = document["steps"][3]
     assert not step["done"]
     assert step["results"] == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -75,12 +76,15 @@ def procedure(
         raise
     if not as_json:
         _print(found, details=details)
-    elif out is None:
-        print_json(_document(found, out))
     for step, finding in found.impossible:
-        if as_json and out is None:
-            raise typer.Exit(InputError.exit_status)  # the document holds it
-        raise InputError(finding.message, code=finding.code, where=f"{file}: {step.name}", repair=finding.repair)
+        wrong = InputError(finding.message, code=finding.code, where=f"{file}: {step.name}", repair=finding.repair)
+        if not as_json or out is not None:
+            raise wrong
+        print_json({"error": wrong.as_dict(), **_document(found, out)})  # with all that was found beside it
+        print(f"error: {wrong}", file=sys.stderr)
+        raise typer.Exit(wrong.exit_status)
+    if as_json and out is None:
+        print_json(_document(found, out))
     if out is not None:
         _write(found, file, out, force=force, as_json=as_json)
 

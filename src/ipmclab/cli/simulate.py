@@ -78,9 +78,9 @@ def simulate(
     with progress(f"simulating {model.name}"):
         strip = model if model.fit_table is None else _as_it_is_now(model)
         run = simulate_actuator(strip, applied, duration=seconds, rate=hertz, hold=hold, environment=air)
-        write_run(run, out, overwrite=force)
         changes = run.time_environment is not None
         sure = None if changes else _sureness(model, run, actuator)
+        write_run(run, out, overwrite=force)
 
     told = [sentence(finding) for finding in run.metadata.findings]
     if changes and model.fit_table is not None:

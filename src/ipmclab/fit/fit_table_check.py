@@ -13,6 +13,7 @@ from ipmclab.fit.observation import Observation
 from ipmclab.fit.run_state import RunState
 from ipmclab.model import Actuator
 from ipmclab.model.parameters import Parameter
+from ipmclab.model.ports import OUTPUTS
 from ipmclab.run import Effect, Finding, Severity
 from ipmclab.units import CHANNELS
 
@@ -20,7 +21,7 @@ _ROUNDING: Final = 1e-9  # of a value, by which its interval may miss it
 _ASYMMETRY: Final = 1e-5  # of two standard errors: the inverse of a nearly singular matrix is not quite symmetric
 _TEXTS: Final = ("message", "software_version")
 _TEXTS_OF_RUN: Final = ("label", "content_sha256", "hold", "start")
-_NUMBERS_OF_RUN: Final = ("initial_state", "offset", "drift", "noise", "samples", "span")
+_OF_OUTPUTS: Final = ("offset", "drift", "noise", "samples", "span")
 
 
 class BadTable(ValueError):
@@ -181,9 +182,12 @@ def _check_run(run: Mapping[str, Any], key: str) -> None:
         for name in ("doses", "adds"):
             _numbers(state.get(name, {}), f"{key}.state.{name}")
         _numbers({name: one for name, one in state.items() if name not in ("how", "doses", "adds")}, f"{key}.state")
-    for name in _NUMBERS_OF_RUN:
-        if name in run:
-            _numbers(run[name], f"{key}.{name}")
+    _numbers(run.get("initial_state", {}), f"{key}.initial_state")
+    for name in _OF_OUTPUTS:
+        _numbers(run.get(name, {}), f"{key}.{name}")
+        for output in run.get(name, {}):
+            if output not in OUTPUTS:
+                raise BadTable(f"{key}.{name}.{output}", f"unknown output {output!r}, {suggest(output, OUTPUTS)}")
 
 
 def _check_finding(finding: Mapping[str, Any], key: str) -> None:

@@ -24,6 +24,7 @@ from ipmclab.forecasting.forecast_values import known_channel
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator, need_run
 from ipmclab.model.outputs import simulate_outputs
+from ipmclab.model.request import MOST_ROWS
 from ipmclab.model.simulate import with_shunt
 from ipmclab.quality import check, usable
 from ipmclab.run import Finding, Hold, Run
@@ -225,6 +226,13 @@ def _planned(run: Run, voltage: FloatArray, past: int, horizon: float) -> tuple[
     time, volts = run.time[:stop], voltage[:stop]
     period = float(np.median(np.diff(run.time)))
     more = math.floor((end - time[-1]) / period + 1e-9)
+    if more > MOST_ROWS:
+        raise InputError(
+            f"{horizon:g} s are {more} rows of {period:g} s, allowed are {MOST_ROWS}",
+            code="too-many-rows",
+            where="horizon",
+            repair="give a shorter horizon",
+        )
     if more > 0:
         time = np.concatenate([time, time[-1] + period * np.arange(1, more + 1)])
         volts = np.concatenate([volts, np.full(more, volts[-1])])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.fit_file import fit_of
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
@@ -64,13 +65,16 @@ def as_it_is_now(actuator: Actuator) -> Actuator:
     actuator : Actuator
         With the table of its fit.
     """
-    table: Mapping[str, Any] = actuator.fit_table or {}
-    rates = [(one["name"], one["value"]) for one in table.get("parameters", ()) if one["name"].startswith(AGE)]
-    states = [RunState.from_table(run["state"]) for run in table.get("runs", ()) if "state" in run]
-    changes = dict(actuator.parameter_values)
-    for name, rate in rates:
+    if actuator.fit_table is None:
+        return actuator
+    try:
+        fit = fit_of(actuator, where=actuator.name)
+    except InputError:  # a table that no fit wrote says nothing of ages, as it says nothing of errors (``sure_answer``)
+        return actuator
+    rates, changes = rates_of(fit), dict(actuator.parameter_values)
+    for name, rate in rates.items():
         age = Age.of(name)
-        changes[age.parameter] *= math.exp(rate * dose_now(states, age.scale))
+        changes[age.parameter] *= math.exp(rate * dose_now(_seen(fit), age.scale))
     return replace(actuator, parameter_values=changes) if rates else actuator
 
 
