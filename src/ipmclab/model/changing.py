@@ -18,7 +18,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import System
 from ipmclab.model.environment.history import EnvironmentHistory
 from ipmclab.model.environment.laws import moved_values
-from ipmclab.model.environment.path import Grid, Path, apart, path_of, steps
+from ipmclab.model.environment.path import Grid, apart, path_of, pieces_along, stations_of
 from ipmclab.model.environment.transport import WaterCourse, curl_displacement, water_course
 from ipmclab.model.numerics.course import Course, voltage_course
 from ipmclab.model.numerics.dense import check_solved, law_numbers, parts
@@ -46,10 +46,6 @@ _MOST_PASSES: Final = 8
 _QUIET: Final = 0.99
 """Part of the onset of a leak up to which rows show that nothing leaks between them either."""
 _LEAK_PARTS: Final = 64
-
-_STRAIGHT: Final = 16
-_BENT: Final = 1e-5
-"""So many pieces may be a straight line, and a parameter may leave it by so much: a tenth of what it moves in one."""
 
 _BRANCH: Final = re.compile(r"(?:^|\.)branches\.(\d+)\.voltage$")
 
@@ -186,7 +182,7 @@ def _kept_pieces(
             if own is None:
                 return None
             found.append(own)
-        _, first, weights = _pieces(path, water, grid, times + 0.5 * period)
+        _, first, weights = pieces_along(path, water, grid, times + 0.5 * period)
         pieces = pieces_between(np.array(found), weights, np.append(first, len(times)))
         return None if pieces is None else (pieces, water)
 
@@ -267,8 +263,8 @@ def _worked_out(
         every = range(len(OUTPUTS))
         seen = seen_states(systems, every)
         middles = asked.ends - 0.5 * asked.durations[asked.course.interval]
-        piece, _, weights = _pieces(path, water, grid, middles)
-        stations, share = _stations(actuator.parameter_values, grid, weights)
+        piece, _, weights = pieces_along(path, water, grid, middles)
+        stations, share = stations_of(actuator.parameter_values, grid, weights)
         found, table = _knots([reduced(system, every, seen) for system in systems], asked.durations)
         knots = Knots(*(np.tensordot(weights[stations], one, 1) for one in found))
         at_first = grid.weights(path.contents[:1], path.temperatures[:1])[0]
@@ -318,45 +314,6 @@ def _values_at(actuator: Actuator, grid: Grid) -> list[dict[str, float]]:
     moved = moved_values(actuator.parameter_values, contents, temperatures)
     every = {name: np.broadcast_to(np.asarray(value, dtype=np.float64), len(contents)) for name, value in moved.items()}
     return [{name: float(value[k]) for name, value in every.items()} for k in range(len(contents))]
-
-
-def _pieces(
-    path: Path, water: WaterCourse, grid: Grid, middles: FloatArray
-) -> tuple[IndexArray, IndexArray, FloatArray]:
-    """The piece of each interval, the first interval of each piece, and the weights of the grid in each.
-
-    Of a piece, the parameters are those in its middle.
-    """
-    number = path.pieces(middles)
-    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-    last = np.append(first[1:], len(middles)) - 1
-    there = 0.5 * (middles[first] + middles[last])
-    span = (path.contents.min(), path.contents.max()), (path.temperatures.min(), path.temperatures.max())
-    weights = grid.weights(np.clip(water.contents(there), *span[0]), np.clip(water.temperatures(there), *span[1]))
-    return np.repeat(np.arange(len(first)), last + 1 - first), first, weights
-
-
-def _stations(values: Mapping[str, float], grid: Grid, weights: FloatArray) -> tuple[IndexArray, FloatArray]:
-    """Pieces between which parameters go in straight lines, and how far each piece is from one of them to the next.
-
-    Parameters
-    ----------
-    weights : float array, shape (n_pieces, n_points)
-    """
-    contents, temperatures = grid.states
-    states = weights @ np.column_stack([np.log(contents), temperatures])
-    every = np.arange(len(weights))
-    stations = np.unique(np.append(every[::_STRAIGHT], every[-1]))
-    for _ in range(2):  # where the way bends, each piece is a station of its own
-        before = np.searchsorted(stations, every, side="right") - 1
-        after = np.minimum(before + 1, len(stations) - 1)
-        share = (every - stations[before]) / np.maximum(stations[after] - stations[before], 1)
-        line = states[stations[before]] + share[:, None] * (states[stations[after]] - states[stations[before]])
-        both = np.stack([states, line], axis=1).reshape(-1, 2)
-        left = steps(values, np.exp(both[:, 0]), both[:, 1])[::2]
-        bent = np.isin(before, before[left > _BENT])
-        stations = np.unique(np.concatenate([stations, every[bent]]))
-    return stations, share
 
 
 def _charged(system: System, scale: FloatArray) -> System:

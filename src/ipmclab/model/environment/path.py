@@ -27,6 +27,11 @@ _FINE: Final = 2e-3
 """Part by which parameters may move between two points of a path: straight lines between them then hold."""
 
 
+_STRAIGHT: Final = 16
+_BENT: Final = 1e-5
+"""So many pieces may be a straight line, and a parameter may leave it by so much: a tenth of what it moves in one."""
+
+
 class Path(NamedTuple):
     """The way of the parameters along a record.
 
@@ -138,3 +143,42 @@ def apart(values: Mapping[str, float], one: WaterCourse, other: WaterCourse, beg
     contents = np.ravel(np.column_stack([one.contents(time), other.contents(time)]))
     temperatures = np.ravel(np.column_stack([one.temperatures(time), other.temperatures(time)]))
     return float(np.max(steps(values, contents, temperatures)[::2]))
+
+
+def pieces_along(
+    path: Path, water: WaterCourse, grid: Grid, middles: FloatArray
+) -> tuple[IndexArray, IndexArray, FloatArray]:
+    """The piece of each interval, the first interval of each piece, and the weights of the grid in each.
+
+    Of a piece, the parameters are those in its middle.
+    """
+    number = path.pieces(middles)
+    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    last = np.append(first[1:], len(middles)) - 1
+    there = 0.5 * (middles[first] + middles[last])
+    span = (path.contents.min(), path.contents.max()), (path.temperatures.min(), path.temperatures.max())
+    weights = grid.weights(np.clip(water.contents(there), *span[0]), np.clip(water.temperatures(there), *span[1]))
+    return np.repeat(np.arange(len(first)), last + 1 - first), first, weights
+
+
+def stations_of(values: Mapping[str, float], grid: Grid, weights: FloatArray) -> tuple[IndexArray, FloatArray]:
+    """Pieces between which parameters go in straight lines, and how far each piece is from one of them to the next.
+
+    Parameters
+    ----------
+    weights : float array, shape (n_pieces, n_points)
+    """
+    contents, temperatures = grid.states
+    states = weights @ np.column_stack([np.log(contents), temperatures])
+    every = np.arange(len(weights))
+    stations = np.unique(np.append(every[::_STRAIGHT], every[-1]))
+    for _ in range(2):  # where the way bends, each piece is a station of its own
+        before = np.searchsorted(stations, every, side="right") - 1
+        after = np.minimum(before + 1, len(stations) - 1)
+        share = (every - stations[before]) / np.maximum(stations[after] - stations[before], 1)
+        line = states[stations[before]] + share[:, None] * (states[stations[after]] - states[stations[before]])
+        both = np.stack([states, line], axis=1).reshape(-1, 2)
+        left = steps(values, np.exp(both[:, 0]), both[:, 1])[::2]
+        bent = np.isin(before, before[left > _BENT])
+        stations = np.unique(np.concatenate([stations, every[bent]]))
+    return stations, share
