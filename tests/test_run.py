@@ -131,6 +131,9 @@ def test_a_sample_reads_back_as_it_was_written() -> None:
         coating="none",
         dry_mass=103e-6,
         hydrated_mass=113e-6,
+        soak_time=86400.0,
+        electrode_thickness=8e-6,
+        micrographs=("surface.png", "cross section.png"),
         plated_by="OEM",
         source="a thesis",
     )
@@ -145,6 +148,10 @@ def test_a_sample_reads_back_as_it_was_written() -> None:
         ({"id": "a", "dry_mass": "1 mm"}, "not a mass"),
         ({"id": "a", "dry_mass": 1.0}, "not a text"),
         ({"id": "a", "dry_mass": "-1 mg"}, "not above 0"),
+        ({"id": "a", "soak_time": "24 mm"}, "not a time"),
+        ({"id": "a", "electrode_thickness": "0 um"}, "not above 0"),
+        ({"id": "a", "micrographs": ["a.png", 1]}, "no list of texts"),
+        ({"id": "a", "micrographs": ["a;b.png"]}, "no list of texts"),
         ({"membrane": "Nafion"}, "needs an id"),
     ],
 )

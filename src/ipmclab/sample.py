@@ -6,14 +6,21 @@ from dataclasses import dataclass, fields
 from typing import Any, Final
 
 from ipmclab.errors import InputError, suggest
-from ipmclab.units import AREAL_MASS, LENGTH, MASS, Quantity, format_quantity, parse_quantity
+from ipmclab.units import AREAL_MASS, LENGTH, MASS, TIME, Quantity, format_quantity, parse_quantity
 
 _QUANTITIES: Final[dict[str, Quantity]] = {
     "nominal_membrane_thickness": LENGTH,
     "plating_loading": AREAL_MASS,
     "dry_mass": MASS,
     "hydrated_mass": MASS,
+    "soak_time": TIME,
+    "electrode_thickness": LENGTH,
 }
+_LISTS: Final = ("micrographs",)
+"""Keys with several texts: a list in a TOML file, and one text with ``;`` in between wherever a sample is kept."""
+
+
+_BETWEEN: Final = "; "
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,12 @@ class Sample:
     coating : str, optional
         For example ``"parylene"``.
     dry_mass, hydrated_mass : float [kg], optional
+    soak_time : float [s], optional
+        How long the strip lay in its solvent before it was weighed wet and tested.
+    electrode_thickness : float [m], optional
+        Of one electrode, from a micrograph.
+    micrographs : tuple of str
+        Files of pictures: surface, cross-section.
     source : str, optional
         Where these facts come from.
     """
@@ -55,6 +68,9 @@ class Sample:
     coating: str | None = None
     dry_mass: float | None = None
     hydrated_mass: float | None = None
+    soak_time: float | None = None
+    electrode_thickness: float | None = None
+    micrographs: tuple[str, ...] = ()
     source: str | None = None
 
     @classmethod
@@ -77,6 +93,9 @@ class Sample:
             place = f"{where}.{key}"
             if key not in known:
                 raise InputError(f"unknown key {key!r}", code="unknown-key", where=place, repair=suggest(key, known))
+            if key in _LISTS:
+                values[key] = _texts(value, place)
+                continue
             if not isinstance(value, str):
                 raise InputError(
                     f"{value!r} is not a text", code="bad-value", where=place, repair="put it in quotes, with its unit"
@@ -102,8 +121,24 @@ class Sample:
         table: dict[str, str] = {}
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is not None:
+            if field.name in _LISTS:
+                if value:
+                    table[field.name] = _BETWEEN.join(value)
+            elif value is not None:
                 table[field.name] = (
                     format_quantity(value, _QUANTITIES[field.name]) if field.name in _QUANTITIES else value
                 )
         return table
+
+
+def _texts(value: Any, place: str) -> tuple[str, ...]:
+    """Several texts, from a list or from one text."""
+    given = value.split(";") if isinstance(value, str) else value
+    if not isinstance(given, (list, tuple)) or not all(isinstance(one, str) and ";" not in one for one in given):
+        raise InputError(
+            f"{value!r} is no list of texts",
+            code="bad-value",
+            where=place,
+            repair='write ["surface.png", "section.png"]; a name has no semicolon',
+        )
+    return tuple(one.strip() for one in given if one.strip())

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from base64 import b64encode
 from dataclasses import replace
+from hashlib import sha256
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
-from ipmclab import identify, load_actuator, report, simulate, validate
+from ipmclab import Sample, identify, load_actuator, report, simulate, validate
 from ipmclab.errors import InputError
 from ipmclab.prediction.fitted import fitted_outputs
 from ipmclab.quality import measure
@@ -247,3 +249,25 @@ def test_fitted_values_are_those_that_the_fit_left_its_residuals_from() -> None:
     both = one.used & np.isfinite(residual)
     assert np.count_nonzero(both) > 550
     assert np.allclose(one.error[both], residual[both], rtol=0, atol=1e-9)
+
+
+def test_micrographs_of_the_sample_come_along(material, tmp_path, monkeypatch) -> None:
+    """A PNG of one point, made by hand; what is not there, or not below the folder, is named and not read."""
+    content = bytes.fromhex(
+        "89504e470d0a1a0a0000000d4948445200000001000000010806000000"
+        "1f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
+    )
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "surface.png").write_bytes(content)
+    (tmp_path.parent / "secret.png").write_bytes(content)
+    names = ("surface.png", "gone.png", "../secret.png", str(tmp_path / "surface.png"), "notes.txt", "<b>.png")
+    sample = Sample(id="a", soak_time=86400.0, electrode_thickness=8e-6, micrographs=names)
+    fit = replace(material.fit, actuator=replace(material.fit.actuator, sample=sample))
+    report(fit, runs=material.runs, path=tmp_path / "report.html")
+    page = Page((tmp_path / "report.html").read_text("utf-8"))
+    pictures = [attrs["src"] for tag, attrs in page.tags if tag == "img"]
+    assert pictures == [f"data:image/png;base64,{b64encode(content).decode()}"]
+    assert f"Micrograph surface.png: SHA-256 {sha256(content).hexdigest()}" in page.text
+    assert page.text.count("the file is not here") == 2
+    assert page.text.count("only pictures below the folder of the program are shown") == 2
+    assert "soak time" in page.text

@@ -210,6 +210,8 @@ def published_sample(number: int) -> Sample:
             "source": SOURCE,
         }
         | ({"plated_by": row["plated_by"]} if row["plated_by"] else {})
+        # In deionized water. Of sample 2 the text does not say how long.
+        | ({"solvent": "water", "soak_time": f"{row['soak_h']} h"} if row["soak_h"] else {})
     )
 
 

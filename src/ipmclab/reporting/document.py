@@ -30,6 +30,7 @@ from ipmclab.reporting.figures.prediction import prediction_figure
 from ipmclab.reporting.figures.residuals import autocorrelation_figure
 from ipmclab.reporting.figures.shape import shape_figure
 from ipmclab.reporting.many_runs import many_runs_part
+from ipmclab.reporting.micrographs import micrographs
 from ipmclab.reporting.page_file import render, write_page
 from ipmclab.reporting.profiles import profiles_part
 from ipmclab.reporting.svg import inline_svg
@@ -160,6 +161,7 @@ def html(
         ],
         definitions=tables.definitions(metric for metrics in (*measured, *measured_later) for metric in metrics),
         sample=tables.sample_facts(fit.actuator, runs),
+        micrographs=list(micrographs(tables.sample_of(fit.actuator, runs))),
         making=_making(fit, command),
     )
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ipmclab.fit.fit import Fit, FittedParameter
     from ipmclab.model import Actuator
     from ipmclab.quality import Metric
+    from ipmclab.sample import Sample
 
 
 @dataclass(frozen=True)
@@ -304,9 +305,14 @@ def score_rows(validations: Sequence[Validation], names: Sequence[str]) -> list[
     return rows
 
 
+def sample_of(actuator: Actuator, runs: Sequence[Run]) -> Sample | None:
+    """The strip, from the actuator, or else from the first run that says."""
+    return actuator.sample or next((run.metadata.sample for run in runs if run.metadata.sample), None)
+
+
 def sample_facts(actuator: Actuator, runs: Sequence[Run]) -> list[tuple[str, str]]:
-    """What the strip is, as name and value: from the actuator, or else from the first run that says."""
-    sample = actuator.sample or next((run.metadata.sample for run in runs if run.metadata.sample), None)
+    """What the strip is, as name and value."""
+    sample = sample_of(actuator, runs)
     facts = [("actuator", actuator.name)]
     if sample is not None:
         for name, value in sample.to_table().items():
