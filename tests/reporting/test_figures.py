@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from matplotlib.figure import Figure
 
-from ipmclab import Finding, Run, import_run, validate
+from ipmclab import Finding, Run, import_run, load_actuator, simulate, validate
 from ipmclab.errors import InputError
 from ipmclab.quality import check
-from ipmclab.reporting import overview, plot
+from ipmclab.reporting import before_and_after, characteristic, overview, plot
 from ipmclab.reporting.decimate import decimate
 from ipmclab.reporting.figures.frequency import frequency_figure
 from ipmclab.reporting.figures.runs import runs_figure
@@ -161,3 +161,40 @@ def test_a_lost_laser_does_not_set_the_scale(real_runs) -> None:
     panel = next(panel for panel in figure.axes if panel.get_title(loc="left").startswith("displacement"))
     # The strip moved 12 mm before the laser lost it; the readings on the way out of range say 80 mm.
     assert panel.get_ylim()[1] < 15
+
+
+def test_the_characteristic_is_current_over_voltage() -> None:
+    """Of a resistance a line through 0 with its conductance; a reading that is left out leaves a gap."""
+    time = np.arange(0.0, 20.0, 0.02)
+    voltage = np.sin(0.2 * np.pi * time)
+    current = voltage / 50.0
+    current[100:110] = np.nan
+    run = Run.from_arrays(time=time, voltage=voltage, current=current)
+    (panel,) = characteristic(run).axes
+    line = panel.lines[-1]
+    drawn = np.asarray(line.get_ydata())
+    assert np.isnan(drawn[100:110]).all()
+    np.testing.assert_allclose(drawn[:100], 20.0 * np.asarray(line.get_xdata())[:100], rtol=1e-12)
+    assert (panel.get_xlabel(), panel.get_title(loc="left")) == ("voltage (V)", "current (mA)")
+    long = Run.from_arrays(time=np.arange(40_000.0), voltage=np.zeros(40_000), current=np.zeros(40_000))
+    assert len(characteristic(long).axes[0].lines[-1].get_xdata()) <= 6000
+    with pytest.raises(InputError, match="no run has a current"):
+        characteristic(Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 1.0]))
+    with pytest.raises(InputError, match="no run has a current"):
+        characteristic([])
+
+
+def test_before_and_after_show_the_same_readings_and_both_models() -> None:
+    truth = load_actuator("friend-2")
+    start = truth.replace(**{"circuit.branches.1.permittivity": 0.1})
+    run = simulate(truth, "step 1 V", duration=10.0, rate=50.0)
+    figure = before_and_after(replace(run, force=None), start, truth)
+    panels = figure.axes
+    assert len(panels) == 4  # current and displacement, before and after
+    for left, right, output in ((panels[0], panels[1], run.current), (panels[2], panels[3], run.displacement)):
+        for panel in (left, right):
+            np.testing.assert_allclose(panel.lines[0].get_ydata(), 1e3 * np.asarray(output), rtol=1e-14)
+        np.testing.assert_allclose(right.lines[1].get_ydata(), right.lines[0].get_ydata(), atol=1e-9)
+        assert np.abs(np.subtract(left.lines[1].get_ydata(), left.lines[0].get_ydata())).max() > 0.01
+    with pytest.raises(InputError, match="to hold a model against"):
+        before_and_after([], start, truth)

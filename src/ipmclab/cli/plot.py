@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from ipmclab.cli.files import check_output, read_runs
+from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.options import Force, Json, RunFiles
 from ipmclab.cli.output import print_json, progress
+from ipmclab.errors import InputError
 
 SUFFIXES = (".svg", ".png", ".pdf")
 
@@ -17,6 +18,13 @@ SUFFIXES = (".svg", ".png", ".pdf")
 def plot(
     runs: RunFiles,
     out: Annotated[Path, typer.Option(metavar="FILE.svg|.png|.pdf", help="The figure to write.")],
+    characteristic: Annotated[
+        bool, typer.Option("--characteristic", help="Current over voltage, instead of channels over time.")
+    ] = False,
+    before: Annotated[
+        str | None, typer.Option(metavar="ACTUATOR", help="A model before its estimation, beside the one of --after.")
+    ] = None,
+    after: Annotated[str | None, typer.Option(metavar="ACTUATOR", help="The model after its estimation.")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -24,13 +32,28 @@ def plot(
 
     \b
     ipmclab plot step.nc sine.nc --out runs.svg
+    ipmclab plot sine.nc --characteristic --out v_i.svg
+    ipmclab plot step.nc sine.nc --before friend-2 --after fitted.toml --out estimation.svg
     """
-    check_output(out, force=force, suffixes=SUFFIXES, reads=runs)
+    if (before is None) != (after is None) or (characteristic and before is not None):
+        raise InputError(
+            "--before and --after belong together, and --characteristic is a figure by itself",
+            code="usage",
+            where="plot",
+            repair="give both models, or --characteristic, or none of the three",
+        )
+    check_output(out, force=force, suffixes=SUFFIXES, reads=[*runs, *actuator_files(before, after)])
     loaded = read_runs(runs)
     with progress("drawing"):
-        from ipmclab.reporting import plot as plot_runs
+        from ipmclab import load_actuator, reporting
 
-        plot_runs(loaded, out, overwrite=force)
+        if before is not None and after is not None:
+            figure = reporting.before_and_after(loaded, load_actuator(before), load_actuator(after))
+            reporting.save_figure(figure, out, overwrite=force)
+        elif characteristic:
+            reporting.save_figure(reporting.characteristic(loaded), out, overwrite=force)
+        else:
+            reporting.plot(loaded, out, overwrite=force)
     if as_json:
         print_json({"runs": runs, "out": out})
     else:
