@@ -1,0 +1,137 @@
+"""The methods of a campaign in sentences, from what was planned and what was done."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ipmclab.campaign.blocks import Block
+from ipmclab.campaign.campaign import ROOM, Campaign
+from ipmclab.rig.experiments.environments import TargetEnvironment
+from ipmclab.rig.experiments.experiment import Experiment
+from ipmclab.rig.safety.limits import Limits
+
+
+def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Paragraphs for the methods section of a report.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    blocks : sequence of Block
+        All of them.
+    events : sequence of mapping
+        What was done, as the state of the campaign has it.
+
+    Examples
+    --------
+    >>> from ipmclab.campaign.blocks import blocks_of
+    >>> from ipmclab.campaign.campaign_file import campaign_from_text
+    >>> from ipmclab.campaign.template import TEMPLATE
+    >>> campaign = campaign_from_text(TEMPLATE)
+    >>> print(methods(campaign, blocks_of(campaign), [])[1])
+    The order was randomised with seed 1: in each repeat of everything the order of samples, of the experiments of each and of the
+    signals under each condition was drawn anew. A strip was hydrated and clamped once for each block of runs under one condition.
+    """
+    return (_setting(campaign, events), _order(campaign), *_experiments(campaign, blocks), _checks(campaign, events))
+
+
+def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
+    rig = campaign.rig
+    names = _listed([channel.name.replace("_", " ") for channel in rig.channels])
+    text = f"{len(campaign.strips)} samples were recorded on {rig.name}, which reads {names}"
+    text += f", with {rig.shunt_resistance:g} Ω in series with the strip" if rig.shunt_resistance else ""
+    recorded = [str(one["at"]) for one in events if one["event"] == "recorded"]
+    if recorded:
+        first, last = recorded[0][:10], recorded[-1][:10]
+        text += f", on {first}" if first == last else f", from {first} to {last}"
+    text += "."
+    if campaign.is_virtual:
+        text += " The bench was a virtual one: strips, sensors and their noise were computed, in lock-step, from seed "
+        text += f"{campaign.seed}."
+    versions = dict.fromkeys(str(one["version"]) for one in events if one["event"] == "campaign")
+    return text + (f" Software: ipmclab {_listed(list(versions))}." if versions else "")
+
+
+def _order(campaign: Campaign) -> str:
+    order = (
+        f"The order was randomised with seed {campaign.seed}: in each repeat of everything the order of samples, of the "
+        "experiments of each and of the signals under each condition was drawn anew."
+        if campaign.order == "randomised"
+        else "Samples followed each other as they are listed, and so did the experiments and the signals of each."
+    )
+    clamped = "anew for each run" if campaign.clamped == "for each run" else "once for each block of runs under one condition"
+    return f"{order} A strip was hydrated and clamped {clamped}."
+
+
+def _experiments(campaign: Campaign, blocks: Sequence[Block]) -> Iterator[str]:
+    for part in campaign.parts:
+        ours = [block for block in blocks if block.part == part.name]
+        if not ours:
+            continue
+        experiment = next(iter(part.experiments.values()))
+        samples = _listed(list(dict.fromkeys(block.strip.sample.id for block in ours)))
+        signals = _listed(list(dict.fromkeys(run.label for block in ours for run in block.runs)))
+        conditions = list(dict.fromkeys(block.condition for block in ours))
+        count = sum(len(block.runs) for block in ours)
+        where = f"in room conditions ({ROOM})" if conditions == [ROOM] else f"at {_listed(conditions)}"
+        yield (
+            f"{part.name[0].upper()}{part.name[1:]}: {_listed(list(experiment.measured))} of {samples} {where}; {signals}, "
+            f"{experiment.duration:g} s each at {experiment.rate:g} rows a second after {experiment.rest_before:g} s and before "
+            f"{experiment.rest_after:g} s at 0 V; {count} runs. {_environment(experiment)}{_between(experiment)} "
+            f"{_limits(experiment)}"
+        )
+
+
+def _environment(experiment: Experiment) -> str:
+    if not experiment.environments:
+        return ""
+    one: TargetEnvironment = experiment.environments[0]
+    text = f"A run began once the air had held its condition (within {one.temperature_tolerance:g} K and "
+    text += f"{one.humidity_tolerance:g} %RH) for {one.settle:g} s. "
+    if len(experiment.environments) > 1:
+        up = "up the list and down again" if experiment.order == "palindromic" else "as listed"
+        text += f"The conditions were visited {up}. "
+    return text
+
+
+def _between(experiment: Experiment) -> str:
+    text = f"Channels were read at rest for {experiment.zero_time:g} s before and after each run."
+    return text + (f" Between runs the strip rested at 0 V for {experiment.pause:g} s." if experiment.pause else "")
+
+
+def _limits(experiment: Experiment) -> str:
+    told = Limits.from_table(experiment.limits).as_text()
+    of = [f"{name.replace('_', ' ')} {told[name]}" for name in ("voltage", "current") if name in told]
+    return f"The guard watched: {'; '.join(of)}."
+
+
+def _checks(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
+    verdicts = Counter(one["verdict"] for one in events if one["event"] == "recorded")
+    text = f"Every run was checked; one with a finding of severity {campaign.fails_at} was recorded again, "
+    text += f"at most {campaign.attempts} times in all, and flagged then."
+    if campaign.fails_at == "never":
+        text = "Every run was checked, and kept whatever was found."
+    parts = [
+        f"{verdicts[verdict]} {words}"
+        for verdict, words in (
+            ("kept", "runs passed"),
+            ("repeat", "were recorded again"),
+            ("flagged", "are flagged"),
+            ("interrupted", "were cut off and recorded again"),
+        )
+        if verdicts[verdict]
+    ]
+    return text + (f" {_listed(parts)[0].upper()}{_listed(parts)[1:]}." if parts else "")
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names as people list them.
+
+    Examples
+    --------
+    >>> _listed(["a"]), _listed(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

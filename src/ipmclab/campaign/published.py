@@ -1,0 +1,135 @@
+"""What the thesis printed of its samples beside what a campaign gives: the same number, read in the same way."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ipmclab.campaign.campaign import ROOM
+from ipmclab.campaign.results import Repeated
+from ipmclab.data import PublishedMeasurement, published_measurements
+from ipmclab.prediction.headline import READINGS
+from ipmclab.units import CHANNELS, Quantity
+
+READ_AS: Final[Mapping[tuple[str, str], str]] = {
+    ("step", "peak_current"): "peak_at_first_edge",
+    ("step", "steady_current"): "mean_of_last_tenth",
+    ("step", "max_displacement"): "largest",
+    ("step", "max_force"): "largest",
+    ("sine", "peak_current"): "amplitude",
+    ("sine", "max_displacement"): "amplitude",
+    ("sine", "max_force"): "amplitude",
+    ("square", "peak_current"): "largest",
+    ("square", "half_period_end_current"): "half_period_end",
+    ("square", "max_displacement"): "amplitude",
+    ("square", "max_force"): "amplitude",
+}
+"""By waveform and metric of the published table: the metric of a run that is the same number."""
+
+_SAMPLE: Final = re.compile(r"friend-(\d)$")
+
+
+@dataclass(frozen=True)
+class Reproduced:
+    """One printed number beside that of a campaign.
+
+    Parameters
+    ----------
+    published : PublishedMeasurement
+    values : tuple of float [SI]
+        Of each repeat.
+    number : float [SI]
+        As printed.
+    """
+
+    published: PublishedMeasurement
+    values: tuple[float, ...]
+    number: float
+
+    @property
+    def quantity(self) -> Quantity:
+        """Current, displacement or force."""
+        return CHANNELS[_channel(self.published.metric)]
+
+    @property
+    def signal(self) -> str:
+        """The voltage, such as ``"sine 1 V 0.1 Hz"``."""
+        return _signal(self.published)
+
+    @property
+    def mean(self) -> float:
+        """Over the repeats [SI]."""
+        return float(np.mean(self.values))
+
+    @property
+    def tolerance(self) -> float:
+        """Within what fraction of the printed number the strips of the library were identified."""
+        return READINGS[self.published.waveform, self.published.metric].tolerance
+
+    @property
+    def difference(self) -> float:
+        """Campaign minus printed, as a fraction of the printed number; 0 above a lower bound."""
+        difference = (self.mean - self.number) / self.number
+        return min(difference, 0.0) if self.published.qualifier == "lower_bound" else difference
+
+    @property
+    def agrees(self) -> bool:
+        """Whether it is within the tolerance."""
+        return abs(self.difference) <= self.tolerance
+
+
+def reproduced(repeated: Sequence[Repeated]) -> tuple[Reproduced, ...]:
+    """Every printed number for which a campaign has a run of the same sample, signal and condition.
+
+    Parameters
+    ----------
+    repeated : sequence of Repeated
+        Samples that are called ``friend-1`` to ``friend-7`` are those of the thesis.
+    """
+    found: list[Reproduced] = []
+    for sample, condition in dict.fromkeys((one.sample, one.condition) for one in repeated):
+        match = _SAMPLE.match(sample)
+        if match is None:
+            continue
+        there = [one for one in repeated if (one.sample, one.condition) == (sample, condition)]
+        for row in published_measurements(int(match[1]), conditions=_as_published(condition)):
+            found += _of(row, there)
+    return tuple(found)
+
+
+def unprinted(repeated: Sequence[Repeated], found: Sequence[Reproduced]) -> tuple[str, ...]:
+    """Kinds of runs of which nothing is printed."""
+    told = {(one.published.sample, one.published.measured, one.signal, one.published.conditions) for one in found}
+    names = []
+    for one in repeated:
+        match = _SAMPLE.match(one.sample)
+        key = (int(match[1]), one.measured, one.label, _as_published(one.condition)) if match else None
+        if key is not None and key not in told:
+            names.append(f"{one.sample}, {one.part}, {one.condition}, {one.label}")
+    return tuple(names)
+
+
+def _of(row: PublishedMeasurement, there: Sequence[Repeated]) -> Iterator[Reproduced]:
+    """The number of the first experiment that has this run."""
+    channel, name = _channel(row.metric), READ_AS[row.waveform, row.metric]
+    for one in there:
+        values = one.values(channel, name) if (one.measured, one.label) == (row.measured, _signal(row)) else ()
+        if values:
+            yield Reproduced(row, tuple(abs(value) for value in values), row.value(CHANNELS[channel]))
+            return
+
+
+def _channel(metric: str) -> str:
+    return metric.rpartition("_")[2]
+
+
+def _signal(row: PublishedMeasurement) -> str:
+    return f"{row.waveform} {row.amplitude:g} V" + ("" if row.frequency is None else f" {row.frequency:g} Hz")
+
+
+def _as_published(condition: str) -> str:
+    return "room" if condition == ROOM else condition

@@ -1,0 +1,128 @@
+"""What the runs of a campaign say: the metrics of each, and of each kind of run over its repeats."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ipmclab.campaign.blocks import Block, CampaignRun
+from ipmclab.destination import replacing
+from ipmclab.quality.metrics import Metric, measure
+from ipmclab.run import Run
+from ipmclab.store.run_file import read_run
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """One run that was kept, or flagged.
+
+    Parameters
+    ----------
+    run : CampaignRun
+    record : Run
+    path : str
+        In the folder of the campaign.
+    verdict : "kept" or "flagged"
+    findings : tuple of str
+        Codes of what was found, the worse ones.
+    metrics : tuple of Metric
+    """
+
+    run: CampaignRun
+    record: Run
+    path: str
+    verdict: str
+    findings: tuple[str, ...]
+    metrics: tuple[Metric, ...]
+
+    def value(self, channel: str, name: str) -> float | None:
+        """A metric [SI], or None where the run does not allow it."""
+        return next((one.value for one in self.metrics if (one.channel, one.name) == (channel, name)), None)
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Runs that differ in nothing but their repeat.
+
+    Parameters
+    ----------
+    sample, part, condition, label, measured : str
+    results : tuple of RunResult
+        Without those that are flagged.
+    """
+
+    sample: str
+    part: str
+    condition: str
+    label: str
+    measured: str
+    results: tuple[RunResult, ...]
+
+    def values(self, channel: str, name: str) -> tuple[float, ...]:
+        """A metric of each repeat [SI]."""
+        return tuple(value for one in self.results if (value := one.value(channel, name)) is not None)
+
+    def mean(self, channel: str, name: str) -> tuple[float, float, int] | None:
+        """Mean of a metric over its repeats, their standard deviation (NaN for one), and how many there are."""
+        values = self.values(channel, name)
+        if not values:
+            return None
+        return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(values)
+
+
+def read_results(
+    folder: Path, blocks: Sequence[Block], recorded: Mapping[str, Mapping[str, Any]]
+) -> tuple[RunResult, ...]:
+    """Read and measure every run of a campaign that is done, in the order of the campaign.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the campaign.
+    blocks : sequence of Block
+    recorded : mapping of run id to event
+        The last word on each run, as ``State.recorded`` has it.
+    """
+    found = []
+    for run in (run for block in blocks for run in block.runs):
+        told = recorded.get(run.id)
+        if told is None or told["verdict"] not in ("kept", "flagged"):
+            continue
+        record = read_run(folder / told["path"])
+        codes = tuple(dict.fromkeys(one["code"] for one in told["findings"] if one["severity"] != "info"))
+        found.append(RunResult(run, record, told["path"], told["verdict"], codes, measure(record)))
+    return tuple(found)
+
+
+def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:
+    """Runs put together that differ in nothing but their repeat, in the order of the first of each."""
+    groups: dict[tuple[str, ...], list[RunResult]] = {}
+    for one in results:
+        run = one.run
+        group = groups.setdefault((run.sample, run.part, run.condition, run.label, run.measured), [])
+        if one.verdict == "kept":
+            group.append(one)
+    return tuple(Repeated(*key, tuple(group)) for key, group in groups.items())
+
+
+def write_metrics(results: Sequence[RunResult], path: Path) -> Path:
+    """Write every metric of every run as one table (CSV, SI units)."""
+    head = ["run", "sample", "experiment", "condition", "signal", "repeat", "measured", "file", "verdict"]
+    head += ["channel", "metric", "value", "low", "high", "unit"]
+    with replacing(path, overwrite=True) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(head)
+        for one in results:
+            run = one.run
+            about = [run.number, run.sample, run.part, run.condition, run.label, run.planned.repeat, run.measured]
+            for metric in one.metrics:
+                low, high = metric.interval or ("", "")
+                values = [metric.channel, metric.name, repr(metric.value), low, high, metric.unit]
+                table.writerow([*about, one.path, one.verdict, *values])
+    return path

@@ -1,0 +1,218 @@
+"""The report of a campaign: one HTML file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+from markupsafe import Markup
+
+from ipmclab.campaign.blocks import Block
+from ipmclab.campaign.campaign import Campaign, Strip
+from ipmclab.campaign.methods import methods
+from ipmclab.campaign.published import Reproduced, reproduced, unprinted
+from ipmclab.campaign.results import Repeated, RunResult, by_repeat
+from ipmclab.reporting.figures.campaign import MOST_COLUMNS, records_figure
+from ipmclab.reporting.page_file import render, write_page
+from ipmclab.reporting.svg import inline_svg
+from ipmclab.reporting.wording import NO_BREAK, plain, spelled_unit, with_error, with_unit
+from ipmclab.units import AREAL_MASS, CHANNELS, LENGTH, MASS, Quantity
+
+METRICS: Final = (
+    ("current", "peak_at_first_edge", "peak current"),
+    ("current", "amplitude", "amplitude of the current"),
+    ("current", "mean_of_last_tenth", "current at the end"),
+    ("current", "half_period_end", "current before a reversal"),
+    ("response", "largest", "largest response"),
+    ("response", "amplitude", "amplitude of the response"),
+    ("response", "time_to_peak", "time to peak"),
+    ("response", "back_relaxation", "back relaxation"),
+)
+"""The metrics of the report, with their channel; every metric of every run is in the table beside it."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One number over its repeats."""
+
+    said: str
+    repeats: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """One kind of run."""
+
+    part: str
+    condition: str
+    label: str
+    repeats: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SamplePart:
+    """What a report says of one sample."""
+
+    name: str
+    about: tuple[tuple[str, str], ...]
+    head: tuple[str, ...]
+    rows: tuple[Row, ...]
+    pictures: tuple[tuple[Markup, str], ...]
+
+
+def report_campaign(
+    campaign: Campaign,
+    blocks: Sequence[Block],
+    results: Sequence[RunResult],
+    events: Sequence[Mapping[str, Any]],
+    path: str | Path,
+    *,
+    overwrite: bool = False,
+    tell: Callable[[str], None] | None = None,
+) -> Path:
+    """Write one self-contained HTML file about a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    blocks : sequence of Block
+    results : sequence of RunResult
+    events : sequence of mapping
+        What was done.
+    path : str or Path
+        Ending in .html.
+    overwrite : bool
+        Whether an existing file may be replaced.
+    tell : callable, optional
+        Is told what is being done.
+    """
+    repeated = by_repeat(results)
+    printed = reproduced(repeated)
+
+    def page() -> str:
+        told = tell or (lambda _: None)
+        return render(
+            "campaign.html.j2",
+            title=campaign.title,
+            subtitle=f"{len(results)} runs of {len(campaign.strips)} samples on {campaign.rig.name}",
+            sentences=_sentences(results, printed, blocks),
+            doubt=any(one.verdict == "flagged" for one in results) or not all(one.agrees for one in printed),
+            printed=[_printed_row(one) for one in printed],
+            unprinted=unprinted(repeated, printed),
+            samples=list(_samples(campaign, repeated, events, told)),
+            flagged=[one for one in results if one.verdict == "flagged"],
+            methods=methods(campaign, blocks, events),
+            file=campaign.text,
+        )
+
+    return write_page(page, path, overwrite=overwrite)
+
+
+def _sentences(results: Sequence[RunResult], printed: Sequence[Reproduced], blocks: Sequence[Block]) -> list[str]:
+    asked = sum(len(block.runs) for block in blocks)
+    kept = sum(one.verdict == "kept" for one in results)
+    told = [f"{kept} of {asked} runs were recorded and passed their checks."]
+    if kept < len(results):
+        told.append(f"{len(results) - kept} are flagged and count in no table.")
+    if printed:
+        agree = sum(one.agrees for one in printed)
+        told.append(
+            f"Of {len(printed)} numbers that chapter 5 prints of these runs, {agree} are met within their tolerance."
+        )
+    return told
+
+
+def _printed_row(one: Reproduced) -> dict[str, Any]:
+    quantity, bound = one.quantity, "> " if one.published.qualifier == "lower_bound" else ""
+    return {
+        "sample": one.published.sample,
+        "figure": one.published.figure,
+        "signal": one.signal,
+        "condition": one.published.conditions,
+        "metric": one.published.metric.replace("_", " "),
+        "printed": bound + with_unit(one.number, quantity),
+        "found": with_unit(one.mean, quantity),
+        "repeats": len(one.values),
+        "difference": f"{100.0 * one.difference:+.1f}{NO_BREAK}%".replace("-", "−"),
+        "tolerance": f"{100.0 * one.tolerance:.0f}{NO_BREAK}%",
+        "agrees": one.agrees,
+    }
+
+
+def _samples(
+    campaign: Campaign, repeated: Sequence[Repeated], events: Sequence[Mapping[str, Any]], tell: Callable[[str], None]
+) -> Iterator[SamplePart]:
+    for strip in campaign.strips:
+        ours = [one for one in repeated if one.sample == strip.sample.id and one.results]
+        facts = [one for one in events if one["event"] == "fact" and one["sample"] == strip.sample.id]
+        tell(f"drawing {strip.sample.id}")
+        shown = [of for of in METRICS if any(_of(one, of) is not None for one in ours)]
+        rows = tuple(
+            Row(one.part, one.condition, one.label, len(one.results), tuple(_cell(one, of) for of in shown))
+            for one in ours
+        )
+        yield SamplePart(
+            strip.sample.id,
+            (*_about(strip), *_facts(facts)),
+            tuple(name for _, _, name in shown),
+            rows,
+            tuple(_pictures(strip.sample.id, ours)),
+        )
+
+
+def _about(strip: Strip) -> Iterator[tuple[str, str]]:
+    sample = strip.sample
+    for name, value in (("membrane", sample.membrane), ("electrode", sample.electrode), ("plated by", sample.plated_by)):
+        if value:
+            yield name, value
+    quantities: tuple[tuple[str, float | None, Quantity], ...] = (
+        ("nominal thickness of the membrane", sample.nominal_membrane_thickness, LENGTH),
+        ("plating loading", sample.plating_loading, AREAL_MASS),
+    )
+    for name, number, quantity in quantities:
+        if number is not None:
+            yield name, with_unit(number, quantity)
+
+
+def _facts(facts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
+    for one in facts:
+        factor, unit = (1e6, MASS.display_unit) if one["unit"] == "kg" else (1.0, one["unit"])
+        factor, unit = (100.0, "%") if not one["unit"] else (factor, unit)
+        value = with_error(factor * one["value"], factor * one["uncertainty"])
+        yield str(one["name"]), f"{value}{NO_BREAK}{spelled_unit(unit)} ({one['how']})"
+
+
+def _of(one: Repeated, of: tuple[str, str, str]) -> tuple[float, float, int] | None:
+    channel, name, _ = of
+    return one.mean(one.measured if channel == "response" else channel, name)
+
+
+def _cell(one: Repeated, of: tuple[str, str, str]) -> str:
+    """Mean and standard deviation of a metric over its repeats."""
+    found = _of(one, of)
+    if found is None:
+        return "–"
+    channel, name, _ = of
+    mean, spread, _ = found
+    if name == "time_to_peak":
+        return f"{plain(mean)}{NO_BREAK}s"
+    if name == "back_relaxation":
+        return f"{plain(100.0 * mean, 2)}{NO_BREAK}%"
+    quantity = CHANNELS[one.measured if channel == "response" else channel]
+    said = with_unit(mean, quantity)
+    return said if math.isnan(spread) else f"{said} (s {plain(quantity.to_display(spread), 2)})"
+
+
+def _pictures(sample: str, ours: Sequence[Repeated]) -> Iterator[tuple[Markup, str]]:
+    for part, groups in groupby(ours, key=lambda one: one.part):
+        kinds = list(groups)
+        for start in range(0, len(kinds), MOST_COLUMNS):
+            shown = kinds[start : start + MOST_COLUMNS]
+            name = "-".join("".join(letter if letter.isalnum() else "-" for letter in f"{sample}-{part}-{start}").split("--"))
+            caption = f"{part}: {', '.join(dict.fromkeys(f'{one.label} at {one.condition}' for one in shown))}; each repeat in its own colour."
+            yield inline_svg(records_figure(shown), name, f"{sample}, {caption}"), caption
