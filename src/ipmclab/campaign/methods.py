@@ -26,13 +26,15 @@ def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mappin
 
     Examples
     --------
+    >>> import textwrap
     >>> from ipmclab.campaign.blocks import blocks_of
     >>> from ipmclab.campaign.campaign_file import campaign_from_text
     >>> from ipmclab.campaign.template import TEMPLATE
     >>> campaign = campaign_from_text(TEMPLATE)
-    >>> print(methods(campaign, blocks_of(campaign), [])[1])
-    The order was randomised with seed 1: in each repeat of everything the order of samples, of the experiments of each and of the
-    signals under each condition was drawn anew. A strip was hydrated and clamped once for each block of runs under one condition.
+    >>> print(textwrap.fill(methods(campaign, blocks_of(campaign), [])[1], 110))
+    The order was randomised with seed 1: in each repeat of everything the order of samples, of the experiments of
+    each and of the signals under each condition was drawn anew. A strip was hydrated and clamped once for each block of
+    runs under one condition.
     """
     return (_setting(campaign, events), _order(campaign), *_experiments(campaign, blocks), _checks(campaign, events))
 
@@ -56,44 +58,56 @@ def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
 
 def _order(campaign: Campaign) -> str:
     order = (
-        f"The order was randomised with seed {campaign.seed}: in each repeat of everything the order of samples, of the "
-        "experiments of each and of the signals under each condition was drawn anew."
+        f"The order was randomised with seed {campaign.seed}: in each repeat of everything the order of samples, of "
+        "the experiments of each and of the signals under each condition was drawn anew."
         if campaign.order == "randomised"
         else "Samples followed each other as they are listed, and so did the experiments and the signals of each."
     )
-    clamped = "anew for each run" if campaign.clamped == "for each run" else "once for each block of runs under one condition"
+    clamped = (
+        "anew for each run" if campaign.clamped == "for each run" else "once for each block of runs under one condition"
+    )
     return f"{order} A strip was hydrated and clamped {clamped}."
 
 
 def _experiments(campaign: Campaign, blocks: Sequence[Block]) -> Iterator[str]:
-    for part in campaign.parts:
+    """What was recorded in each experiment; what holds for all of them is said once, before."""
+    kinds = [next(iter(part.experiments.values())) for part in campaign.parts]
+    said = [(text, {text(one) for one in kinds} - {""}) for text in (_between, _environment, _limits)]
+    shared = [text for text, found in said if len(found) == 1]
+    common = [found.pop() for _, found in said if len(found) == 1]
+    if common:
+        yield " ".join(common)
+    for part, experiment in zip(campaign.parts, kinds, strict=True):
         ours = [block for block in blocks if block.part == part.name]
-        if not ours:
-            continue
-        experiment = next(iter(part.experiments.values()))
-        samples = _listed(list(dict.fromkeys(block.strip.sample.id for block in ours)))
-        signals = _listed(list(dict.fromkeys(run.label for block in ours for run in block.runs)))
-        conditions = list(dict.fromkeys(block.condition for block in ours))
-        count = sum(len(block.runs) for block in ours)
-        where = f"in room conditions ({ROOM})" if conditions == [ROOM] else f"at {_listed(conditions)}"
-        yield (
-            f"{part.name[0].upper()}{part.name[1:]}: {_listed(list(experiment.measured))} of {samples} {where}; {signals}, "
-            f"{experiment.duration:g} s each at {experiment.rate:g} rows a second after {experiment.rest_before:g} s and before "
-            f"{experiment.rest_after:g} s at 0 V; {count} runs. {_environment(experiment)}{_between(experiment)} "
-            f"{_limits(experiment)}"
-        )
+        own = [text(experiment) for text, _ in said if text not in shared and text(experiment)]
+        if ours:
+            yield " ".join([_experiment(part.name, experiment, ours), *own])
+
+
+def _experiment(name: str, experiment: Experiment, ours: Sequence[Block]) -> str:
+    samples = _listed(list(dict.fromkeys(block.strip.sample.id for block in ours)))
+    signals = _listed(list(dict.fromkeys(run.label for block in ours for run in block.runs)))
+    conditions = list(dict.fromkeys(block.condition for block in ours))
+    count = sum(len(block.runs) for block in ours)
+    where = "in room conditions" if conditions == [ROOM] else f"at {_listed(conditions)}"
+    if len(conditions) > 1:
+        way = "up the list and down again" if experiment.order == "palindromic" else "in this order"
+        where += f", visited {way}"
+    return (
+        f"{name[0].upper()}{name[1:]}: {_listed(list(experiment.measured))} of {samples} {where}; {signals}; "
+        f"{experiment.duration:g} s each at {experiment.rate:g} rows a second, after {experiment.rest_before:g} s and "
+        f"before {experiment.rest_after:g} s at 0 V; {count} run{'s' if count > 1 else ''}."
+    )
 
 
 def _environment(experiment: Experiment) -> str:
     if not experiment.environments:
         return ""
     one: TargetEnvironment = experiment.environments[0]
-    text = f"A run began once the air had held its condition (within {one.temperature_tolerance:g} K and "
-    text += f"{one.humidity_tolerance:g} %RH) for {one.settle:g} s. "
-    if len(experiment.environments) > 1:
-        up = "up the list and down again" if experiment.order == "palindromic" else "as listed"
-        text += f"The conditions were visited {up}. "
-    return text
+    return (
+        f"Where a condition was set, a run began once the air had held it (within {one.temperature_tolerance:g} K and "
+        f"{one.humidity_tolerance:g} %RH) for {one.settle:g} s."
+    )
 
 
 def _between(experiment: Experiment) -> str:

@@ -102,13 +102,13 @@ def read_results(
 
 def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:
     """Runs put together that differ in nothing but their repeat, in the order of the first of each."""
-    groups: dict[tuple[str, ...], list[RunResult]] = {}
+    groups: dict[tuple[str, str, str, str, str], list[RunResult]] = {}
     for one in results:
         run = one.run
         group = groups.setdefault((run.sample, run.part, run.condition, run.label, run.measured), [])
         if one.verdict == "kept":
             group.append(one)
-    return tuple(Repeated(*key, tuple(group)) for key, group in groups.items())
+    return tuple(Repeated(*key, results=tuple(group)) for key, group in groups.items())
 
 
 def write_metrics(results: Sequence[RunResult], path: Path) -> Path:

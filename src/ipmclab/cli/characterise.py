@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from ipmclab.cli.options import Json, answers_in
-from ipmclab.cli.output import print_json, print_paragraph, print_table
+from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, read
 from ipmclab.cli.record_view import View, duration_text, size_text
 from ipmclab.errors import InputError
 
@@ -165,7 +165,7 @@ def _carry_out(
         say(f"{campaign.title}: {len(planned.runs)} runs" + (f", {done} of them done already" if done else ""))
         _ask_facts(campaign, state, say)
         conduct.run()
-        _finish(planned, folder, state, as_json=as_json)
+        _finish(campaign, planned, folder, state, as_json=as_json)
 
 
 def _sit(campaign: Campaign, laboratory: Laboratory, view: View, options: dict[str, Any]) -> Any:
@@ -204,10 +204,21 @@ def _ask_facts(campaign: Campaign, state: State, say: Any) -> None:
             state.add("fact", sample=strip.sample.id, **fact.as_dict())
 
 
-def _finish(planned: CampaignPlan, folder: Path, state: State, *, as_json: bool) -> None:
-    """Say what came of it."""
-    flagged = [name for name, one in state.recorded.items() if one["verdict"] == "flagged"]
+def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: State, *, as_json: bool) -> None:
+    """Measure what was recorded, write tables and report, and say what came of it."""
+    from ipmclab.campaign.published import reproduced
+    from ipmclab.campaign.results import by_repeat, read_results, write_metrics
+    from ipmclab.reporting.campaign import report_campaign
+
+    with progress("measuring the runs"):
+        results = read_results(folder, planned.blocks, state.recorded)
+        metrics = write_metrics(results, folder / METRICS)
+        printed = reproduced(by_repeat(results))
+    with progress("writing the report"):
+        report = report_campaign(campaign, planned.blocks, results, state.events, folder / REPORT, overwrite=True)
+    flagged = [one.run.id for one in results if one.verdict == "flagged"]
     again = sum(one["verdict"] == "repeat" for one in state.of("recorded"))
+    agree = sum(one.agrees for one in printed)
     if as_json:
         print_json(
             {
@@ -215,9 +226,19 @@ def _finish(planned: CampaignPlan, folder: Path, state: State, *, as_json: bool)
                 "runs": [{"id": name, **one} for name, one in state.recorded.items()],
                 "flagged": flagged,
                 "repeated": again,
+                "metrics": metrics,
+                "report": report,
+                "published": {"numbers": len(printed), "within_tolerance": agree},
             }
         )
         return
-    print(f"{len(planned.runs)} runs are recorded, {again} were repeated, {len(flagged)} are flagged")
+    print(f"{len(results)} runs are recorded, {again} were repeated, {len(flagged)} are flagged")
     for name in flagged:
         print(f"  flagged: {name}")
+    if printed:
+        print(f"of {len(printed)} published numbers {agree} are met within their tolerance")
+        for one in printed:
+            if not one.agrees:
+                told = f"{read(one.mean, one.quantity)} against {read(one.number, one.quantity)}"
+                print(f"  outside: figure {one.published.figure}, {one.published.metric}: {told}")
+    print(f"{metrics}\n{report}")

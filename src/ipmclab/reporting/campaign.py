@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -16,31 +18,33 @@ from ipmclab.campaign.campaign import Campaign, Strip
 from ipmclab.campaign.methods import methods
 from ipmclab.campaign.published import Reproduced, reproduced, unprinted
 from ipmclab.campaign.results import Repeated, RunResult, by_repeat
+from ipmclab.errors import InputError
+from ipmclab.measurement.curl import curl
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, records_figure
 from ipmclab.reporting.page_file import render, write_page
 from ipmclab.reporting.svg import inline_svg
 from ipmclab.reporting.wording import NO_BREAK, plain, spelled_unit, with_error, with_unit
 from ipmclab.units import AREAL_MASS, CHANNELS, LENGTH, MASS, Quantity
 
-METRICS: Final = (
-    ("current", "peak_at_first_edge", "peak current"),
-    ("current", "amplitude", "amplitude of the current"),
-    ("current", "mean_of_last_tenth", "current at the end"),
-    ("current", "half_period_end", "current before a reversal"),
-    ("response", "largest", "largest response"),
-    ("response", "amplitude", "amplitude of the response"),
-    ("response", "time_to_peak", "time to peak"),
-    ("response", "back_relaxation", "back relaxation"),
-)
-"""The metrics of the report, with their channel; every metric of every run is in the table beside it."""
+COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, str]]]] = {
+    "current": {
+        "step": ("current", "peak_at_first_edge"),
+        "square": ("current", "largest"),
+        "": ("current", "amplitude"),
+    },
+    "current later": {"step": ("current", "mean_of_last_tenth"), "square": ("current", "half_period_end")},
+    "response": {"step": ("response", "largest"), "": ("response", "amplitude")},
+    "time to peak": {"step": ("response", "time_to_peak")},
+    "back relaxation": {"step": ("response", "back_relaxation")},
+}
+"""By column and waveform: the channel and the metric that the report shows; all of them are in the table beside it."""
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One number over its repeats."""
+STILL: Final = ("step 0 V", "baseline")
+"""What is recorded without a voltage."""
 
-    said: str
-    repeats: int
+_FINEST: Final = 1e-4
+"""A scatter that is a smaller part of a value is not told: nobody reads so many digits."""
 
 
 @dataclass(frozen=True)
@@ -137,9 +141,8 @@ def _printed_row(one: Reproduced) -> dict[str, Any]:
         "metric": one.published.metric.replace("_", " "),
         "printed": bound + with_unit(one.number, quantity),
         "found": with_unit(one.mean, quantity),
-        "repeats": len(one.values),
         "difference": f"{100.0 * one.difference:+.1f}{NO_BREAK}%".replace("-", "−"),
-        "tolerance": f"{100.0 * one.tolerance:.0f}{NO_BREAK}%",
+        "tolerance": f"±{100.0 * one.tolerance:.0f}{NO_BREAK}%",
         "agrees": one.agrees,
     }
 
@@ -151,23 +154,22 @@ def _samples(
         ours = [one for one in repeated if one.sample == strip.sample.id and one.results]
         facts = [one for one in events if one["event"] == "fact" and one["sample"] == strip.sample.id]
         tell(f"drawing {strip.sample.id}")
-        shown = [of for of in METRICS if any(_of(one, of) is not None for one in ours)]
+        shown = [column for column in COLUMNS if any(_found(one, column) is not None for one in ours)]
         rows = tuple(
-            Row(one.part, one.condition, one.label, len(one.results), tuple(_cell(one, of) for of in shown))
+            Row(one.part, one.condition, one.label, len(one.results), tuple(_cell(one, column) for column in shown))
             for one in ours
         )
-        yield SamplePart(
-            strip.sample.id,
-            (*_about(strip), *_facts(facts)),
-            tuple(name for _, _, name in shown),
-            rows,
-            tuple(_pictures(strip.sample.id, ours)),
-        )
+        about = (*_about(strip), *_facts(facts), *_curls(ours))
+        yield SamplePart(strip.sample.id, about, tuple(shown), rows, tuple(_pictures(strip.sample.id, ours)))
 
 
 def _about(strip: Strip) -> Iterator[tuple[str, str]]:
     sample = strip.sample
-    for name, value in (("membrane", sample.membrane), ("electrode", sample.electrode), ("plated by", sample.plated_by)):
+    for name, value in (
+        ("membrane", sample.membrane),
+        ("electrode", sample.electrode),
+        ("plated by", sample.plated_by),
+    ):
         if value:
             yield name, value
     quantities: tuple[tuple[str, float | None, Quantity], ...] = (
@@ -187,25 +189,49 @@ def _facts(facts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
         yield str(one["name"]), f"{value}{NO_BREAK}{spelled_unit(unit)} ({one['how']})"
 
 
-def _of(one: Repeated, of: tuple[str, str, str]) -> tuple[float, float, int] | None:
-    channel, name, _ = of
-    return one.mean(one.measured if channel == "response" else channel, name)
+def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
+    """How fast the tip moves without a voltage, held against what a test at 1 V shows."""
+    steps = [one for one in ours if (one.measured, one.label) == ("displacement", "step 1 V")]
+    expected = [size[0] for one in steps if (size := one.mean("displacement", "largest")) is not None]
+    for one in ours:
+        if one.measured != "displacement" or one.label not in STILL or not expected:
+            continue
+        with suppress(InputError):  # shorter than a test
+            found = curl(one.results[0].record, abs(expected[0]))
+            low, high = (plain(1e6 * end, 2) for end in found.interval)
+            can = {"yes": "tests are possible", "no": "no test is possible", "open": "the record is too short to tell"}
+            yield f"curl, {one.condition}", f"{low} to {high}{NO_BREAK}µm/s (95 %): {can[found.verdict]}"
 
 
-def _cell(one: Repeated, of: tuple[str, str, str]) -> str:
+def _found(one: Repeated, column: str) -> tuple[str, str, tuple[float, float, int]] | None:
+    """A column of one kind of run: channel, metric, and mean, standard deviation and count over the repeats."""
+    if one.label in STILL:
+        return None
+    of = COLUMNS[column]
+    key = of.get(one.label.partition(" ")[0], of.get(""))
+    if key is None:
+        return None
+    channel = one.measured if key[0] == "response" else key[0]
+    mean = one.mean(channel, key[1])
+    return None if mean is None else (channel, key[1], mean)
+
+
+def _cell(one: Repeated, column: str) -> str:
     """Mean and standard deviation of a metric over its repeats."""
-    found = _of(one, of)
+    found = _found(one, column)
     if found is None:
         return "–"
-    channel, name, _ = of
-    mean, spread, _ = found
+    channel, name, (mean, spread, _) = found
+    mean = abs(mean) if (channel, name) == ("current", "largest") else mean  # of a square: either polarity
     if name == "time_to_peak":
         return f"{plain(mean)}{NO_BREAK}s"
     if name == "back_relaxation":
         return f"{plain(100.0 * mean, 2)}{NO_BREAK}%"
-    quantity = CHANNELS[one.measured if channel == "response" else channel]
-    said = with_unit(mean, quantity)
-    return said if math.isnan(spread) else f"{said} (s {plain(quantity.to_display(spread), 2)})"
+    quantity = CHANNELS[channel]
+    if math.isnan(spread) or spread < _FINEST * abs(mean):
+        return with_unit(mean, quantity, 4)
+    value = with_error(quantity.to_display(mean), quantity.to_display(spread))
+    return f"{value}{NO_BREAK}{spelled_unit(quantity.display_unit)}"
 
 
 def _pictures(sample: str, ours: Sequence[Repeated]) -> Iterator[tuple[Markup, str]]:
@@ -213,6 +239,7 @@ def _pictures(sample: str, ours: Sequence[Repeated]) -> Iterator[tuple[Markup, s
         kinds = list(groups)
         for start in range(0, len(kinds), MOST_COLUMNS):
             shown = kinds[start : start + MOST_COLUMNS]
-            name = "-".join("".join(letter if letter.isalnum() else "-" for letter in f"{sample}-{part}-{start}").split("--"))
-            caption = f"{part}: {', '.join(dict.fromkeys(f'{one.label} at {one.condition}' for one in shown))}; each repeat in its own colour."
+            name = re.sub(r"[^A-Za-z0-9]+", "-", f"{sample}-{part}-{start}")
+            kind = ", ".join(dict.fromkeys(f"{one.label} at {one.condition}" for one in shown))
+            caption = f"{part}: {kind.replace('at room', 'in the room')}; each repeat in its own colour."
             yield inline_svg(records_figure(shown), name, f"{sample}, {caption}"), caption

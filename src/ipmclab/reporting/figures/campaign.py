@@ -24,11 +24,11 @@ def records_figure(groups: Sequence[Repeated]) -> Figure:
     groups : sequence of Repeated
         Of one sample and one experiment, ``MOST_COLUMNS`` at most, each with a result.
     """
-    channels = [name for name in ("current", groups[0].measured) if name in groups[0].results[0].record.channels]
-    channels = list(dict.fromkeys(channels))
+    shown = groups[0].results[0].record.channels
+    channels = [name for name in dict.fromkeys(("current", groups[0].measured)) if name in shown]
     with style():
         figure, grid = panel_grid(
-            [1.05] * len(channels), len(groups), Margins(top=0.42, column_gap=0.2), sharex="col", sharey="row"
+            [1.05] * len(channels), len(groups), Margins(bottom=0.72, column_gap=0.2), sharex="col", sharey="row"
         )
         for column, group in enumerate(groups):
             for row, channel in enumerate(channels):
@@ -39,8 +39,5 @@ def records_figure(groups: Sequence[Repeated]) -> Figure:
                 panel.margins(x=0.01)
                 if column == 0:
                     name_panel(panel, CHANNELS[channel].name, CHANNELS[channel])
-            said = group.label if group.condition == groups[0].condition else f"{group.label}\n{group.condition}"
-            if column or len(groups) == 1:
-                grid[0, column].set_title(label_text(said) if column else grid[0, column].get_title(), fontsize=8)
             grid[-1, column].set_xlabel(f"time (s)\n{label_text(group.label)}\n{label_text(group.condition)}")
         return figure

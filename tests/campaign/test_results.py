@@ -1,0 +1,132 @@
+"""What a campaign gives: metrics, printed numbers, methods, report."""
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from ipmclab.campaign.blocks import blocks_of
+from ipmclab.campaign.campaign_file import campaign_from_text
+from ipmclab.campaign.methods import methods
+from ipmclab.campaign.published import READ_AS, reproduced, unprinted
+from ipmclab.campaign.results import by_repeat, read_results
+from ipmclab.campaign.state import read_events
+from ipmclab.cli.app import run
+from ipmclab.prediction.headline import READINGS
+
+CAMPAIGN = """
+title = "a part of <chapter 5>"
+rig = "{rig}"
+measure = ["mass", "sheet resistance", "stiffness"]
+[method]
+rate = "200 Hz"
+duration = "40 s"
+rest_after = "0 s"
+zero_time = "1 s"
+fingerprint = false
+environment = {{ temperature = "20 degC", relative_humidity = "80 percent", settle = "1 s" }}
+[[samples]]
+id = "friend-6"
+actuator = "friend-6-measured"
+[[samples.virtual]]
+measured = "displacement"
+signal = "step 1 V"
+set = {{ "circuit.contact_resistance" = "1.7 ohm" }}
+[[experiments]]
+name = "displacement"
+measured = ["current", "displacement"]
+signals = ["step 1 V", "step 0 V"]
+repeats = 2
+[[experiments]]
+name = "other"
+measured = ["current", "force"]
+signals = ["sine 1 V 0.5 Hz"]
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("results")
+    import ipmclab.campaign
+
+    rig = Path(ipmclab.campaign.__file__).parent / "library" / "friend-chapter-5-rig.toml"
+    (folder / "campaign.toml").write_text(CAMPAIGN.format(rig=rig.as_posix()))
+    assert run(["characterise", str(folder / "campaign.toml"), "--out", str(folder / "out"), "--json"]) == 0
+    return folder / "campaign.toml", folder / "out"
+
+
+def results_of(file: Path, out: Path):
+    blocks = blocks_of(campaign_from_text(file.read_text(), folder=file.parent))
+    recorded = {one["run"]: one for one in read_events(out) if one["event"] == "recorded"}
+    return blocks, read_results(out, blocks, recorded)
+
+
+def test_printed_numbers_are_met_by_the_strips_that_were_identified_from_them(made):
+    _, results = results_of(*made)
+    repeated = by_repeat(results)
+    assert [len(one.results) for one in repeated] == [2, 2, 1]
+    found = reproduced(repeated)
+    assert [one.published.metric for one in found] == ["max_displacement", "peak_current", "steady_current"]
+    assert all(one.agrees and len(one.values) == 2 for one in found)
+    assert unprinted(repeated, found) == (
+        "friend-6, displacement, 20 degC, 80 %RH, step 0 V",
+        "friend-6, other, 20 degC, 80 %RH, sine 1 V 0.5 Hz",
+    )
+
+
+def test_every_printed_metric_has_one_of_a_run():
+    assert set(READ_AS) == set(READINGS)
+
+
+def test_metrics_are_a_table(made):
+    rows = list(csv.DictReader((made[1] / "metrics.csv").read_text(encoding="utf-8").splitlines()))
+    assert {row["verdict"] for row in rows} == {"kept"}
+    assert {row["run"] for row in rows} == {"1", "2", "3", "4", "5"}
+    one = next(row for row in rows if row["metric"] == "largest" and row["channel"] == "displacement")
+    assert float(one["low"]) < float(one["value"]) < float(one["high"])
+    assert (made[1] / one["file"]).is_file()
+
+
+def test_facts_are_those_of_the_strip(made):
+    from ipmclab import load_actuator
+    from ipmclab.data import published_sample
+
+    facts = {one["name"]: one for one in read_events(made[1]) if one["event"] == "fact"}
+    strip, sample = load_actuator("friend-6-measured"), published_sample(6)
+    inertia = strip["geometry.width"] * strip["geometry.thickness"] ** 3 / 12.0
+    truth = {
+        "dry mass": sample.dry_mass,
+        "hydrated mass": sample.hydrated_mass,
+        "water uptake": sample.hydrated_mass / sample.dry_mass - 1.0,
+        "sheet resistance": strip["circuit.sheet_resistance"],
+        "stiffness": 3.0 * strip["beam.modulus"] * inertia / strip["geometry.sensing_length"] ** 3,
+    }
+    assert set(facts) == set(truth)
+    for name, value in truth.items():
+        assert abs(facts[name]["value"] - value) < 4.0 * facts[name]["uncertainty"], name
+
+
+def test_the_methods_say_what_was_done(made):
+    file, out = made
+    campaign = campaign_from_text(file.read_text(), folder=file.parent)
+    told = " ".join(methods(campaign, blocks_of(campaign), read_events(out)))
+    for text in (
+        "virtual one",
+        "clamped once for each block",
+        "40 s each at 200 rows",
+        "20 degC, 80 %RH",
+        "5 runs passed",
+    ):
+        assert text in told
+
+
+def test_the_report_is_one_file_that_escapes_what_it_was_given(made):
+    page = (made[1] / "report.html").read_text(encoding="utf-8")
+    assert "<title>a part of &lt;chapter 5&gt;</title>" in page
+    assert not re.search(r'(?:src|href)="(?!#)', page)
+    assert "Of 3 numbers that chapter 5 prints of these runs, 3 are met" in page
+    assert page.count("<svg") == 2
+    assert "curl, 20 degC, 80 %RH" in page
+    ids = re.findall(r'\bid="([^"]*)"', page)
+    assert len(ids) == len(set(ids))
