@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from ipmclab.model import simulate as simulate
     from ipmclab.model import simulate_many as simulate_many
     from ipmclab.model import write_actuator as write_actuator
+    from ipmclab.planning.candidates import Allowance as Allowance
+    from ipmclab.planning.propose import propose_runs as propose_runs
     from ipmclab.posterior.posterior import sample_posterior as sample_posterior
     from ipmclab.posterior.posterior import write_posterior as write_posterior
     from ipmclab.prediction.bands import prediction_bands as prediction_bands
@@ -66,6 +68,8 @@ _HOMES: Final = {
     "identifiability": "ipmclab.identification.undetermined.identifiable",
     "identify": "ipmclab.identification.identify",
     "leave_one_run_out": "ipmclab.prediction.left_out",
+    "Allowance": "ipmclab.planning.candidates",
+    "propose_runs": "ipmclab.planning.propose",
     "prediction_bands": "ipmclab.prediction.bands",
     "profile": "ipmclab.identification.uncertainty.profiles",
     "read_fit": "ipmclab.fit.fit_file",

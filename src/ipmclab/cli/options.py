@@ -93,14 +93,15 @@ def matching_files(word: str) -> list[str]:
     return sorted(glob.glob(word)) or [word]
 
 
-def answers_in(texts: Iterable[str], *, example: str) -> dict[str, str]:
-    """What values of ``--answer`` such as ``clamp=done`` say.
+def answers_in(texts: Iterable[str], *, example: str, option: str = "--answer") -> dict[str, str]:
+    """What values of ``--answer`` such as ``clamp=done`` say, or of another such option.
 
     Parameters
     ----------
     texts : iterable of str
     example : str
         For the message.
+    option : str
 
     Raises
     ------
@@ -119,8 +120,8 @@ def answers_in(texts: Iterable[str], *, example: str) -> dict[str, str]:
             raise InputError(
                 f"{text!r} has no '='",
                 code="usage",
-                where="--answer",
-                repair=f"write for example --answer {example}",
+                where=option,
+                repair=f"write for example {option} {example}",
             )
         found[name.strip()] = value.strip()
     return found

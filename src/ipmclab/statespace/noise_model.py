@@ -79,6 +79,13 @@ class NoiseModel:
         return Terms(len(self.coefficients), self.walk > 0.0, self.white > 0.0, self.offset, self.trend)
 
     @property
+    def entries(self) -> FloatArray:
+        """The entries of ``terms.state_space`` that it was made of; its scale is ``driven``."""
+        ratios = [self.walk * math.sqrt(self.step)] * (self.walk > 0.0) + [self.white] * (self.white > 0.0)
+        partials = np.arctanh(_partials(np.array(self.coefficients)))
+        return np.concatenate([partials, np.log(np.array(ratios) / self.driven)])
+
+    @property
     def stationary(self) -> float:
         """Variance without walk, offset and trend [SI^2]."""
         partials = _partials(np.array(self.coefficients))

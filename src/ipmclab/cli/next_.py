@@ -1,0 +1,176 @@
+"""``ipmclab next``: the runs that would tell most of a fitted strip for their time on the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ipmclab.cli.options import Json, answers_in, positive
+from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
+from ipmclab.units import FREQUENCY, TIME
+
+if TYPE_CHECKING:
+    from ipmclab.planning.proposal import Expected, Proposal, ProposedRun
+
+
+def next_(
+    fit: Annotated[Path, typer.Argument(metavar="FIT", help="A fit (.toml) that identify wrote.", show_default=False)],
+    goal: Annotated[str, typer.Option(metavar="GOAL", help="parameters, prediction or model.")] = "parameters",
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Time on the bench.")] = 15.0,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE", help="A limit of the rig, such as current='200 mA'; the voltage is 1.2 V else."
+        ),
+    ] = None,
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option("--input", metavar="SIGNAL", help="What a prediction is wanted for: 'sine 1 V 0.1 Hz for 40 s'."),
+    ] = None,
+    condition: Annotated[
+        list[str] | None, typer.Option(metavar="CONDITION", help="What a chamber can give: '25 degC, 60 %RH'.")
+    ] = None,
+    rival: Annotated[
+        str | None,
+        typer.Option(metavar="STAGE|FIT", help="From which model to tell it: a stage it lacks, or a fit of another."),
+    ] = None,
+    rate: Annotated[str | None, typer.Option(metavar="RATE", help="Rows each second, such as '50 Hz'.")] = None,
+    rest: Annotated[str, typer.Option(metavar="TIME", help="At 0 V with each run.")] = "130 s",
+    hydration: Annotated[str, typer.Option(metavar="TIME", help="In water before each run.")] = "0 s",
+    wet: Annotated[str | None, typer.Option(metavar="TIME", help="How long the strip stays wet in the air.")] = None,
+    soak: Annotated[str, typer.Option(metavar="TIME", help="Before a run in another condition.")] = "30 min",
+    longest: Annotated[str, typer.Option(metavar="TIME", help="Of a signal.")] = "160 s",
+    as_json: Json = False,
+) -> None:
+    """Propose the next runs: those that tell most of a fitted strip for each minute on the bench.
+
+    \b
+    ipmclab next fit.toml --minutes 15
+    ipmclab next fit.toml --goal prediction --input "sine 1 V 0.2 Hz for 60 s"
+    ipmclab next fit.toml --goal model --rival leak.exponential --limit voltage="3 V"
+    """
+    from ipmclab import load_actuator, propose_runs, read_fit
+    from ipmclab.model.environment import Environment
+    from ipmclab.planning.candidates import Allowance
+    from ipmclab.planning.propose import INPUTS
+    from ipmclab.rig.safety.limits import Limits
+    from ipmclab.units import parse_quantity
+
+    given = answers_in(limit or [], example="voltage='3 V'", option="--limit")
+    allowed = Allowance(
+        limits=Limits.from_table({"voltage": "1.2 V", **given}, where="--limit"),
+        rate=None if rate is None else positive(rate, FREQUENCY, option="--rate"),
+        longest=positive(longest, TIME, option="--longest"),
+        rest=parse_quantity(rest, TIME, where="--rest"),
+        hydration=parse_quantity(hydration, TIME, where="--hydration"),
+        wet=float("inf") if wet is None else positive(wet, TIME, option="--wet"),
+        soak=parse_quantity(soak, TIME, where="--soak"),
+        conditions=tuple(Environment.parse(text) for text in condition or []),
+    )
+    other = load_actuator(rival) if rival is not None and rival.endswith(".toml") else rival
+    with progress("asking the model"):
+        proposal = propose_runs(
+            read_fit(fit),
+            goal=goal,  # type: ignore[arg-type]  # checked there
+            minutes=minutes,
+            allowed=allowed,
+            inputs=inputs or INPUTS,
+            rival=other,
+        )
+    if as_json:
+        print_json({"fit": fit, **proposal.to_table()})
+        return
+    _print(proposal, minutes)
+
+
+def _print(proposal: Proposal, minutes: float) -> None:
+    print_table(
+        ["run", "signal", "for", *_where(proposal.runs), "on the bench"],
+        [[str(place), *_cells(run, proposal.runs), _minutes(run.time)] for place, run in enumerate(proposal.runs, 1)],
+    )
+    print_paragraph(
+        f"{len(proposal.runs)} runs take {proposal.time / 60.0:.3g} of {minutes:g} min, with rests. Each is the one "
+        f"that {_AIMS[proposal.goal]} most for its time, after those before it."
+    )
+    print()
+    print_table(
+        ["parameter", "value", "95 % interval now", "after these runs", "unit"],
+        [
+            [one.name, significant(one.value, 4), _interval(one, now=True), _interval(one, now=False), one.unit]
+            for one in proposal.expected
+        ],
+    )
+    said = [f"{name} {_percent(before)} to {_percent(after)}" for name, (before, after) in proposal.predicted.items()]
+    print_paragraph(f"Error of what is predicted for the inputs, of the size of the answer: {', '.join(said)}.")
+    for text in _about_rivals(proposal):
+        print_paragraph(text)
+    print()
+    print_table(
+        ["best of its kind, as the next run", "for", *_where(proposal.best_of_kind), "on the bench", "of the best"],
+        [
+            [*_cells(run, proposal.best_of_kind), _minutes(run.time), _part(run, proposal.best_of_kind[0])]
+            for run in proposal.best_of_kind
+        ],
+    )
+    if proposal.refused:
+        listed = ", ".join(f"{name} {count}" for name, count in proposal.refused.items())
+        print_paragraph(f"Of {proposal.tried} runs that were tried some would pass a limit: {listed}.")
+    print_remarks([f"run {place}: {text}" for place, run in enumerate(proposal.runs, 1) for text in run.remarks])
+    print_remarks(proposal.remarks)
+
+
+_AIMS = {
+    "parameters": "narrows the joint interval of the parameters",
+    "prediction": "lowers the error of the prediction",
+    "model": "tells the model from its rival",
+}
+
+
+def _where(runs: Sequence[ProposedRun]) -> list[str]:
+    return ["at"] if any(run.candidate.condition is not None for run in runs) else []
+
+
+def _cells(run: ProposedRun, runs: Sequence[ProposedRun]) -> list[str]:
+    one = run.candidate
+    return [str(one.signal), f"{one.duration:g} s", *([str(one.condition)] if _where(runs) else [])]
+
+
+def _minutes(time: float) -> str:
+    return f"{time / 60.0:.1f} min"
+
+
+def _part(run: ProposedRun, best: ProposedRun) -> str:
+    return f"{100.0 * run.gain_per_minute / best.gain_per_minute:.0f} %" if best.gain_per_minute > 0.0 else "-"
+
+
+def _percent(part: float) -> str:
+    return f"{significant(100.0 * part, 2)} %" if part < 1.0 else "unknown"
+
+
+def _interval(one: Expected, *, now: bool) -> str:
+    if not (one.determined_before if now else one.determined_after):
+        return "not determined"
+    low, high = one.interval_before if now else one.interval_after
+    # As many digits as tell the ends apart.
+    digits = 4
+    while digits < 8 and significant(low, digits) == significant(high, digits):
+        digits += 1
+    return f"{significant(low, digits)} to {significant(high, digits)}"
+
+
+def _about_rivals(proposal: Proposal) -> list[str]:
+    said = []
+    for name, (first, last) in proposal.evidence.items():
+        least = proposal.shows.get(name, {})
+        if least:
+            amounts = ", ".join(f"{key} of {significant(value, 2)} {unit}" for key, (value, unit) in least.items())
+            said.append(f"These runs would show a stage {name} from {amounts} on, at two standard errors.")
+        elif name not in proposal.shows:
+            said.append(
+                f"If {name} is true, the first run tells it by {significant(first, 2)} standard errors, all of them by "
+                f"{significant(last, 2)}."
+            )
+    return said
