@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from ipmclab.store import import_run as import_run
     from ipmclab.store import read_run as read_run
     from ipmclab.store import write_run as write_run
+    from ipmclab.sweep import read_sweep as read_sweep
+    from ipmclab.sweep import run_sweep as run_sweep
 
 _HOMES: Final = {
     "InputError": "ipmclab.errors",
@@ -98,6 +100,8 @@ _HOMES: Final = {
     "import_run": "ipmclab.store",
     "read_run": "ipmclab.store",
     "write_run": "ipmclab.store",
+    "read_sweep": "ipmclab.sweep",
+    "run_sweep": "ipmclab.sweep",
 }
 _MODULES: Final = ("signals",)
 

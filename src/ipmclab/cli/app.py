@@ -38,6 +38,7 @@ from ipmclab.cli import (
     rig,
     runs,
     simulate,
+    sweep,
     validate,
 )
 from ipmclab.cli.options import SpreadCommand
@@ -55,6 +56,7 @@ TRACEBACK: Final = "IPMCLAB_TRACEBACK"
 VERBS: Final[dict[str, Callable[..., None]]] = {
     "demo": demo.demo,
     "simulate": simulate.simulate,
+    "sweep": sweep.sweep,
     "import": import_.import_,
     "export": export.export,
     "check": check.check,

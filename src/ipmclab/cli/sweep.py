@@ -1,0 +1,128 @@
+"""``ipmclab sweep``: many simulations of one strip, over a design or a table of parameter sets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ipmclab.cli.options import Force, Json
+from ipmclab.cli.output import print_json, print_table, progress, significant
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from ipmclab.sweep import Swept
+
+
+def sweep(
+    file: Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help="The sweep.", show_default=False)] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Where its Parquet files go; a sweep that was stopped goes on in the folder that it began.",
+            show_default=False,
+        ),
+    ] = None,
+    template: Annotated[bool, typer.Option("--template", help="Write a sweep to fill in, to --out.")] = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate a strip with thousands to billions of parameter sets, and keep a few numbers of each.
+
+    \b
+    ipmclab sweep --template --out stiffness.toml
+    ipmclab sweep stiffness.toml --out stiffness
+    """
+    if template:
+        _write_template(out, force=force, as_json=as_json)
+        return
+    if file is None or out is None:
+        what, where = ("sweep", "SWEEP.toml") if file is None else ("folder for the results", "--out")
+        raise InputError(
+            f"there is no {what}",
+            code="missing-argument",
+            where=where,
+            repair="write for example: ipmclab sweep stiffness.toml --out stiffness",
+        )
+    from ipmclab.sweep import read_sweep, run_sweep
+
+    asked = read_sweep(file)
+    with progress(f"sweeping {asked.actuator.name}") as tell:
+        swept = run_sweep(asked, out, progress=tell)
+        document = _document(swept)
+    if as_json:
+        print_json(document)
+        return
+    _print(swept, document)
+
+
+def _write_template(out: Path | None, *, force: bool, as_json: bool) -> None:
+    from ipmclab.destination import replacing
+    from ipmclab.sweep.template import TEMPLATE
+
+    if out is None:
+        print(TEMPLATE, end="")
+        return
+    with replacing(out, overwrite=force) as temporary:
+        temporary.write_text(TEMPLATE, encoding="utf-8")
+    if as_json:
+        print_json({"out": out})
+    else:
+        print(f"wrote {out}")
+
+
+def _document(swept: Swept) -> dict[str, Any]:
+    parts = swept.parts
+    indices = swept.indices()
+    return {
+        "out": parts.folder,
+        "sets": parts.count,
+        "files": parts.files,
+        "files_found": swept.found,
+        "metrics": {
+            name: {
+                "smallest": one.smallest,
+                "mean": one.mean,
+                "largest": one.largest,
+                "standard_deviation": one.standard_deviation,
+                "missing": one.missing,
+            }
+            for name, one in swept.spreads().items()
+        },
+        "sobol_indices": {
+            metric: {
+                parameter: {
+                    "first": one.first,
+                    "first_interval": one.first_interval,
+                    "total": one.total,
+                    "total_interval": one.total_interval,
+                }
+                for parameter, one in of_metric.items()
+            }
+            for metric, of_metric in indices.items()
+        },
+    }
+
+
+def _print(swept: Swept, document: dict[str, Any]) -> None:
+    rows = [
+        [name, *(significant(one[key], 5) for key in ("smallest", "mean", "largest", "standard_deviation"))]
+        for name, one in document["metrics"].items()
+    ]
+    title = f"{swept.sweep.actuator.name} under {swept.sweep.signal}, {swept.parts.count} sets, in SI units"
+    print_table(["metric", "smallest", "mean", "largest", "standard deviation"], rows, title=title)
+    for metric, of_metric in document["sobol_indices"].items():
+        rows = [
+            [parameter, _of(one["first"], one["first_interval"]), _of(one["total"], one["total_interval"])]
+            for parameter, one in of_metric.items()
+        ]
+        print_table(["parameter", "first index (95 %)", "total index (95 %)"], rows, title=f"Sobol indices of {metric}")
+    if swept.found:
+        print(f"{swept.found} of {swept.parts.files} files were there already")
+    print(f"wrote {swept.parts.folder}")
+
+
+def _of(value: float, ends: tuple[float, float]) -> str:
+    return f"{value:.3f} ({ends[0]:.3f} to {ends[1]:.3f})"

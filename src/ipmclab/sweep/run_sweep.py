@@ -1,0 +1,172 @@
+"""Runs a sweep: part by part onto the disk, from where it was left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.errors import InputError, IpmclabError, suggest
+from ipmclab.model.many import reduce_batch
+from ipmclab.progress import Tell
+from ipmclab.sweep.arrow import parquet
+from ipmclab.sweep.design import Sampled
+from ipmclab.sweep.indices import Index, sobol_indices
+from ipmclab.sweep.parts import SET, Parts
+from ipmclab.sweep.sweep import Sweep
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a metric is spread over the sets; sets without a reading (NaN) are left out.
+
+    Parameters
+    ----------
+    smallest, mean, largest, standard_deviation : float [SI]
+    missing : int
+        Sets without a reading.
+    """
+
+    smallest: float
+    mean: float
+    largest: float
+    standard_deviation: float
+    missing: int
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """A sweep on the disk.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    parts : Parts
+    found : int
+        Parts that were there already.
+    """
+
+    sweep: Sweep
+    parts: Parts
+    found: int
+
+    def columns(self, *names: str) -> dict[str, FloatArray]:
+        """Some columns as a whole: metrics, parameters, or the number of each ``set``.
+
+        Raises
+        ------
+        InputError
+            An unknown name.
+        """
+        known = (SET, *self.sweep.design.names, *self.sweep.metrics.names)
+        for name in names:
+            if name not in known:
+                raise InputError(
+                    f"no column is called {name!r}", code="unknown-column", where="sweep", repair=suggest(name, known)
+                )
+        parts = list(self.parts.read(names))
+        return {name: np.concatenate([part[name] for part in parts]) for name in names}
+
+    def spreads(self) -> dict[str, Spread]:
+        """How each metric is spread, read part by part."""
+        names = self.sweep.metrics.names
+        return {name: _spread(part[name] for part in self.parts.read([name])) for name in names}
+
+    def indices(self) -> dict[str, dict[str, Index]]:
+        """Sobol indices: by metric, then by parameter; empty for a design that does not give them."""
+        design = self.sweep.design
+        if not isinstance(design, Sampled) or design.kind != "saltelli":
+            return {}
+        found = {}
+        for metric in self.sweep.metrics.names:
+            values = self.columns(metric)[metric]
+            found[metric] = dict(zip(design.names, sobol_indices(values, len(design.names)), strict=True))
+        return found
+
+
+def run_sweep(sweep: Sweep, folder: str | Path, *, progress: Tell | None = None) -> Swept:
+    """Simulate what lacks of a sweep, and write it.
+
+    Whatever ends it, a kill of the process or of the machine among it, each file that is there is complete, and the
+    next call goes on behind the last one.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    folder : str or Path
+        Made where it is not there; a folder that holds a part of the same sweep is gone on with.
+    progress : function of (str, float), optional
+        Told what is done after each file; whatever it raises ends the work.
+
+    Returns
+    -------
+    swept : Swept
+
+    Raises
+    ------
+    InputError
+        The folder holds something else, or another program works on it; pyarrow is not installed.
+    IpmclabError
+        The disk is full; a simulation is not finite.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ipmclab.sweep.sweep_file import sweep_from_text
+    >>> from ipmclab.sweep.template import TEMPLATE
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     swept = run_sweep(sweep_from_text(TEMPLATE), Path(folder) / "stiffness")
+    ...     again = run_sweep(swept.sweep, swept.parts.folder)
+    ...     first = swept.indices()["displacement.peak"]["coupling.gain"].first
+    >>> swept.parts.files, swept.found, again.found, round(first, 1)
+    (1, 0, 1, 1.0)
+    """
+    parquet()  # before the long work
+    parts = Parts(Path(folder), sweep.design.count, sweep.part_size)
+    about = {
+        "signal": str(sweep.signal),
+        "sets": parts.count,
+        "sets_per_file": parts.size,
+        "metrics": sweep.metrics.names,
+    }
+    with parts.held(sweep.digest(), about):
+        found = done = parts.done()
+        for part in parts.lacking():
+            if progress is not None:
+                progress(f"{done * parts.size} of {parts.count} sets", done / parts.files)
+            parts.write(part, _part(sweep, *parts.ends(part)))
+            done += 1
+    return Swept(sweep, parts, found)
+
+
+def _part(sweep: Sweep, begin: int, end: int) -> dict[str, FloatArray]:
+    batch = sweep.batch(begin, end)
+    try:
+        return {**batch.changes, **reduce_batch(batch, sweep.metrics)}
+    except InputError as error:
+        raise IpmclabError(
+            f"sets {begin} to {end - 1}: {error.message}", code=error.code, where=error.where, repair=error.repair
+        ) from error
+
+
+def _spread(parts: Iterator[FloatArray]) -> Spread:
+    """Joined part by part, so that no digit is lost where the mean is far from 0 (Chan, Golub and LeVeque 1983)."""
+    count, mean, squares, smallest, largest, missing = 0, 0.0, 0.0, np.inf, -np.inf, 0
+    for part in parts:
+        values = part[~np.isnan(part)]
+        missing += len(part) - len(values)
+        if not len(values):
+            continue
+        own = float(values.mean())
+        apart, both = own - mean, count + len(values)
+        squares += float(((values - own) ** 2).sum()) + apart**2 * count * len(values) / both
+        mean += apart * len(values) / both
+        count, smallest, largest = both, min(smallest, float(values.min())), max(largest, float(values.max()))
+    if not count:
+        return Spread(np.nan, np.nan, np.nan, np.nan, missing)
+    return Spread(smallest, mean, largest, float(np.sqrt(squares / count)), missing)

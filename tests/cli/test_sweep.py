@@ -1,0 +1,68 @@
+"""``ipmclab sweep`` as its user runs it, also one that kills it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ipmclab import read_sweep, run_sweep
+from ipmclab.sweep.template import TEMPLATE
+
+LONG = TEMPLATE.replace("base = 512", "base = 1024").replace("\n[design]", "\nsets_per_file = 64\n[design]")
+FILES = 1024 * 5 // 64
+
+
+def test_from_the_template_to_sobol_indices(command, tmp_path: Path) -> None:
+    assert "[design]" in command("sweep", "--template").out
+    assert command("sweep", "--template", "--out", "mine.toml").status == 0
+    done = command("sweep", "mine.toml", "--out", "stiffness", "--json")
+    assert done.status == 0
+    document = done.document
+    assert (document["sets"], document["files"], document["files_found"]) == (2560, 1, 0)
+    first = document["sobol_indices"]["current.rms"]["circuit.dc_resistivity"]
+    assert first["first_interval"][0] <= first["first"] <= first["first_interval"][1]
+    assert first["first"] == pytest.approx(1.0, abs=0.05)  # neither beam nor coupling changes the current
+    again = command("sweep", "mine.toml", "--out", "stiffness")
+    assert again.status == 0
+    assert "1 of 1 files were there already" in again.out
+    assert "Sobol indices of displacement.peak" in again.out
+
+
+def test_what_is_missing_is_said(command) -> None:
+    assert "there is no sweep" in command("sweep").err
+    assert command("sweep", "none.toml", "--out", "x").status == 2
+    assert command("sweep", "--template", "--out", "mine.toml").status == 0
+    assert "there is no folder for the results" in command("sweep", "mine.toml").err
+    assert "exists already" in command("sweep", "--template", "--out", "mine.toml").err
+
+
+def test_killed_at_any_moment_it_goes_on_with_nothing_twice_and_nothing_missing(tmp_path: Path) -> None:
+    """Killed while its first files appear, and in between; each time it goes on behind what was complete."""
+    path, folder = tmp_path / "long.toml", tmp_path / "out"
+    path.write_text(LONG, encoding="utf-8")
+    words = [sys.executable, "-m", "ipmclab", "sweep", str(path), "--out", str(folder)]
+
+    def there() -> int:
+        return len(list(folder.glob("part-*.parquet")))
+
+    before = 0
+    for further, half_written in ((1, False), (9, True)):
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+            while there() < before + further or (half_written and not list(folder.glob(".part-*.part"))):
+                assert process.poll() is None, process.stderr.read().decode()
+                time.sleep(1e-4)
+            process.kill()
+        assert before + further <= there() < FILES
+        before = there()
+    swept = run_sweep(read_sweep(path), folder)
+    assert swept.found == before
+    expected = run_sweep(read_sweep(path), tmp_path / "at once").columns("set", "displacement.peak", "beam.modulus")
+    found = swept.columns("set", "displacement.peak", "beam.modulus")
+    assert np.array_equal(found["set"], np.arange(64 * FILES))
+    for name, values in expected.items():
+        assert np.array_equal(found[name], values)
