@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from ipmclab.choosing.choice import Choice as Choice
     from ipmclab.choosing.choose import choose as choose
     from ipmclab.codegen import export_actuator as export_actuator
+    from ipmclab.comparison.compare import Comparison as Comparison
+    from ipmclab.comparison.compare import compare as compare
+    from ipmclab.comparison.frequency_response import frequency_response as frequency_response
     from ipmclab.errors import InputError as InputError
     from ipmclab.errors import IpmclabError as IpmclabError
     from ipmclab.fit.fit import Fit as Fit
@@ -44,6 +47,8 @@ if TYPE_CHECKING:
     from ipmclab.quality import measure as measure
     from ipmclab.reporting import plot as plot
     from ipmclab.reporting import report as report
+    from ipmclab.reporting.comparison import write_comparison as write_comparison
+    from ipmclab.reporting.comparison import write_comparison_data as write_comparison_data
     from ipmclab.run import Finding as Finding
     from ipmclab.run import Mark as Mark
     from ipmclab.run import Run as Run
@@ -65,6 +70,11 @@ _HOMES: Final = {
     "Validation": "ipmclab.prediction.validate",
     "bootstrap": "ipmclab.identification.uncertainty.bootstrap",
     "choose": "ipmclab.choosing.choose",
+    "Comparison": "ipmclab.comparison.compare",
+    "compare": "ipmclab.comparison.compare",
+    "frequency_response": "ipmclab.comparison.frequency_response",
+    "write_comparison": "ipmclab.reporting.comparison",
+    "write_comparison_data": "ipmclab.reporting.comparison",
     "follow_procedure": "ipmclab.procedure.follow",
     "forecast": "ipmclab.forecasting.forecast",
     "identifiability": "ipmclab.identification.undetermined.identifiable",

@@ -56,6 +56,8 @@ OUTPUTS = [
     (("choose", "run.nc", "--models", f"friend-2,{STAGE}"), "--out", "strip.toml"),
     (("choose", "run.nc", "--models", "friend-2"), "--report", "run.nc"),
     (("choose", "run.nc", "--models", "friend-2"), "--plot", "run.nc"),
+    (("compare", "run.nc", "push.nc"), "--out", "push.nc"),
+    (("compare", "run.nc", "--strip", "strip.toml"), "--out", "strip.toml"),
     (("report", "fitted.toml", "--runs", "run.nc"), "--out", "fitted.toml"),
     (("report", "fitted.toml", "--runs", "run.nc"), "--out", "run.nc"),
     (("report", "fitted.toml", "--runs", "run.nc", "--validation", "push.nc"), "--out", "push.nc"),
@@ -72,7 +74,14 @@ OUTPUTS = [
     (("runs", ".", "--sample", "strip-1"), "--out", "catalogue.db"),
 ]
 
-SUFFIXES = {"identify": ".toml", "posterior": ".nc", "choose": ".toml", "report": ".html", "simulate": ".nc"}
+SUFFIXES = {
+    "identify": ".toml",
+    "posterior": ".nc",
+    "choose": ".toml",
+    "report": ".html",
+    "simulate": ".nc",
+    "compare": ".html",
+}
 SUFFIXES |= {"import": ".nc", "export": ".csv", "plot": ".svg", "procedure": ".toml", "runs": ".svg"}
 SUFFIXES |= {"--figure": ".svg", "--report": ".html", "--plot": ".svg"}
 

@@ -19,7 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve, qr
+from scipy.linalg import qr
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.special import stdtr, stdtrit
 
 FloatArray = npt.NDArray[np.float64]
@@ -164,8 +166,7 @@ def fit_mixed(readings: npt.ArrayLike, design: npt.ArrayLike, groupings: Mapping
     unseen: list[str] = []
     while True:
         problem = _Problem.of(y, x, list(named.values()))
-        information = problem.at(problem.start()).information
-        vague = _vague(information)
+        vague = problem.vague()
         if vague is None:
             break
         # The finest grouping that cannot be told goes first: its scatter is then part of that of the repeats.
@@ -194,17 +195,6 @@ def _indicators(members: Sequence[Any]) -> FloatArray:
 
 def _inverse(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-
-
-def _vague(information: FloatArray) -> int | None:
-    """The last component that the others explain; None where all can be told."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information / np.outer(scale, scale)
-    weakest = np.linalg.eigh(scaled)
-    if len(information) == 1 or weakest.eigenvalues[0] > _SINGULAR:
-        return None
-    part = np.abs(weakest.eigenvectors[1:, 0])
-    return int(np.flatnonzero(part > 0.1 * part.max())[-1]) + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,10 +227,11 @@ class _At:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The readings in the space of the groups, and sums of what is orthogonal to it.
+    """The readings in the space of the groups, block by block, and sums of what is orthogonal to it.
 
-    Orthogonal to all groups the covariance is ``s_0 I``, so that only sums count there: the cost hangs on the number
-    of mountings, not of readings.
+    Blocks are runs that share a group with each other and with no others: strips. Orthogonal to all groups the
+    covariance is ``s_0 I``, so that only sums count there: the cost hangs on the number of mountings, not of readings.
+    Blocks have as many rows as the largest; what they have too many are zeros, which ``rest`` counts off.
     """
 
     y: FloatArray
@@ -253,33 +244,45 @@ class _Problem:
 
     @classmethod
     def of(cls, y: FloatArray, x: FloatArray, groups: list[FloatArray]) -> _Problem:
-        if groups:
-            q, r, _ = qr(np.hstack(groups), mode="economic", pivoting=True)
-            diagonal = np.abs(np.diag(r))
-            q = q[:, diagonal > 1e-9 * diagonal[0]]
-        else:
-            q = np.zeros((len(y), 0))
-        y1, x1 = q.T @ y, q.T @ x
-        y2, x2 = y - q @ y1, x - q @ x1
-        inside = [q.T @ z for z in groups]
+        blocks = [_rotated(y[rows], x[rows], [z[rows] for z in groups]) for rows in _blocks(len(y), groups)]
+        most = max(len(block.y) for block in blocks)
+        padded = [[_padded(part, most) for part in (block.y[:, None], block.x, *block.inside)] for block in blocks]
+        inside = [np.stack([block[2 + place] for block in padded]) for place in range(len(groups))]
         return cls(
-            y=y1,
-            x=x1,
-            kernels=[np.eye(q.shape[1]), *(z @ z.T for z in inside)],
-            rest=len(y) - q.shape[1],
-            xx=x2.T @ x2,
-            xy=x2.T @ y2,
-            yy=float(y2 @ y2),
+            y=np.stack([block[0][:, 0] for block in padded]),
+            x=np.stack([block[1] for block in padded]),
+            kernels=[np.broadcast_to(np.eye(most), (len(blocks), most, most)), *(z @ _turned(z) for z in inside)],
+            rest=len(y) - len(blocks) * most,
+            xx=sum((block.xx for block in blocks), np.zeros((x.shape[1], x.shape[1]))),
+            xy=sum((block.xy for block in blocks), np.zeros(x.shape[1])),
+            yy=sum(block.yy for block in blocks),
         )
 
     def start(self) -> FloatArray:
         """No scatter but that of the repeats."""
-        a = self.x.T @ self.x + self.xx
-        b = self.x.T @ self.y + self.xy
-        left = float(self.y @ self.y) + self.yy - float(b @ np.linalg.solve(a, b))
-        freedom = len(self.y) + self.rest - len(a)
-        size = max(left / freedom, 1e-12 * (float(self.y @ self.y) + self.yy), 1e-300)
+        a = np.einsum("bij,bik->jk", self.x, self.x) + self.xx
+        b = np.einsum("bij,bi->j", self.x, self.y) + self.xy
+        whole = float(np.sum(self.y**2)) + self.yy
+        left = whole - float(b @ np.linalg.solve(a, b))
+        size = max(left / (self.y.size + self.rest - len(a)), 1e-12 * whole, 1e-300)
         return np.array([size, *([0.0] * (len(self.kernels) - 1))])
+
+    def vague(self) -> int | None:
+        """The last component that the design or the other components explain; None where all can be told."""
+        at = self.at(self.start())
+        if len(self.kernels) == 1:
+            return None
+        whole = np.array([0.5 * float(np.sum(kernel**2)) for kernel in self.kernels]) / at.components[0] ** 2
+        whole[0] += 0.5 * self.rest / at.components[0] ** 2
+        explained = np.flatnonzero(np.diag(at.information)[1:] < _SINGULAR * whole[1:])
+        if len(explained):
+            return int(explained[-1]) + 1
+        scale = np.sqrt(whole)
+        weakest = np.linalg.eigh(at.information / np.outer(scale, scale))
+        if weakest.eigenvalues[0] > _SINGULAR:
+            return None
+        part = np.abs(weakest.eigenvectors[1:, 0])
+        return int(np.flatnonzero(part > 0.1 * part.max())[-1]) + 1
 
     def solve(self) -> _At:
         """Fisher's scoring, each step no further than the likelihood rises."""
@@ -305,42 +308,87 @@ class _Problem:
     def _is_positive(self, components: FloatArray, least: float) -> bool:
         if components[0] < least:
             return False
-        v = sum(size * kernel for size, kernel in zip(components, self.kernels, strict=True))
         try:
-            np.linalg.cholesky(v - _LEAST * components[0] * np.eye(len(self.y)))
+            np.linalg.cholesky(self._covariance(components) - _LEAST * components[0] * self.kernels[0])
         except np.linalg.LinAlgError:
             return False
         return True
 
+    def _covariance(self, components: FloatArray) -> FloatArray:
+        covariance: FloatArray = np.einsum("k,kbij->bij", components, np.stack(self.kernels))
+        return covariance
+
     def at(self, components: FloatArray) -> _At:
         size = float(components[0])
-        v = sum(each * kernel for each, kernel in zip(components, self.kernels, strict=True))
-        factor = cho_factor(v, lower=True) if len(self.y) else None
-        w = cho_solve(factor, np.eye(len(self.y))) if factor is not None else np.zeros((0, 0))
+        v = self._covariance(components)
+        w = _inverse(v)
         wx = w @ self.x
-        a = self.x.T @ wx + self.xx / size
+        a = np.einsum("bij,bik->jk", self.x, wx) + self.xx / size
         phi = _inverse(a)
-        beta = phi @ (wx.T @ self.y + self.xy / size)
-        we = w @ (self.y - self.x @ beta)
-        beyond = self.yy - 2.0 * float(beta @ self.xy) + float(beta @ self.xx @ beta)
+        beta = phi @ (np.einsum("bij,bi->j", wx, self.y) + self.xy / size)
+        left = self.y - self.x @ beta
+        we = np.einsum("bij,bj->bi", w, left)
+        beyond = max(self.yy - 2.0 * float(beta @ self.xy) + float(beta @ self.xx @ beta), 0.0)
         wk = [w @ kernel for kernel in self.kernels]
         kwx = [kernel @ wx for kernel in self.kernels]
-        bent = [wx.T @ each for each in kwx]
+        bent = [np.einsum("bij,bik->jk", wx, each) for each in kwx]
         bent[0] = bent[0] + self.xx / size**2
-        twice = [[kwx[i].T @ w @ kwx[j] for j in range(len(wk))] for i in range(len(wk))]
+        twice = [[np.einsum("bij,bik->jk", first, w @ second) for second in kwx] for first in kwx]
         twice[0][0] = twice[0][0] + self.xx / size**3
-        traces = np.array([np.trace(each) for each in wk])
+        traces = np.array([float(np.einsum("bii->", each)) for each in wk])
         traces[0] += self.rest / size
-        quadratic = np.array([float(we @ kernel @ we) for kernel in self.kernels])
+        quadratic = np.array([float(np.einsum("bi,bij,bj->", we, kernel, we)) for kernel in self.kernels])
         quadratic[0] += beyond / size**2
-        score = 0.5 * (quadratic - traces + np.array([np.sum(phi * each) for each in bent]))
+        score = 0.5 * (quadratic - traces + np.array([float(np.sum(phi * each)) for each in bent]))
         information = np.empty((len(wk), len(wk)))
         for i, first in enumerate(wk):
             for j, second in enumerate(wk):
-                both = float(np.sum(first * second.T)) + (self.rest / size**2 if i == j == 0 else 0.0)
+                both = float(np.sum(first * _turned(second))) + (self.rest / size**2 if i == j == 0 else 0.0)
                 both -= 2.0 * float(np.sum(phi * twice[i][j].T))
                 information[i, j] = 0.5 * (both + float(np.sum((phi @ bent[i]) * (phi @ bent[j]).T)))
-        logs = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) if factor is not None else 0.0
-        loss = logs + self.rest * math.log(size) + float(np.linalg.slogdet(a)[1])
-        loss += float((self.y - self.x @ beta) @ we) + beyond / size
+        loss = float(np.sum(np.linalg.slogdet(v)[1])) + self.rest * math.log(size)
+        loss += float(np.linalg.slogdet(a)[1]) + float(np.sum(left * we)) + beyond / size
         return _At(components, beta, phi, bent, twice, score, 0.5 * (information + information.T), loss)
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Readings, design and groups in the space of the groups, and sums of what is orthogonal to it."""
+
+    y: FloatArray
+    x: FloatArray
+    inside: list[FloatArray]
+    xx: FloatArray
+    xy: FloatArray
+    yy: float
+
+
+def _rotated(y: FloatArray, x: FloatArray, groups: list[FloatArray]) -> _Block:
+    if groups:
+        indicators = np.hstack([z[:, z.any(axis=0)] for z in groups])
+        q, r, _ = qr(indicators, mode="economic", pivoting=True)
+        diagonal = np.abs(np.diag(r))
+        q = q[:, : len(diagonal)][:, diagonal > 1e-9 * diagonal[0]]
+    else:
+        q = np.zeros((len(y), 0))
+    y1, x1 = q.T @ y, q.T @ x
+    y2, x2 = y - q @ y1, x - q @ x1
+    return _Block(y1, x1, [q.T @ z for z in groups], x2.T @ x2, x2.T @ y2, float(y2 @ y2))
+
+
+def _blocks(count: int, groups: list[FloatArray]) -> list[npt.NDArray[np.intp]]:
+    """The rows that share groups, directly or by way of others."""
+    if not groups:
+        return [np.arange(count)]
+    shared = csr_array(np.hstack(groups))
+    label = connected_components(shared @ shared.T, directed=False)[1]
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _padded(part: FloatArray, rows: int) -> FloatArray:
+    return np.vstack([part, np.zeros((rows - len(part), part.shape[1]))])
+
+
+def _turned(blocks: FloatArray) -> FloatArray:
+    return np.swapaxes(blocks, -1, -2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,9 @@ _WIDEST: Final = 2000
 _GROWTH: Final = 1.3
 _BENT: Final = 12.0
 """Chi-square with two degrees of freedom at which a curve is no parabola: 99.75 %."""
+_EQUAL: Final = 1e-6
+"""Share by which distances of rows may differ and count as equal."""
+
 _CANDIDATES: Final = 20
 _CLIMBS: Final = 5
 
@@ -167,6 +171,22 @@ def _widest(noise: float, time: FloatArray, values: FloatArray, row: int, start:
 
 def _basis(time: FloatArray, degree: int) -> FloatArray:
     """Orthonormal polynomials over the given times, a column for each degree."""
+    count = len(time)
+    if count > 2:
+        step = float(time[-1] - time[0]) / (count - 1)
+        gaps = time[1:] - time[:-1]
+        if float(gaps.max() - gaps.min()) <= _EQUAL * step:
+            return _basis_of_rows(count, degree)
+    return _orthonormal(time, degree)
+
+
+@lru_cache(maxsize=128)
+def _basis_of_rows(count: int, degree: int) -> FloatArray:
+    """The same over rows at equal distances, on which it hangs by their number alone."""
+    return _orthonormal(np.arange(count, dtype=np.float64), degree)
+
+
+def _orthonormal(time: FloatArray, degree: int) -> FloatArray:
     scaled = (time - time.mean()) / max(float(np.ptp(time)), np.finfo(float).tiny)
     basis: FloatArray = np.linalg.qr(np.vander(scaled, min(degree + 1, len(time)), increasing=True))[0]
     return basis

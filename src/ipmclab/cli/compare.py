@@ -1,0 +1,259 @@
+"""``ipmclab compare``: runs of strips, dates and laboratories side by side."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ipmclab.cli.files import actuator_files, check_output
+from ipmclab.cli.options import Force, Json, RunFiles
+from ipmclab.cli.output import counting, print_json, print_paragraph, print_remarks, print_table, progress
+from ipmclab.errors import InputError
+
+if TYPE_CHECKING:
+    from ipmclab.comparison.compare import Comparison
+    from ipmclab.comparison.metric_model import Effect, MetricModel
+
+_LISTED = 40
+"""Effects that a terminal shows; the page and --json have all."""
+
+
+def compare(
+    runs: RunFiles,
+    by: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FACTORS",
+            help="thickness, loading, voltage, frequency, humidity, temperature, clamp_pressure; may be repeated and "
+            "joined by commas. All that differ unless given.",
+        ),
+    ] = None,
+    metric: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="For example displacement.largest; may be repeated.")
+    ] = None,
+    strip: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ACTUATOR", help="Dimensions of a sample, for strain and work density; may be repeated."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.html", help="The page to write.")] = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where every table and figure is written as CSV and SVG.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Compare runs: effects, laws, frequency responses, the next strip.
+
+    \b
+    ipmclab compare runs/*.nc --by thickness,voltage --out compare.html
+    """
+    from ipmclab.comparison.compare import compare as compare_runs
+    from ipmclab.comparison.factors import chosen_factors
+    from ipmclab.model import load_actuator
+
+    chosen_factors(by or [])
+    read: list[Path | str] = [*runs, *actuator_files(*(strip or []))]
+    if out is not None:
+        check_output(out, force=force, suffixes=(".html",), reads=read)
+    if data is not None and not data.is_dir():
+        raise InputError(
+            "there is no such folder", code="no-such-folder", where=f"--data {data}", repair="make it, then try again"
+        )
+    strips = [_strip_with_sample(name, load_actuator(name)) for name in strip or []]
+    with counting("reading runs") as tell:
+        found = compare_runs(runs, by=by or [], metrics=metric or [], strips=strips, on_progress=tell)
+    if not found.rows:
+        raise InputError(
+            f"none of {len(found.unread)} files is a run; the first: {found.unread[0].message}",
+            code="no-runs",
+            where=found.unread[0].run,
+            repair="give runs (.nc); import foreign records first",
+        )
+    written = _write(found, out, data, runs, by or [], force=force)
+    if as_json:
+        print_json({**_document(found), "out": out, "data": data, "files": written})
+        return
+    _print(found)
+    for path in [out, data]:
+        if path is not None:
+            print(f"wrote {path}")
+
+
+def _strip_with_sample(name: str, strip: Any) -> Any:
+    if strip.sample is None:
+        raise InputError(
+            "the actuator names no sample, so that no run can be its own",
+            code="no-sample",
+            where=f"--strip {name}",
+            repair="give its file a table [sample] with the id that the runs have",
+        )
+    return strip
+
+
+def _write(
+    found: Comparison, out: Path | None, data: Path | None, runs: list[Path], by: list[str], *, force: bool
+) -> list[Path]:
+    if out is None and data is None:
+        return []
+    with progress("drawing"):
+        from ipmclab.reporting.comparison import write_comparison, write_comparison_data
+
+        written = []
+        if out is not None:
+            shown = [*map(str, runs[:3]), *(["..."] if len(runs) > 3 else [])]
+            command = shlex.join(["ipmclab", "compare", *shown, *(["--by", ",".join(by)] if by else [])])
+            written.append(write_comparison(found, out, command=command, overwrite=force))
+        if data is not None:
+            written += write_comparison_data(found, data, overwrite=force)
+    return written
+
+
+def _print(found: Comparison) -> None:
+    strips = len(found.samples)
+    print(f"{len(found.rows)} runs of {strips} strip{'' if strips == 1 else 's'}")
+    rows = [
+        _effect_cells(model, effect)
+        for model in found.models
+        for effect in model.effects()
+        if effect.factor in found.by
+    ]
+    if rows:
+        print_table(["metric", "factor", "from", "to", "effect", "95 % interval", "p"], rows[:_LISTED])
+        if len(rows) > _LISTED:
+            print(f"{len(rows) - _LISTED} more effects: see --out and --json")
+    for trend in found.trends:
+        if trend.key.endswith((".largest", ".amplitude")):
+            print_paragraph(f"{trend.waveform}, {trend.key} over {trend.factor.label}: {trend}.")
+    for name, strips_apart in found.strips_apart.items():
+        unlike = [one.sample for one in strips_apart if one.is_unlike]
+        if unlike:
+            print_paragraph(f"{name}: {', '.join(unlike)} unlike the other strips.")
+    remarks = [f"{one.run} is left out: {one.message}" for one in found.unread]
+    if found.doubtful:
+        remarks.append(
+            f"{len(found.doubtful)} of the runs have findings of severity error, and count nevertheless: "
+            f"{', '.join(list(found.doubtful)[:5])}; see ipmclab check"
+        )
+    reasons = dict.fromkeys(
+        f"{effect.factor.label}: {effect.reason}"
+        for model in found.models
+        for effect in model.effects()
+        if effect.reason
+    )
+    together = dict.fromkeys(
+        f"{name} changes together with {' and '.join(others)}: what either does cannot be told apart"
+        for model in found.models
+        for name, others in model.together.items()
+    )
+    print_remarks([*remarks, *reasons, *together])
+
+
+def _effect_cells(model: MetricModel, effect: Effect) -> list[str]:
+    from ipmclab.cli.output import read
+    from ipmclab.comparison.display import quantity_of
+
+    def show(value: float) -> str:
+        return f"x {value:.3g}" if model.is_ratio else read(value, quantity_of(model.metric.unit), digits=3)
+
+    return [
+        f"{model.waveform}: {model.label}",
+        effect.factor.label,
+        effect.factor.show(effect.low),
+        effect.factor.show(effect.high),
+        show(effect.value),
+        "not known" if effect.interval is None else f"{show(effect.interval[0])} to {show(effect.interval[1])}",
+        "-" if effect.p_value is None else f"{effect.p_value:.2g}",
+    ]
+
+
+def _document(found: Comparison) -> dict[str, Any]:
+    return {
+        "runs": [
+            {
+                "run": row.run,
+                "sample": row.sample or None,
+                "mounting": row.mounting or None,
+                "date": row.date or None,
+                "signal": row.signal or None,
+                "waveform": row.waveform or None,
+                "baseline": row.baseline or None,
+                "factors": row.values,
+                "metrics": {
+                    key: {"value": one.value, "unit": one.unit, "interval": one.interval, "definition": one.definition}
+                    for key, one in row.metrics.items()
+                },
+            }
+            for row in found.rows
+        ],
+        "effects": [
+            {
+                "waveform": model.waveform,
+                "metric": model.key,
+                "unit": model.metric.unit,
+                "is_ratio": model.is_ratio,
+                "runs": len(model.rows),
+                "strips": len(model.samples),
+                "variances": model.fit.variances,
+                "factor": effect.factor.name,
+                "low": effect.low,
+                "high": effect.high,
+                "value": effect.value,
+                "interval": effect.interval,
+                "p_value": effect.p_value,
+                "reason": effect.reason or None,
+            }
+            for model in found.models
+            for effect in model.effects()
+        ],
+        "trends": [
+            {
+                "waveform": trend.waveform,
+                "metric": trend.key,
+                "factor": trend.factor.name,
+                "levels": trend.levels,
+                "runs": trend.runs,
+                "laws": [vars(one) for one in trend.laws],
+                "not_excluded": trend.told,
+            }
+            for trend in found.trends
+        ],
+        "next_strip": [
+            {
+                "waveform": model.waveform,
+                "metric": model.key,
+                "condition": condition,
+                "value": told[0],
+                "interval": told[1],
+            }
+            for model in found.models
+            for condition in model.conditions()
+            for told in [model.next_strip(condition)]
+            if told is not None
+        ],
+        "strips_apart": {name: [vars(one) for one in each] for name, each in found.strips_apart.items()},
+        "frequency_responses": [
+            {
+                "run": run,
+                "channel": one.channel,
+                "frequency": one.frequency,
+                "real": one.response.real,
+                "imaginary": one.response.imag,
+                "noise_error": one.noise_error,
+                "standard_error": one.standard_error,
+                "noise_rms": one.noise_rms,
+                "even_rms": one.even_rms,
+                "odd_rms": one.odd_rms,
+                "output_rms": one.output_rms,
+                "periods": one.periods,
+            }
+            for run, responses in found.responses.items()
+            for one in responses
+        ],
+        "sine_responses": [vars(one) for one in found.sine_responses],
+        "performances": [vars(one) for one in found.performances],
+        "doubtful": found.doubtful,
+        "unread": [vars(one) for one in found.unread],
+    }

@@ -1,0 +1,135 @@
+"""The curl of a strip without voltage, and a run without it.
+
+In room air a strip curls while it dries (Friend: 2 mm in 6 minutes). A record at 0 V of the same strip shows how fast;
+along a straight line, that is taken from the displacement of its runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from ipmclab.quality.noise import noise_of_readings
+from ipmclab.quality.record import NO_VOLTAGE
+from ipmclab.run import FloatArray, Run
+
+_FEWEST: Final = 20
+"""Readings that make a rate."""
+
+_BLOCKS: Final = 10
+"""Pieces of a baseline whose own rates tell how straight its curl is."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How fast a strip moves without voltage.
+
+    Parameters
+    ----------
+    rate : float [m/s]
+    standard_error : float [m/s]
+        By noise, and by how the curl leaves a straight line.
+    name : str
+        Of the baseline run.
+    sample, mounting : str, optional
+    recorded_at : str
+        Empty where it is not known.
+    """
+
+    rate: float
+    standard_error: float
+    name: str
+    sample: str | None = None
+    mounting: str | None = None
+    recorded_at: str = ""
+
+
+def is_baseline(run: Run) -> bool:
+    """Whether a run was recorded without voltage.
+
+    Examples
+    --------
+    >>> is_baseline(Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0]))
+    True
+    """
+    return run.metadata.purpose == "baseline" or float(np.abs(run.voltage).max()) < NO_VOLTAGE
+
+
+def drift_of(run: Run) -> Drift | None:
+    """How fast the displacement of a baseline moves; None where it has none.
+
+    Examples
+    --------
+    >>> time = np.arange(100) / 10.0
+    >>> drift = drift_of(Run.from_arrays(time=time, voltage=0.0 * time, displacement=1e-6 * time))
+    >>> round(drift.rate, 12)
+    1e-06
+    """
+    if run.displacement is None:
+        return None
+    there = np.isfinite(run.displacement)
+    if np.count_nonzero(there) < _FEWEST:
+        return None
+    time, values = run.time[there], run.displacement[there]
+    rate, error = _line(time, values)
+    pieces = [
+        _line(part, read)[0]
+        for part, read in zip(np.array_split(time, _BLOCKS), np.array_split(values, _BLOCKS), strict=True)
+        if len(part) >= 2 and np.ptp(part) > 0.0
+    ]
+    bent = float(np.std(pieces, ddof=1)) / math.sqrt(len(pieces)) if len(pieces) > 2 else 0.0
+    sample = run.metadata.sample
+    return Drift(
+        rate=rate,
+        standard_error=max(error, bent),
+        name=run.name or "baseline",
+        sample=None if sample is None else sample.id,
+        mounting=run.metadata.mounting_id,
+        recorded_at=run.metadata.recorded_at or "",
+    )
+
+
+def _line(time: FloatArray, values: FloatArray) -> tuple[float, float]:
+    """The slope of a straight line, and its standard error by the noise of the readings."""
+    centred = time - time.mean()
+    weight = float(centred @ centred)
+    return float(centred @ values) / weight, noise_of_readings(values) / math.sqrt(weight)
+
+
+def baseline_for(run: Run, drifts: Sequence[Drift]) -> Drift | None:
+    """The baseline of the same strip that tells most of a run: of its mounting, and the last one before it.
+
+    Parameters
+    ----------
+    run : Run
+    drifts : sequence of Drift
+
+    Returns
+    -------
+    drift : Drift or None
+        None where no baseline is of the same sample.
+    """
+    sample = None if run.metadata.sample is None else run.metadata.sample.id
+    when = run.metadata.recorded_at or ""
+    own = [one for one in drifts if one.sample == sample and sample is not None]
+    own = [one for one in own if one.mounting == run.metadata.mounting_id] or own
+    before = [one for one in own if one.recorded_at <= when] or own
+    return max(before, key=lambda one: one.recorded_at, default=None)
+
+
+def without_drift(run: Run, drift: Drift) -> Run:
+    """The run whose displacement has no curl, counted from its first row.
+
+    Examples
+    --------
+    >>> run = Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[1.0, 1.0, 1.0], displacement=[0.0, 1e-3, 2e-3])
+    >>> without_drift(run, Drift(1e-3, 0.0, "baseline.nc")).displacement.tolist()
+    [0.0, 0.0, 0.0]
+    """
+    if run.displacement is None:
+        return run
+    return replace(run, displacement=run.displacement - drift.rate * (run.time - run.time[0]))

@@ -1,0 +1,306 @@
+"""Runs held side by side: read once each, then everything that their numbers say."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+from ipmclab.comparison.baseline import Drift, baseline_for, drift_of, is_baseline
+from ipmclab.comparison.factors import FACTORS, Factor, chosen_factors
+from ipmclab.comparison.frequency_response import FrequencyResponse, frequency_response
+from ipmclab.comparison.metric_model import MetricModel, StripApart, model_metric
+from ipmclab.comparison.performance import Performance, performances
+from ipmclab.comparison.sine_response import SineResponse, sine_responses
+from ipmclab.comparison.table import RunRow, row_of
+from ipmclab.comparison.trends import Trend, trend_of
+from ipmclab.errors import InputError, suggest
+from ipmclab.model.actuator import Actuator
+from ipmclab.one_thread import on_one_thread
+from ipmclab.quality.check import check
+from ipmclab.run import Run
+from ipmclab.store.run_file import read_run
+
+Progress = Callable[[int, int], None]
+
+STEP_METRICS: Final = (
+    "displacement.largest",
+    "displacement.back_relaxation",
+    "displacement.time_to_peak",
+    "displacement.strain",
+    "force.largest",
+    "force.back_relaxation",
+    "current.largest",
+    "current.mean_of_last_tenth",
+    "current.charge",
+    "current.energy",
+)
+PERIODIC_METRICS: Final = (
+    "displacement.amplitude",
+    "displacement.phase",
+    "displacement.strain_amplitude",
+    "force.amplitude",
+    "force.phase",
+    "current.amplitude",
+    "current.phase",
+    "current.half_period_end_last",
+    "current.charge_of_half_period",
+    "current.mean_power",
+)
+"""What is compared unless something else is asked for: of a voltage that stands, and of one that repeats."""
+
+_HEADLINES: Final = ("displacement.largest", "displacement.amplitude", "force.largest", "force.amplitude")
+"""The metrics by which a strip is said to be unlike the others; each asks for as many fits as there are strips."""
+
+_PERIODIC: Final = ("sine", "cosine", "square", "triangle", "multisine", "prbs", "periodic")
+
+_RESPONSES: Final = 40
+"""Frequency responses from multisines that are worked out; a figure shows no more."""
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A file that could not be compared, and why."""
+
+    run: str
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What runs say when they are held side by side. Parts are worked out when they are asked for.
+
+    Parameters
+    ----------
+    rows : tuple of RunRow
+        One a run, in the order given.
+    by : tuple of Factor
+        What they are compared by.
+    metrics : tuple of str
+        Keys of the metrics that are compared.
+    responses : mapping of run to tuple of FrequencyResponse
+        From runs with a periodic multisine.
+    strips : mapping of sample id to Actuator
+    doubtful : mapping of run to tuple of str
+        Codes of findings of severity error.
+    unread : tuple of Unread
+    """
+
+    rows: tuple[RunRow, ...]
+    by: tuple[Factor, ...]
+    metrics: tuple[str, ...]
+    responses: Mapping[str, tuple[FrequencyResponse, ...]]
+    strips: Mapping[str, Actuator]
+    doubtful: Mapping[str, tuple[str, ...]]
+    unread: tuple[Unread, ...]
+
+    @property
+    def samples(self) -> tuple[str, ...]:
+        """The strips, in the order in which they come."""
+        return tuple(dict.fromkeys(row.sample for row in self.rows))
+
+    @property
+    def waveforms(self) -> tuple[str, ...]:
+        """The waveforms that were applied, the most frequent first."""
+        words = [row.waveform for row in self.rows if row.waveform]
+        return tuple(sorted(dict.fromkeys(words), key=lambda word: -words.count(word)))
+
+    @cached_property
+    def models(self) -> tuple[MetricModel, ...]:
+        """A model of each metric over the runs of each waveform, where there are enough of them."""
+        # A factor that was not asked for still moves the readings: it stays in the model, behind those that were.
+        factors = (*self.by, *(factor for factor in FACTORS.values() if factor not in self.by))
+        found = (model_metric(key, waveform, self.rows, factors) for waveform, key in self._compared())
+        return tuple(model for model in found if model is not None)
+
+    @cached_property
+    def trends(self) -> tuple[Trend, ...]:
+        """The laws that magnitudes follow along each factor, where three levels or more were measured."""
+        headlines = [(waveform, key) for waveform, key in self._compared() if key.rpartition(".")[2] not in _SIGNED]
+        found = (trend_of(key, waveform, self.rows, factor) for waveform, key in headlines for factor in self.by)
+        return tuple(trend for trend in found if trend is not None)
+
+    @cached_property
+    def strips_apart(self) -> Mapping[str, tuple[StripApart, ...]]:
+        """How far each strip is from what the others let expect, by waveform and metric."""
+        models = (model for model in self.models if model.key in _HEADLINES)
+        found = {f"{model.waveform}: {model.label}": model.strips_apart() for model in models}
+        return {name: each for name, each in found.items() if each}
+
+    @cached_property
+    def sine_responses(self) -> tuple[SineResponse, ...]:
+        """Frequency responses from single sines."""
+        return sine_responses(self.rows)
+
+    @cached_property
+    def performances(self) -> tuple[Performance, ...]:
+        """Work, work density and efficiency where a strip was measured free and blocked."""
+        return performances(self.rows, self.strips)
+
+    def keys_of(self, waveform: str) -> tuple[str, ...]:
+        """Keys of the metrics that are compared of runs with a waveform."""
+        usual = PERIODIC_METRICS if waveform in _PERIODIC else STEP_METRICS
+        known = {key for row in self.rows if row.waveform == waveform for key in row.metrics}
+        return tuple(key for key in self.metrics or usual if key in known)
+
+    def _compared(self) -> Iterator[tuple[str, str]]:
+        for waveform in self.waveforms:
+            for key in self.keys_of(waveform):
+                yield waveform, key
+
+
+_SIGNED: Final = ("back_relaxation", "phase", "steady_value")
+
+
+@on_one_thread
+def compare(
+    runs: Sequence[Run | str | os.PathLike[str]],
+    *,
+    by: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    strips: Sequence[Actuator] = (),
+    on_progress: Progress | None = None,
+) -> Comparison:
+    """Hold runs of strips, dates and laboratories side by side.
+
+    Parameters
+    ----------
+    runs : sequence of Run or path
+        Each is read once; its readings are not kept.
+    by : sequence of str, optional
+        Factors, such as ``("thickness", "voltage")``; every one that differs where none is given.
+    metrics : sequence of str, optional
+        Keys such as ``"displacement.largest"``; those of ``STEP_METRICS`` and ``PERIODIC_METRICS`` where none is given.
+    strips : sequence of Actuator, optional
+        With their samples: dimensions for strain and work density.
+    on_progress : callable, optional
+        Called with how many runs are read, and of how many.
+
+    Returns
+    -------
+    comparison : Comparison
+
+    Raises
+    ------
+    InputError
+        No runs, an unknown factor, a metric that no run has. A file that cannot be read is noted and left out.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> runs = [simulate(strip, f"step {volt} V", duration=40.0, rate=50.0) for volt in (1, 2, 3)]
+    >>> comparison = compare(runs, by=["voltage"])
+    >>> [f"{1e3 * row.metrics['force.largest'].value:.2f} mN" for row in comparison.rows]
+    ['1.76 mN', '3.52 mN', '5.28 mN']
+    """
+    factors = chosen_factors(by)
+    if not runs:
+        raise InputError("no runs are given", code="no-runs", where="compare", repair="give two runs or more")
+    reader = _Reader({one.sample.id: one for one in strips if one.sample is not None})
+    reader.read(list(runs), on_progress or (lambda *_: None))
+    known = dict.fromkeys(key for row in reader.rows for key in row.metrics)
+    for key in metrics:
+        if key not in known and reader.rows:
+            raise InputError(
+                f"no run has the metric {key!r}", code="unknown-metric", where="metrics", repair=suggest(key, known)
+            )
+    return Comparison(
+        rows=tuple(reader.rows),
+        by=factors,
+        metrics=tuple(metrics),
+        responses=reader.responses,
+        strips=reader.strips,
+        doubtful=reader.doubtful,
+        unread=tuple(reader.unread),
+    )
+
+
+class _Reader:
+    """Reads runs one after the other and keeps what a comparison needs of each."""
+
+    def __init__(self, strips: Mapping[str, Actuator]) -> None:
+        self.strips = strips
+        self.rows: list[RunRow] = []
+        self.responses: dict[str, tuple[FrequencyResponse, ...]] = {}
+        self.doubtful: dict[str, tuple[str, ...]] = {}
+        self.unread: list[Unread] = []
+        self._drifts: list[Drift] = []
+
+    def read(self, runs: list[Run | str | os.PathLike[str]], tell: Progress) -> None:
+        names = _labels(runs)
+        again: list[int] = []
+        for place, one in enumerate(runs):
+            run = self._run(one, names[place])
+            if run is not None:
+                baselines = len(self._drifts)
+                self._add(run)
+                again += [place] if len(self._drifts) > baselines else []
+            tell(place + 1, len(runs))
+        if again:
+            self._correct(runs[: again[-1]], names)
+
+    def _run(self, one: Run | str | os.PathLike[str], name: str) -> Run | None:
+        if isinstance(one, Run):
+            return one if one.name == name else replace(one, file=name)
+        try:
+            return replace(read_run(one), file=name)
+        except InputError as error:
+            self.unread.append(Unread(name, f"{error.message}; {error.repair}" if error.repair else error.message))
+            return None
+
+    def _add(self, run: Run) -> None:
+        if is_baseline(run):
+            drift = drift_of(run)
+            if drift is not None:
+                self._drifts.append(drift)
+        self.rows.append(self._row(run))
+        errors = tuple(dict.fromkeys(one.code for one in check(run) if one.severity == "error"))
+        if errors:
+            self.doubtful[run.name] = errors
+        if self.rows[-1].waveform == "multisine" and len(self.responses) < _RESPONSES:
+            found = tuple(_responses(run))
+            if found:
+                self.responses[run.name] = found
+
+    def _row(self, run: Run) -> RunRow:
+        sample = "" if run.metadata.sample is None else run.metadata.sample.id
+        drift = None if is_baseline(run) else baseline_for(run, self._drifts)
+        return row_of(run, strip=self.strips.get(sample), drift=drift)
+
+    def _correct(self, runs: Sequence[Run | str | os.PathLike[str]], names: Sequence[str]) -> None:
+        """Read those again whose baseline came after them."""
+        samples = {drift.sample for drift in self._drifts if drift.sample is not None}
+        places = {row.run: place for place, row in enumerate(self.rows)}
+        for one, name in zip(runs, names, strict=False):
+            place = places.get(name)
+            if place is None or self.rows[place].sample not in samples:
+                continue
+            run = self._run(one, name)
+            if run is not None and not is_baseline(run):
+                self.rows[place] = self._row(run)
+
+
+def _responses(run: Run) -> Iterator[FrequencyResponse]:
+    for channel in ("displacement", "force", "current"):
+        if channel not in run.channels:
+            continue
+        try:
+            yield frequency_response(run, channel)
+        except InputError:  # too short, or with gaps: its other numbers stand in the table
+            continue
+
+
+def _labels(runs: Sequence[Run | str | os.PathLike[str]]) -> list[str]:
+    """A name for each run: that of its file, with its folder where two are called alike, else numbered."""
+    names = [one.name if isinstance(one, Run) else Path(one).name for one in runs]
+    counts = {name: names.count(name) for name in set(names)}
+    found = []
+    for place, (one, name) in enumerate(zip(runs, names, strict=True)):
+        if counts[name] > 1 or not name:
+            name = f"{name} ({place + 1})".strip() if isinstance(one, Run) else Path(one).as_posix()
+        found.append(name)
+    return found

@@ -1,0 +1,204 @@
+"""The numbers of one run that the field compares: those of ``measure``, with charge, energy and strain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.comparison.baseline import Drift, without_drift
+from ipmclab.confidence import NORMAL_95
+from ipmclab.quality.metrics import Metric, measure
+from ipmclab.quality.period import period_of
+from ipmclab.quality.record import NO_VOLTAGE
+from ipmclab.run import FloatArray, Run
+from ipmclab.units import CHANNELS
+
+if TYPE_CHECKING:
+    from ipmclab.model.actuator import Actuator
+
+_DRIFTING: Final = ("largest", "peak_at_first_edge", "steady_value", "mean_of_last_tenth")
+"""Metrics of the displacement that a drift moves by as much as it has moved until then."""
+
+_MISSING: Final = 0.01
+"""Share of the readings that may be missing where a record is integrated."""
+
+
+def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | None = None) -> tuple[Metric, ...]:
+    """The metrics of a run.
+
+    Parameters
+    ----------
+    run : Run
+    strip : Actuator, optional
+        Whose thickness and sensing length turn a displacement into a strain.
+    drift : Drift, optional
+        Of a baseline run of the same strip; taken from the displacement, and its uncertainty into the intervals.
+
+    Returns
+    -------
+    metrics : tuple of Metric
+        Those of ``measure``; of the current, charge, energy and, where it is periodic, mean power and the charge of
+        half a period; with a strip, the strain at its surface.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 10.0, 0.01)
+    >>> run = Run.from_arrays(time=time, voltage=np.ones(1000), current=0.01 * np.ones(1000))
+    >>> {one.name: round(one.value, 4) for one in metrics_of_run(run) if one.name in ("charge", "energy")}
+    {'charge': 0.0999, 'energy': 0.0999}
+    """
+    if drift is not None and run.displacement is not None:
+        duration = float(run.time[-1] - run.time[0])
+        metrics = tuple(_less_drift(one, drift, duration) for one in measure(without_drift(run, drift)))
+    else:
+        metrics = measure(run)
+    return (*metrics, *_electrical(run, metrics), *_gains(run, metrics), *_strain(metrics, strip))
+
+
+def _less_drift(metric: Metric, drift: Drift, duration: float) -> Metric:
+    if metric.channel != "displacement":
+        return metric
+    told = (
+        f"{metric.definition} Before, a drift of {1e6 * drift.rate:.4g} um/s was taken from the displacement, as the "
+        f"baseline {drift.name} has it."
+    )
+    if metric.name not in _DRIFTING or metric.interval is None:
+        return replace(metric, definition=told)
+    reach = NORMAL_95 * drift.standard_error * duration
+    low, high = metric.interval
+    interval = (
+        metric.value - math.hypot(metric.value - low, reach),
+        metric.value + math.hypot(high - metric.value, reach),
+    )
+    return replace(metric, interval=interval, definition=told)
+
+
+def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
+    if run.current is None:
+        return
+    there = np.isfinite(run.current)
+    if np.count_nonzero(there) < 2 or np.count_nonzero(~there) > _MISSING * len(run):
+        return
+    time, current, voltage = run.time[there], run.current[there], run.voltage[there]
+    by = "by the trapezoidal rule, readings as they stand"
+    yield _exact("charge", _integral(time, current), "C", f"The integral of the current over the whole record, {by}.")
+    yield _exact(
+        "energy", _integral(time, voltage * current), "J", f"The integral of voltage times current, {by}: what went in."
+    )
+    until = _end_of_peak(run, metrics)
+    if until is not None:
+        early = time <= until
+        yield _exact(
+            "energy_to_peak",
+            _integral(time[early], (voltage * current)[early]),
+            "J",
+            f"The integral of voltage times current from row 0 to the first peak of the displacement, {by}.",
+        )
+    period = period_of(run)
+    count = 0 if period is None else round(period * run.rate)
+    if period is None or not 4 <= count < len(time) or len(time) < len(run):
+        return
+    last = slice(len(time) - count - 1, None)
+    yield _exact(
+        "charge_of_half_period",
+        0.5 * _integral(time[last], np.abs(current[last])),
+        "C",
+        f"Half the integral of the current's magnitude over the last whole period ({period:.6g} s), {by}.",
+    )
+    yield _exact(
+        "mean_power",
+        _integral(time[last], voltage[last] * current[last]) / float(time[-1] - time[last][0]),
+        "W",
+        f"The mean of voltage times current over the last whole period ({period:.6g} s), {by}.",
+    )
+
+
+def _end_of_peak(run: Run, metrics: tuple[Metric, ...]) -> float | None:
+    """The time of the displacement's first peak [s]; None where it has none."""
+    for one in metrics:
+        if (one.channel, one.name) == ("displacement", "time_to_peak"):
+            driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
+            return float(run.time[driven[0]]) + one.value if len(driven) else None
+    return None
+
+
+def _gains(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
+    """Gain of the fundamental, channel by channel, where the response has a phase."""
+    period = period_of(run)
+    if period is None:
+        return
+    count = round(period * run.rate)
+    turn = np.exp(-2j * math.pi / period * run.time[-count:])
+    drive = abs(_fundamental(run.voltage[-count:], turn))
+    for one in metrics:
+        if one.name != "phase" or one.interval is None or drive == 0.0:
+            continue
+        gain = abs(_fundamental(run.channels[one.channel][-count:], turn)) / drive
+        # The phase of a fundamental in noise scatters by as much [rad] as its size does, as a share.
+        half = 0.5 * (one.interval[1] - one.interval[0]) * gain
+        yield Metric(
+            "gain",
+            one.channel,
+            gain,
+            f"{CHANNELS[one.channel].unit}/V",
+            (gain - half, gain + half),
+            f"Amplitude of the fundamental over that of the voltage, over the last whole period ({period:.6g} s).",
+        )
+
+
+def _fundamental(values: FloatArray, turn: npt.NDArray[np.complex128]) -> complex:
+    """Complex amplitude at the frequency of ``turn``, by least squares with a constant."""
+    waves = np.column_stack([np.ones(len(turn)), turn.real, -turn.imag])
+    fitted = np.linalg.solve(waves.T @ waves, waves.T @ values)
+    return complex(fitted[1], -fitted[2])
+
+
+def _exact(name: str, value: float, unit: str, definition: str) -> Metric:
+    return Metric(name, "current", value, unit, None, definition)
+
+
+def _integral(time: FloatArray, values: FloatArray) -> float:
+    return float(np.trapezoid(values, time))
+
+
+def _strain(metrics: tuple[Metric, ...], strip: Actuator | None) -> Iterator[Metric]:
+    if strip is None:
+        return
+    known = strip.parameters()
+    thickness, length = known["geometry.thickness"].value, known["geometry.sensing_length"].value
+    for one in metrics:
+        if one.channel != "displacement" or one.name not in ("largest", "amplitude"):
+            continue
+        strains = [surface_strain(value, thickness, length) for value in (one.value, *(one.interval or ()))]
+        yield Metric(
+            "strain" if one.name == "largest" else "strain_amplitude",
+            "displacement",
+            strains[0],
+            "",
+            (strains[1], strains[2]) if one.interval else None,
+            f"Strain at the surface of a strip of {1e3 * thickness:.4g} mm that bends along a circle through its "
+            f"clamp: thickness times displacement over (sensing length^2 + displacement^2), with {one.name}.",
+        )
+
+
+def surface_strain(displacement: float, thickness: float, sensing_length: float) -> float:
+    """The strain at the surface of a strip that bends along a circle.
+
+    The curvature of a circle that leaves the clamp straight and passes through the measured point is
+    ``2 δ / (L_s^2 + δ^2)``; half the thickness times it is the strain.
+
+    Parameters
+    ----------
+    displacement, thickness, sensing_length : float [m]
+
+    Examples
+    --------
+    >>> f"{surface_strain(1e-3, 0.2e-3, 20e-3):.3e}"
+    '4.988e-04'
+    """
+    return thickness * displacement / (sensing_length**2 + displacement**2)

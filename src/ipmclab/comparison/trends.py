@@ -1,0 +1,231 @@
+"""Which law a metric follows along a factor: exponential as the thesis says, or another.
+
+Four laws with one parameter of shape each, and none at all, fitted alike: errors multiply, and each group of runs that
+differ in nothing but this factor has a size of its own. They are compared by AICc and by the error at levels that were
+left out. Friend calls the growth with humidity, voltage and temperature exponential, each seen at three levels of one
+strip: with two free numbers a law, three readings decide nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+
+from ipmclab.comparison.factors import FACTORS, Factor, levels_of
+from ipmclab.comparison.mixed import FloatArray
+from ipmclab.comparison.table import RunRow
+
+IntArray = npt.NDArray[np.intp]
+
+_TELLS: Final = 2.0
+"""A law counts as told from another where its AICc is lower by this (Burnham and Anderson, 2002, p. 70)."""
+
+_BOUNDS: Final = (-20.0, 20.0)
+"""Range of a shape: by what the logarithm of an exponential changes from the lowest level to the highest."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """One way in which a metric may follow a factor.
+
+    Parameters
+    ----------
+    name : str
+    shape : callable
+        Logarithm of the law's course for a parameter, at places from 0 (the lowest level) to 1, and for the ratio of
+        the highest level to the lowest; NaN where the law is not positive.
+    """
+
+    name: str
+    shape: Callable[[float, FloatArray, float], FloatArray]
+
+
+def _log(values: FloatArray) -> FloatArray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(values > 0.0, np.log(np.maximum(values, 1e-300)), np.nan)
+
+
+def _logarithmic(place: FloatArray, ratio: float) -> FloatArray:
+    return np.log1p(place * (ratio - 1.0)) / math.log(ratio)
+
+
+LAWS: Final = (
+    Law("constant", lambda _, place, __: np.zeros_like(place)),
+    Law("linear", lambda b, place, _: _log(1.0 + math.expm1(b) * place)),
+    Law("exponential", lambda b, place, _: b * place),
+    Law("power", lambda b, place, ratio: b * _logarithmic(place, ratio)),
+    Law("logarithmic", lambda b, place, ratio: _log(1.0 + math.expm1(b) * _logarithmic(place, ratio))),
+)
+"""All but the first reach exp(b) times their start at the highest level."""
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """One law, fitted.
+
+    Parameters
+    ----------
+    law : str
+    change : float
+        By what factor the metric grows from the lowest level to the highest.
+    aicc : float
+        Above that of the best law; infinite where there are too few runs.
+    held_out : float
+        Root mean square error of the logarithm at levels that were left out; NaN where none can be.
+    """
+
+    law: str
+    change: float
+    aicc: float
+    held_out: float
+
+
+@dataclass(frozen=True)
+class Trend:
+    """The course of a metric along a factor.
+
+    Parameters
+    ----------
+    key, waveform : str
+    factor : Factor
+    levels : tuple of float [SI]
+    runs : int
+    laws : tuple of LawFit
+        The best first.
+    told : tuple of str
+        Laws that the runs do not exclude; all of them where they tell nothing.
+    """
+
+    key: str
+    waveform: str
+    factor: Factor
+    levels: tuple[float, ...]
+    runs: int
+    laws: tuple[LawFit, ...]
+    told: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """One sentence."""
+        if len(self.told) == len(self.laws):
+            return f"{self.runs} runs at {len(self.levels)} levels tell no law from another"
+        if len(self.told) == 1:
+            return f"{self.told[0]}: every other law is excluded"
+        excluded = [one.law for one in self.laws if one.law not in self.told]
+        return f"{' or '.join(self.told)}; excluded: {', '.join(excluded)}"
+
+
+def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) -> Trend | None:
+    """Hold the laws against the runs.
+
+    Parameters
+    ----------
+    key, waveform : str
+        Of the metric and the runs.
+    rows : sequence of RunRow
+    factor : Factor
+
+    Returns
+    -------
+    trend : Trend or None
+        None for fewer than three levels of the factor, a metric that is zero somewhere, or a factor that is not above
+        zero.
+    """
+    told = [
+        row
+        for row in rows
+        if row.waveform == waveform and factor.name in row.values and key in row.metrics and row.metrics[key].value
+    ]
+    if not told:
+        return None
+    along = levels_of(factor, [row.values[factor.name] for row in told])
+    groups = _alike(told, factor)
+    # A group at one level says nothing of the course.
+    counts = {group: len({x for x, one in zip(along, groups, strict=True) if one == group}) for group in set(groups)}
+    kept = [place for place, group in enumerate(groups) if counts[group] > 1]
+    x = np.array([along[place] for place in kept])
+    levels = tuple(sorted(set(x.tolist())))
+    if len(levels) < 3 or levels[0] <= 0.0:
+        return None
+    logs = np.log(np.abs([told[place].metrics[key].value for place in kept]))
+    order = {group: number for number, group in enumerate(dict.fromkeys(groups[place] for place in kept))}
+    member = np.array([order[groups[place]] for place in kept], dtype=np.intp)
+    place = (x - levels[0]) / (levels[-1] - levels[0])
+    fits = [_fit(law, place, levels[-1] / levels[0], logs, member) for law in LAWS]
+    # A law for which there are too few runs cannot be excluded by one that asks for less.
+    best = min(one.aicc for one in fits) if all(math.isfinite(one.aicc) for one in fits) else math.inf
+    fits = [replace(one, aicc=one.aicc - best if math.isfinite(best) else math.inf) for one in fits]
+    fits.sort(key=lambda one: (one.aicc, one.held_out))
+    open_ones = tuple(one.law for one in fits if not one.aicc > _TELLS or not math.isfinite(best))
+    return Trend(key, waveform, factor, levels, len(kept), tuple(fits), open_ones)
+
+
+def _alike(rows: Sequence[RunRow], factor: Factor) -> list[tuple[object, ...]]:
+    """For each run, what it shares with those that differ from it in this factor alone."""
+    columns: list[list[object]] = [[row.sample for row in rows], [row.mounting for row in rows]]
+    for other in FACTORS.values():
+        if other.name == factor.name:
+            continue
+        known = [row.values.get(other.name) for row in rows]
+        there = [value for value in known if value is not None]
+        levels = iter(levels_of(other, there) if there else [])
+        columns.append([None if value is None else round(next(levels, 0.0), 12) for value in known])
+    return list(zip(*columns, strict=True))
+
+
+def _fit(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: IntArray) -> LawFit:
+    shape = _best_shape(law, place, ratio, logs, member)
+    left = _left(law.shape(shape, place, ratio), logs, member)
+    count, groups = len(logs), len(set(member.tolist()))
+    free = groups + (law.name != "constant") + 1
+    spread = float(left @ left) / count
+    room = count - free - 1
+    aicc = math.inf if room <= 0 else count * math.log(max(spread, 1e-30)) + 2.0 * free * (1.0 + (free + 1.0) / room)
+    change = math.exp(shape) if law.name != "constant" else 1.0
+    return LawFit(law.name, change, aicc, _held_out(law, place, ratio, logs, member))
+
+
+def _best_shape(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: IntArray) -> float:
+    if law.name == "constant":
+        return 0.0
+
+    def loss(shape: float) -> float:
+        left = _left(law.shape(shape, place, ratio), logs, member)
+        return float(left @ left)
+
+    # The course of each law bends with its shape in one direction only: a coarse grid finds the valley.
+    grid = np.linspace(*_BOUNDS, 41)
+    at = int(np.argmin([loss(float(one)) for one in grid]))
+    ends = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
+    return float(minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 1e-9}).x)
+
+
+def _left(course: FloatArray, logs: FloatArray, member: IntArray) -> FloatArray:
+    """What a course leaves, each group with a size of its own."""
+    apart = logs - course
+    counts = np.bincount(member)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        own = np.bincount(member, apart) / counts
+    return apart - own[member]
+
+
+def _held_out(law: Law, place: FloatArray, ratio: float, logs: FloatArray, member: IntArray) -> float:
+    """Error at each level as the other levels of the same groups let expect."""
+    errors: list[float] = []
+    for level in np.unique(place):
+        out = place == level
+        if len(np.unique(place[~out])) < 2:
+            return math.nan
+        shape = _best_shape(law, place[~out], ratio, logs[~out], member[~out])
+        apart = logs - law.shape(shape, place, ratio)
+        for row in np.flatnonzero(out):
+            others = ~out & (member == member[row])
+            if others.any():
+                errors.append(float(apart[row] - apart[others].mean()))
+    finite = [one for one in errors if math.isfinite(one)]
+    return math.sqrt(float(np.mean(np.square(finite)))) if len(finite) == len(errors) and errors else math.nan

@@ -1,0 +1,299 @@
+"""The report of a comparison: one HTML file, and its numbers as CSV files."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ipmclab.comparison.compare import Comparison
+from ipmclab.comparison.display import metric_label, quantity_of
+from ipmclab.comparison.metric_model import Effect, MetricModel
+from ipmclab.comparison.mixed import RESIDUAL
+from ipmclab.comparison.table import RunRow, table_csv, write_csv
+from ipmclab.reporting.figures.comparison import ComparedFigure, effects_figure, factor_figures, strips_figures
+from ipmclab.reporting.figures.responses import response_figures
+from ipmclab.reporting.page_file import render, write_page
+from ipmclab.reporting.save import save_figure
+from ipmclab.reporting.svg import inline_svg
+from ipmclab.reporting.wording import plain, spelled_unit, with_unit
+from ipmclab.units import DISPLACEMENT, FORCE
+
+_ROWS_SHOWN = 200
+"""Runs in the table of the page; all of them are in its data."""
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A figure as the page has it."""
+
+    title: str
+    caption: str
+    svg: str
+    file: str
+    link: str
+
+
+def comparison_figures(comparison: Comparison) -> list[ComparedFigure]:
+    """Every figure of a comparison, each with its data.
+
+    Examples
+    --------
+    >>> from ipmclab import compare, load_actuator, simulate
+    >>> strip = load_actuator("friend-2")
+    >>> runs = [simulate(strip, f"step {volt} V", duration=20.0, rate=20.0) for volt in (1, 2, 3, 4)]
+    >>> [figure.title for figure in comparison_figures(compare(runs))]
+    ['Effects, the others held', 'Voltage, step']
+    """
+    effects = effects_figure(comparison)
+    return [
+        *([effects] if effects else []),
+        *factor_figures(comparison),
+        *strips_figures(comparison),
+        *response_figures(comparison),
+    ]
+
+
+def write_comparison(comparison: Comparison, path: str | Path, *, command: str = "", overwrite: bool = False) -> Path:
+    """Write one self-contained HTML file of a comparison; its tables and the data of its figures are in it.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        What ``compare`` returned.
+    path : str or Path
+        Ending in .html.
+    command : str
+        How it was asked for, kept in it.
+    overwrite : bool
+        Whether an existing file may be replaced.
+
+    Returns
+    -------
+    path : Path
+
+    Raises
+    ------
+    InputError
+        Another suffix, a folder that does not exist, or a file that does.
+    """
+    return write_page(lambda: comparison_html(comparison, command=command), path, overwrite=overwrite)
+
+
+def write_comparison_data(comparison: Comparison, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
+    """Write the table of a comparison and every figure, each as CSV and as SVG, into a folder.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    folder : str or Path
+        One that is there.
+    overwrite : bool
+        Whether existing files may be replaced.
+
+    Returns
+    -------
+    paths : list of Path
+
+    Raises
+    ------
+    InputError
+        A folder that does not exist, or a file that does.
+    """
+    place = Path(folder)
+    paths = [write_csv(table_csv(comparison.rows), place / "runs.csv", overwrite=overwrite)]
+    for figure in comparison_figures(comparison):
+        paths.append(write_csv(figure_csv(figure), place / f"{figure.name}.csv", overwrite=overwrite))
+        paths.append(save_figure(figure.draw, place / f"{figure.name}.svg", overwrite=overwrite))
+    return paths
+
+
+def figure_csv(figure: ComparedFigure) -> str:
+    """The numbers of a figure as CSV text."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(figure.columns)
+    writer.writerows([float(cell) if hasattr(cell, "dtype") else cell for cell in row] for row in figure.data)
+    return stream.getvalue()
+
+
+def comparison_html(comparison: Comparison, *, command: str = "") -> str:
+    """The text of the report of a comparison."""
+    shown = [
+        _Shown(
+            title=one.title,
+            caption=one.caption,
+            svg=inline_svg(one.draw(), re.sub(r"[^A-Za-z0-9-]", "-", one.name), one.title),
+            file=f"{one.name}.csv",
+            link=_link(figure_csv(one)),
+        )
+        for one in comparison_figures(comparison)
+    ]
+    rows = comparison.rows
+    return render(
+        "comparison.html.j2",
+        runs=len(rows),
+        strips=len({row.sample for row in rows}),
+        mountings=len({(row.sample, row.mounting) for row in rows}),
+        factors=[factor.label for factor in comparison.by],
+        figures=shown,
+        effects=[_effect_rows(model, comparison) for model in comparison.models if model.factors],
+        trends=[
+            (
+                f"{trend.waveform}: {metric_label(trend.key)}",
+                trend.factor.label,
+                len(trend.levels),
+                trend.runs,
+                [(one.law, plain(one.aicc, 2), plain(one.change), plain(one.held_out, 2)) for one in trend.laws],
+                str(trend),
+            )
+            for trend in comparison.trends
+        ],
+        apart=[
+            (name, [one for one in strips if one.is_unlike], len(strips))
+            for name, strips in comparison.strips_apart.items()
+        ],
+        following=[row for model in comparison.models for row in _next_rows(model)],
+        performances=[
+            (
+                one.sample or "–",
+                one.signal,
+                with_unit(one.free_displacement, DISPLACEMENT),
+                with_unit(one.blocked_force, FORCE),
+                f"{plain(1e6 * one.work)} uJ",
+                "–" if one.work_density is None else f"{plain(one.work_density)} J/m³",
+                "–" if one.efficiency is None else f"{plain(1e6 * one.efficiency)} × 10⁻⁶",
+            )
+            for one in comparison.performances
+        ],
+        bandwidths=[
+            (
+                one.sample or "–",
+                one.channel,
+                len(one.frequency),
+                "–" if one.bandwidth is None else f"{plain(one.bandwidth)} Hz",
+            )
+            for one in comparison.sine_responses
+        ],
+        definitions=_definitions(comparison),
+        head=_table_head(rows),
+        table=[_table_row(row, _table_keys(rows)) for row in rows[:_ROWS_SHOWN]],
+        left=max(len(rows) - _ROWS_SHOWN, 0),
+        table_link=_link(table_csv(rows)),
+        doubtful=list(comparison.doubtful.items()),
+        unread=comparison.unread,
+        command=command,
+    )
+
+
+def _link(text: str) -> str:
+    return "data:text/csv;base64," + base64.b64encode(text.encode()).decode()
+
+
+def _effect_rows(model: MetricModel, comparison: Comparison) -> dict[str, object]:
+    told = [_effect_row(effect, model) for effect in model.effects() if effect.factor in comparison.by]
+    scatter = {}
+    for name, size in model.fit.variances.items():
+        deviation = max(size, 0.0) ** 0.5
+        word = {RESIDUAL: "repeats", "strip": "strips", "mounting": "mountings"}[name]
+        scatter[word] = (
+            f"{plain(100.0 * deviation, 2)} %"
+            if model.is_ratio
+            else with_unit(deviation, quantity_of(model.metric.unit), 2)
+        )
+    return {
+        "label": f"{model.waveform}: {model.label}",
+        "runs": len(model.rows),
+        "strips": len(model.samples),
+        "scatter": ", ".join(f"{word} {size}" for word, size in scatter.items()),
+        "rows": told,
+        "together": [f"{name} changes together with {' and '.join(others)}" for name, others in model.together.items()],
+    }
+
+
+def _effect_row(effect: Effect, model: MetricModel) -> tuple[str, str, str, str]:
+    def show(value: float) -> str:
+        return f"× {plain(value)}" if model.is_ratio else with_unit(value, quantity_of(model.metric.unit))
+
+    interval = "–" if effect.interval is None else f"{show(effect.interval[0])} to {show(effect.interval[1])}"
+    low, high = (with_unit(end, effect.factor.quantity, trim=True) for end in (effect.low, effect.high))
+    levels = f"{effect.factor.label}, {low} to {high}"
+    chance = effect.reason if effect.p_value is None else f"p = {plain(effect.p_value, 2)}"
+    return levels, show(effect.value), interval, chance
+
+
+def _next_rows(model: MetricModel) -> list[tuple[str, str, str, str]]:
+    found = []
+    for condition in model.conditions()[:12]:
+        told = model.next_strip(condition)
+        if told is None:
+            return []
+        quantity = quantity_of(model.metric.unit)
+        shown = ", ".join(with_unit(condition[factor.name], factor.quantity, trim=True) for factor in model.factors)
+        found.append(
+            (
+                f"{model.waveform}: {model.label}",
+                shown or "one condition",
+                with_unit(told[0], quantity),
+                f"{with_unit(told[1][0], quantity)} to {with_unit(told[1][1], quantity)}",
+            )
+        )
+    return found
+
+
+def _table_keys(rows: Sequence[RunRow]) -> list[str]:
+    wanted = (
+        "displacement.largest",
+        "displacement.amplitude",
+        "displacement.back_relaxation",
+        "force.largest",
+        "force.amplitude",
+        "current.largest",
+        "current.charge",
+    )
+    return [key for key in wanted if any(key in row.metrics for row in rows)]
+
+
+def _table_head(rows: Sequence[RunRow]) -> list[str]:
+    head = []
+    for key in _table_keys(rows):
+        unit = next(row.metrics[key].unit for row in rows if key in row.metrics)
+        shown = quantity_of(unit).display_unit
+        head.append(metric_label(key) + (f" ({spelled_unit(shown)})" if shown else ""))
+    return head
+
+
+def _table_row(row: RunRow, keys: Sequence[str]) -> list[str]:
+    numbers = [
+        plain(float(quantity_of(row.metrics[key].unit).to_display(row.metrics[key].value)))
+        if key in row.metrics
+        else ""
+        for key in keys
+    ]
+    humidity, temperature = (
+        plain(row.values[name], 3) if name in row.values else "" for name in ("humidity", "temperature")
+    )
+    return [
+        row.run,
+        row.sample,
+        row.mounting,
+        row.date[:10],
+        row.signal or row.waveform,
+        humidity,
+        temperature,
+        *numbers,
+    ]
+
+
+def _definitions(comparison: Comparison) -> list[tuple[str, str]]:
+    found: dict[str, str] = {}
+    keys = {key for waveform in comparison.waveforms for key in comparison.keys_of(waveform)}
+    for row in comparison.rows:
+        for key, metric in row.metrics.items():
+            if key in keys:
+                found.setdefault(metric_label(key), metric.definition)
+    return sorted(found.items())

@@ -1,0 +1,67 @@
+"""``ipmclab compare``: one document, a table for people, files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ipmclab
+from tests.cli.conftest import Command
+
+
+@pytest.fixture
+def steps(tmp_path: Path) -> list[str]:
+    strip = ipmclab.load_actuator("friend-4-measured")
+    names = []
+    for volts in (1, 2, 3, 4):
+        names.append(f"step-{volts}.nc")
+        run = ipmclab.simulate(strip, f"step {volts} V", duration=10.0, rate=10.0)
+        ipmclab.write_run(run, tmp_path / names[-1])
+    return names
+
+
+def test_one_document_and_every_file(command: Command, steps: list[str], tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    files = ("--out", "compare.html", "--data", "data", "--strip", "friend-4-measured")
+    done = command("compare", *steps, "--by", "voltage,thickness", *files, "--json")
+    assert (done.status, done.err) == (0, "")
+    document = done.document
+    assert [row["factors"]["voltage"] for row in document["runs"]] == [1.0, 2.0, 3.0, 4.0]
+    assert {row["factor"] for row in document["effects"]} == {"voltage"}
+    assert "displacement.strain" in document["runs"][0]["metrics"]
+    assert document["performances"][0]["work_density"] > 0.0
+    assert all(Path(name).stat().st_size > 0 for name in document["files"])
+    assert (tmp_path / "data" / "runs.csv").exists()
+    assert command("compare", *steps, "--out", "compare.html").status == 2
+
+
+def test_a_table_for_people(command: Command, steps: list[str], tmp_path: Path) -> None:
+    (tmp_path / "broken.nc").write_bytes(b"no run")
+    done = command("compare", *steps, "broken.nc", "--metric", "force.largest")
+    assert done.status == 0
+    assert "4 runs of 1 strip" in done.out
+    assert "step: force, largest" in done.out
+    assert "current" not in done.out
+    assert "broken.nc is left out" in " ".join(done.err.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--by", "volts"), "by: unknown factor 'volts'; did you mean 'voltage'?"),
+        (("--strip", "friend-2"), "--strip friend-2: the actuator names no sample"),
+        (("--data", "nowhere"), "--data nowhere: there is no such folder"),
+    ],
+)
+def test_bad_input(command: Command, steps: list[str], words: tuple[str, ...], message: str) -> None:
+    done = command("compare", *steps, *words)
+    assert done.status == 2
+    assert message in done.err
+
+
+def test_no_run_at_all(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "broken.nc").write_bytes(b"no run")
+    done = command("compare", "broken.nc")
+    assert done.status == 2
+    assert "none of 1 files is a run" in done.err

@@ -1,0 +1,104 @@
+"""Runs side by side: read once, whatever is wrong with one of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ipmclab
+from ipmclab.comparison.compare import compare
+from ipmclab.errors import InputError
+from ipmclab.run import Run, RunMetadata
+from ipmclab.sample import Sample
+from ipmclab.store.run_file import write_run
+
+MAPS = Path(__file__).resolve().parents[2] / "docs" / "import_maps"
+
+
+@pytest.fixture(scope="module")
+def sines() -> list[Run]:
+    strip = ipmclab.load_actuator("friend-4-measured")
+    return [ipmclab.simulate(strip, f"sine 1 V {one} Hz", duration=20.0, rate=20.0) for one in (0.1, 0.2, 0.5)]
+
+
+def test_files_are_read_once_and_what_is_no_run_is_named(tmp_path: Path, sines: list[Run]) -> None:
+    paths = [tmp_path / f"{place}.nc" for place in range(3)]
+    for run, path in zip(sines, paths, strict=True):
+        write_run(run, path)
+    (tmp_path / "broken.nc").write_bytes(b"no run")
+    seen: list[tuple[int, int]] = []
+    found = compare([*paths, tmp_path / "broken.nc"], on_progress=lambda *done: seen.append(done))
+    assert [row.run for row in found.rows] == ["0.nc", "1.nc", "2.nc"]
+    assert [one.run for one in found.unread] == ["broken.nc"]
+    assert seen[-1] == (4, 4)
+    assert found.samples == ("friend-4",)
+    assert len(found.sine_responses) == 3
+
+
+def test_runs_of_one_name_keep_apart(sines: list[Run]) -> None:
+    nameless = [replace(run, metadata=replace(run.metadata, signal=None)) for run in sines]
+    assert [row.run for row in compare([*nameless]).rows] == ["(1)", "(2)", "(3)"]
+
+
+def test_a_baseline_counts_for_runs_before_it_in_the_list() -> None:
+    time = np.arange(0.0, 20.0, 0.1)
+    about = RunMetadata(sample=Sample("s1"), mounting_id="m1")
+    moved = 1e-5 * time
+    still = Run.from_arrays(time=time, voltage=0.0 * time, displacement=moved, metadata=about)
+    driven = Run.from_arrays(
+        time=time, voltage=(time > 1.0) * 1.0, displacement=moved + (time > 1.0) * 1e-3, metadata=about
+    )
+    rows = [
+        compare([replace(one, file=name) for one, name in order]).rows
+        for order in ([(driven, "d"), (still, "s")], [(still, "s"), (driven, "d")])
+    ]
+    for one in rows:
+        (row,) = [row for row in one if row.run == "d"]
+        assert row.baseline == "s"
+        assert row.metrics["displacement.largest"].value == pytest.approx(1e-3, rel=0.02)
+
+
+def test_what_was_not_asked_for_stays_in_the_model() -> None:
+    """A factor that varies unasked would otherwise be taken for scatter."""
+    from tests.comparison.campaigns import campaign
+
+    rows = tuple(campaign(np.random.default_rng(7)))
+    found = replace(compare([Run.from_arrays(time=[0.0, 1.0], voltage=[1.0, 1.0])], by=["humidity"]), rows=rows)
+    (model,) = found.models
+    assert [factor.name for factor in model.factors] == ["humidity", "thickness", "loading"]
+    assert [trend.factor.name for trend in found.trends] == ["humidity"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"by": ["tickness"]}, "unknown factor 'tickness'; did you mean 'thickness'"),
+        ({"metrics": ["displacement.larges"]}, "did you mean 'displacement.largest'"),
+    ],
+)
+def test_what_nobody_knows_is_refused(sines: list[Run], arguments: dict[str, list[str]], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        compare(sines, **arguments)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no runs are given"):
+        compare([])
+
+
+def test_real_records_are_compared(real_runs: Path) -> None:
+    """Lost lasers, bad contact, glitches: doubtful runs are named, nothing stops, and four runs decide no law."""
+    names = ("step_1V", "step_2V", "step_2V_poor", "step_3V")
+    runs = [
+        replace(ipmclab.import_run(real_runs / f"{name}.csv.gz", MAPS / f"{name}.toml"), file=name) for name in names
+    ]
+    found = compare(runs, by=["voltage"])
+    largest = {row.run: abs(row.metrics["displacement.largest"].value) for row in found.rows}
+    assert largest["step_2V_poor"] == pytest.approx(0.43e-3, rel=0.1)
+    assert "contact-missing" in found.doubtful["step_3V"]
+    assert all(len(trend.told) == 5 for trend in found.trends)
+    (model,) = [model for model in found.models if model.key == "displacement.largest"]
+    (voltage,) = model.effects()
+    assert voltage.interval is not None
+    assert voltage.interval[0] < 0.1
+    assert voltage.interval[1] > 10.0

@@ -1,0 +1,158 @@
+"""Effects, the next strip and strips unlike the others, where the truth is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ipmclab.comparison.factors import FACTORS, Factor
+from ipmclab.comparison.metric_model import MetricModel, model_metric
+from ipmclab.comparison.table import RunRow
+from tests.comparison.campaigns import campaign, row
+
+EVERY = tuple(FACTORS.values())
+
+
+def modelled(rows: list[RunRow], factors: tuple[Factor, ...] = EVERY) -> MetricModel:
+    model = model_metric("displacement.largest", "step", rows, factors)
+    assert model is not None
+    return model
+
+
+def test_effects_are_ratios_from_the_lowest_level_to_the_highest() -> None:
+    """Without scatter they are the truth to the digit; what did not change is no factor."""
+    rows = campaign(np.random.default_rng(1), scatter=(0.0, 0.0, 1e-9))
+    model = modelled([row for row in rows if row.values["loading"] == 0.05])
+    assert [factor.name for factor in model.factors] == ["thickness", "humidity"]
+    thick, humid = model.effects()
+    assert thick.value == pytest.approx(math.exp(0.5), rel=1e-3)
+    assert humid.value == pytest.approx(math.exp(0.3), rel=0.02)  # at the humidity that was read, not at its level
+    assert (thick.low, thick.high) == (pytest.approx(0.18e-3), pytest.approx(0.25e-3))
+    assert (humid.low, humid.high) == (pytest.approx(60.0, abs=0.3), pytest.approx(80.0, abs=0.3))
+
+
+def test_a_factor_between_strips_has_as_few_degrees_of_freedom_as_there_are_strips() -> None:
+    """One within strips has many; a sham is not found here."""
+    model = modelled(campaign(np.random.default_rng(2)))
+    thick, loading, humid = model.effects()
+    assert model.fit.contrast([0.0, 1.0, 0.0, 0.0]).freedom == pytest.approx(5.0, rel=1e-3)
+    assert model.fit.contrast([0.0, 0.0, 0.0, 1.0]).freedom > 70.0
+    assert humid.p_value is not None
+    assert humid.p_value < 1e-6
+    assert loading.interval is not None
+    assert loading.interval[0] < 1.0 < loading.interval[1]
+    assert thick.interval is not None
+    assert thick.interval[0] < math.exp(0.5) < thick.interval[1]
+
+
+def test_two_strips_do_not_tell_what_thickness_does() -> None:
+    """Each has its own thickness: the effect stands there, without an interval, with its reason."""
+    rows = [one for one in campaign(np.random.default_rng(3)) if one.sample in ("strip-0", "strip-1")]
+    model = modelled(rows)
+    thick, humid = model.effects()
+    assert thick.interval is None
+    assert thick.p_value is None
+    assert "no two strips have the same" in thick.reason
+    assert humid.interval is not None
+    assert model.next_strip({"thickness": 0.18e-3, "humidity": 60.0}) is None
+    assert model.strips_apart() == ()
+
+
+def test_clamp_pressure_changed_with_every_mounting_is_not_told_from_the_mounting() -> None:
+    rows = [
+        row(value, sample=sample, mounting=mounting, clamp_pressure=pressure)
+        for sample in "abc"
+        for mounting, pressure in (("1", 1e4), ("2", 2e4))
+        for value in (1.0, 1.1, 1.3)
+    ]
+    for place, one in enumerate(rows):  # three strips, two mountings each: pressure stands for all that changed between
+        rows[place] = row(
+            one.metrics["displacement.largest"].value * (1.0 + 0.01 * place),
+            sample=one.sample,
+            mounting=one.mounting,
+            clamp_pressure=one.values["clamp_pressure"] + 5e3 * "abc".index(one.sample),
+        )
+    (pressure,) = modelled(rows).effects()
+    assert pressure.interval is not None  # three mountings are left to scatter
+    alone = [one for one in rows if one.sample == "a"]
+    (pressure,) = modelled(alone).effects()
+    assert pressure.interval is None
+    assert "mount the strip again" in pressure.reason
+
+
+def test_factors_that_change_together_are_named() -> None:
+    rows = campaign(np.random.default_rng(4))
+    for one in rows:
+        dict(one.values)
+    tied = [
+        RunRow(**{**vars(one), "values": {**one.values, "temperature": one.values["humidity"] / 2.0}}) for one in rows
+    ]
+    model = modelled(tied)
+    assert model.together == {"temperature": ("humidity",)}
+    swapped = modelled(tied, (FACTORS["temperature"], FACTORS["humidity"]))
+    assert swapped.together == {"humidity": ("temperature",)}
+
+
+def test_the_next_strip_is_the_textbook_prediction_interval() -> None:
+    """With one run a strip: mean plus or minus t times s sqrt(1 + 1/n)."""
+    from scipy.stats import t as student
+
+    values = [1.0e-3, 1.3e-3, 0.8e-3, 1.1e-3, 1.6e-3]
+    model = modelled([row(value, sample=str(place)) for place, value in enumerate(values)])
+    found = model.next_strip({})
+    assert found is not None
+    logs = np.log(values)
+    reach = float(student.ppf(0.975, 4)) * float(np.std(logs, ddof=1)) * math.sqrt(1.2)
+    assert found[0] == pytest.approx(math.exp(logs.mean()))
+    assert found[1] == pytest.approx((math.exp(logs.mean() - reach), math.exp(logs.mean() + reach)))
+    assert model.conditions() == [{}]
+
+
+def test_a_strip_unlike_the_others_is_named_and_none_where_all_are_alike() -> None:
+    rows = campaign(np.random.default_rng(5), scatter=(0.05, 0.03, 0.02))
+    assert not any(one.is_unlike for one in modelled(rows).strips_apart())
+    poor = [
+        row(
+            0.3 * one.metrics["displacement.largest"].value
+            if one.sample == "strip-3"
+            else one.metrics["displacement.largest"].value,
+            sample=one.sample,
+            mounting=one.mounting,
+            **one.values,
+        )
+        for one in rows
+    ]
+    first, *others = modelled(poor).strips_apart()
+    assert (first.sample, first.is_unlike) == ("strip-3", True)
+    assert first.value == pytest.approx(0.3, rel=0.2)
+    assert not any(one.is_unlike for one in others)
+
+
+def test_too_few_runs_make_no_model() -> None:
+    assert model_metric("displacement.largest", "step", [row(1.0), row(2.0)], EVERY) is None
+    assert model_metric("displacement.largest", "step", [row(1.0)] * 5, EVERY) is None
+    assert model_metric("force.largest", "step", [row(1.0), row(2.0), row(1.5)], EVERY) is None
+
+
+def test_chance_is_covered() -> None:
+    """A small twin of ``benchmarks/comparison.py``: 200 campaigns by way of the rows."""
+    draw = np.random.default_rng(20261121)
+    held, found = np.zeros(3), 0
+    for _ in range(200):
+        rows = campaign(draw, strips=9)
+        new, rows = rows[-12:], rows[:-12]
+        model = modelled(rows)
+        thick, loading, humid = model.effects()
+        for place, (effect, truth) in enumerate([(thick, 0.5), (humid, 0.3)]):
+            assert effect.interval is not None
+            reach = (effect.high - effect.low) / (20.0 if effect.factor.name == "humidity" else 0.07e-3)
+            held[place] += effect.interval[0] <= math.exp(truth * reach) <= effect.interval[1]
+        assert loading.p_value is not None
+        found += loading.p_value < 0.05
+        forecast = model.next_strip(new[0].values)
+        assert forecast is not None
+        held[2] += forecast[1][0] <= new[0].metrics["displacement.largest"].value <= forecast[1][1]
+    assert np.all(held >= 178), held
+    assert found <= 22

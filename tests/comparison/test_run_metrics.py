@@ -1,0 +1,141 @@
+"""The metrics of a run against closed forms, and the drift that a baseline takes out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ipmclab import load_actuator, simulate
+from ipmclab.comparison.baseline import baseline_for, drift_of
+from ipmclab.comparison.frequency_response import response_in_rows
+from ipmclab.comparison.performance import performances
+from ipmclab.comparison.run_metrics import metrics_of_run, surface_strain
+from ipmclab.comparison.sine_response import bandwidth_of, sine_responses
+from ipmclab.comparison.table import row_of, table_csv
+from ipmclab.quality.metrics import Metric
+from ipmclab.run import Run, RunMetadata
+from ipmclab.sample import Sample
+
+TIME = np.arange(0.0, 40.0, 0.02)
+
+
+def metric(run: Run, name: str, channel: str = "current", **more: object) -> Metric:
+    (found,) = [one for one in metrics_of_run(run, **more) if (one.channel, one.name) == (channel, name)]  # type: ignore[arg-type]
+    return found
+
+
+def test_charge_and_energy_of_a_capacitor_with_a_resistor() -> None:
+    """1 V through 10 ohm into 0.5 F: C (1 - exp(-t / RC)), and as much energy as volts times it."""
+    run = Run.from_arrays(time=TIME, voltage=np.ones(2000), current=0.1 * np.exp(-TIME / 5.0))
+    charge = 0.5 * (1.0 - math.exp(-TIME[-1] / 5.0))
+    assert metric(run, "charge").value == pytest.approx(charge, rel=1e-5)
+    assert metric(run, "energy").value == pytest.approx(charge, rel=1e-5)
+    assert metric(run, "energy").unit == "J"
+
+
+def test_mean_power_and_charge_of_half_a_period_of_a_sine() -> None:
+    """1 V and 20 mA, 60 degrees apart: V I cos(60 deg) / 2, and I T / pi."""
+    angle = math.tau * 0.1 * TIME
+    run = Run.from_arrays(time=TIME, voltage=np.sin(angle), current=0.02 * np.sin(angle + math.pi / 3.0))
+    assert metric(run, "mean_power").value == pytest.approx(0.02 * 0.25, rel=1e-6)
+    assert metric(run, "charge_of_half_period").value == pytest.approx(0.02 * 10.0 / math.pi, rel=1e-4)
+    gain = metric(run, "gain")
+    assert gain.value == pytest.approx(0.02, rel=1e-9)
+    assert gain.unit == "A/V"
+
+
+def test_strain_is_that_of_the_circle_through_clamp_and_sensing_point() -> None:
+    """A strip of 0.2 mm on a circle of 50 mm: strain h / (2 R), wherever it is measured."""
+    radius, thickness = 50e-3, 0.2e-3
+    for angle in (0.05, 0.4, 1.0):
+        across, along = radius * (1.0 - math.cos(angle)), radius * math.sin(angle)
+        assert surface_strain(across, thickness, along) == pytest.approx(thickness / (2.0 * radius))
+    strip = load_actuator("friend-2")
+    run = simulate(strip, "step 1 V", duration=20.0, rate=20.0)
+    largest = metric(run, "largest", "displacement")
+    strain = metric(run, "strain", "displacement", strip=strip)
+    assert strain.value == pytest.approx(surface_strain(largest.value, 0.245e-3, 21e-3))
+    assert "0.245 mm" in strain.definition
+
+
+def curling(rate: float, response: float, **about: object) -> Run:
+    metadata = RunMetadata(sample=Sample("s1"), **about)  # type: ignore[arg-type]
+    voltage = np.where(TIME >= 2.0, 1.0 if response else 0.0, 0.0)
+    noise = 1e-6 * np.random.default_rng(1).normal(size=len(TIME))
+    moved = response * (1.0 - np.exp(-np.maximum(TIME - 2.0, 0.0) / 3.0)) + rate * TIME + noise
+    return Run.from_arrays(time=TIME, voltage=voltage, displacement=moved, metadata=metadata)
+
+
+def test_a_baseline_takes_out_the_curl() -> None:
+    """20 um/s of curl beside 0.5 mm of response: without it the response is what it is, and the interval says more."""
+    run = curling(2e-5, 5e-4)
+    drift = drift_of(curling(2e-5, 0.0, purpose="baseline"))
+    assert drift is not None
+    assert drift.rate == pytest.approx(2e-5, abs=4.0 * drift.standard_error)
+    plain, corrected = (metric(run, "largest", "displacement", drift=one) for one in (None, drift))
+    assert plain.value > 1.2e-3
+    assert corrected.value == pytest.approx(5e-4, rel=0.01)
+    assert corrected.interval is not None
+    assert corrected.interval[0] < 5e-4 < corrected.interval[1]
+    assert "20 um/s" in corrected.definition
+    assert row_of(run, drift=drift).baseline == drift.name
+
+
+def test_the_baseline_of_the_mounting_that_came_last_before_the_run_counts() -> None:
+    def baseline(mounting: str, when: str) -> Run:
+        return replace(curling(1e-6, 0.0, mounting_id=mounting, recorded_at=when), file=f"{mounting}-{when}.nc")
+
+    drifts = [
+        drift
+        for run in (baseline("m1", "2026-01-01"), baseline("m2", "2026-01-02"), baseline("m1", "2026-01-03"))
+        if (drift := drift_of(run)) is not None
+    ]
+    names = []
+    for mounting, when in (("m1", "2026-01-02"), ("m1", "2026-01-04"), ("m3", "2026-01-02")):
+        found = baseline_for(curling(0.0, 1e-4, mounting_id=mounting, recorded_at=when), drifts)
+        names.append(found.name if found else None)
+    assert names == ["m1-2026-01-01.nc", "m1-2026-01-03.nc", "m2-2026-01-02.nc"]
+    nameless = replace(curling(0.0, 1e-4), metadata=RunMetadata())
+    assert baseline_for(nameless, drifts) is None
+
+
+def test_gains_of_sines_are_the_models_own_and_have_its_bandwidth() -> None:
+    """Friend's figure 5.25, by the model of sample 2: 0.05 Hz to 1 Hz."""
+    strip = load_actuator("friend-2")
+    frequencies = np.array([0.05, 0.1, 0.2, 0.5, 1.0])
+    rows = [row_of(simulate(strip, f"sine 1 V {one} Hz", duration=120.0, rate=50.0)) for one in frequencies]
+    (response,) = [one for one in sine_responses(rows) if one.channel == "displacement"]
+    own = response_in_rows(strip.system, frequencies, 50.0)
+    assert response.gain == pytest.approx(np.abs(own), rel=2e-3)
+    assert response.phase == pytest.approx(np.unwrap(np.angle(own)), abs=2e-3)
+    fine = np.geomspace(0.05, 1.0, 500)
+    expected = bandwidth_of(fine, np.abs(response_in_rows(strip.system, fine, 50.0)))
+    assert response.bandwidth == pytest.approx(expected, rel=0.1)
+    assert bandwidth_of([0.1, 1.0], [1.0, 0.9]) is None
+
+
+def test_work_is_a_quarter_of_free_displacement_times_blocked_force() -> None:
+    strip = load_actuator("friend-4-measured")
+    row = row_of(simulate(strip, "step 1 V", duration=20.0, rate=20.0), strip=strip)
+    (found,) = performances([row], {"friend-4": strip})
+    expected = 0.25 * abs(row.metrics["displacement.largest"].value * row.metrics["force.largest"].value)
+    assert found.work == pytest.approx(expected)
+    volume = math.prod(strip.parameters()[f"geometry.{name}"].value for name in ("free_length", "width", "thickness"))
+    assert found.work_density == pytest.approx(expected / volume)
+    assert found.efficiency is not None
+    assert 0.0 < found.efficiency < 1e-3
+    assert performances([replace(row, sample="other")], {"friend-4": strip})[0].work_density is None
+
+
+def test_a_foreign_step_is_known_by_its_voltage() -> None:
+    voltage = np.where(TIME >= 2.0, 0.988, 0.0)
+    row = row_of(Run.from_arrays(time=TIME, voltage=voltage, current=0.01 * voltage))
+    assert (row.waveform, row.values["voltage"]) == ("step", pytest.approx(0.988))
+    wave = row_of(Run.from_arrays(time=TIME, voltage=0.5 * np.sin(math.tau * 0.2 * TIME), current=voltage))
+    assert (wave.waveform, wave.values["frequency"]) == ("periodic", pytest.approx(0.2, rel=1e-3))
+    still = row_of(Run.from_arrays(time=TIME, voltage=0.0 * TIME, displacement=1e-6 * TIME))
+    assert still.waveform == ""
+    assert table_csv([row, wave, still]).splitlines()[0].startswith("run,sample,mounting,date,signal,waveform")

@@ -1,0 +1,89 @@
+"""The page of a comparison: every figure with its numbers, nothing fetched from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ipmclab
+from ipmclab.comparison.compare import Comparison, compare
+from ipmclab.reporting.comparison import comparison_figures, figure_csv, write_comparison, write_comparison_data
+from tests.comparison.campaigns import campaign
+
+SIGNAL = "multisine 1 V 0.1 Hz 2 Hz harmonics=odd phases=random left_out=4"
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    """A campaign of twelve strips, three sines and a multisine of another."""
+    strip = ipmclab.load_actuator("friend-2")
+    signals = ("sine 1 V 0.1 Hz", "sine 1 V 0.2 Hz", "sine 1 V 0.5 Hz", SIGNAL)
+    found = compare([ipmclab.simulate(strip, one, duration=40.0, rate=20.0) for one in signals])
+    rows = campaign(np.random.default_rng(5), scatter=(0.05, 0.03, 0.02), strips=12)
+    return replace(found, rows=(*found.rows, *rows))
+
+
+def test_every_figure_is_there_with_its_numbers(comparison: Comparison, tmp_path: Path) -> None:
+    figures = comparison_figures(comparison)
+    names = [figure.name for figure in figures]
+    assert names == [
+        "effects",
+        "thickness-step",
+        "loading-step",
+        "frequency-sine",
+        "humidity-step",
+        "strips-step-displacement-largest",
+        "response-sines",
+        "response-1",
+    ]
+    for figure in figures:
+        head, *rows = csv.reader(figure_csv(figure).splitlines())
+        assert tuple(head) == figure.columns
+        assert rows
+        assert all(len(row) == len(head) for row in rows)
+        assert "np.float64" not in figure_csv(figure)
+    page = write_comparison(comparison, tmp_path / "c.html", command="ipmclab compare *.nc").read_text("utf-8")
+    assert page.count('<svg class="figure"') == len(names)
+    assert "http" not in page.replace("http://www.w3.org", "")
+    told = re.findall(r'download="([^"]+)" href="data:text/csv;base64,([^"]+)"', page)
+    assert [name for name, _ in told] == [*(f"{name}.csv" for name in names), "runs.csv"]
+    effects = base64.b64decode(dict(told)["effects.csv"]).decode()
+    assert effects == figure_csv(figures[0])
+
+
+def test_a_factor_is_drawn_with_the_rest_held(comparison: Comparison) -> None:
+    """Thickness at one humidity, as the thesis draws it; the caption says which."""
+    (figure,) = [one for one in comparison_figures(comparison) if one.name == "thickness-step"]
+    assert len({row[4] for row in figure.data}) == 2
+    assert len(figure.data) == len([row for row in comparison.rows if row.waveform == "step"]) / 3
+    assert "relative humidity" in figure.caption
+
+
+def test_tables_and_figures_as_files(tmp_path: Path) -> None:
+    strip = ipmclab.load_actuator("friend-2")
+    found = compare([ipmclab.simulate(strip, f"step {one} V", duration=10.0, rate=10.0) for one in (1, 2, 3, 4)])
+    paths = write_comparison_data(found, tmp_path)
+    assert [path.name for path in paths] == [
+        "runs.csv",
+        "effects.csv",
+        "effects.svg",
+        "voltage-step.csv",
+        "voltage-step.svg",
+    ]
+    rows = list(csv.DictReader(paths[0].read_text("utf-8").splitlines()))
+    assert [float(row["voltage [V]"]) for row in rows] == [1.0, 2.0, 3.0, 4.0]
+    assert float(rows[1]["force.largest [N]"]) == pytest.approx(2.0 * float(rows[0]["force.largest [N]"]))
+
+
+def test_one_run_alone_makes_a_page(tmp_path: Path) -> None:
+    strip = ipmclab.load_actuator("friend-2")
+    found = compare([ipmclab.simulate(strip, "step 1 V", duration=10.0, rate=10.0)])
+    page = write_comparison(found, tmp_path / "c.html").read_text("utf-8")
+    assert "Comparison of 1 runs" not in page
+    assert "Comparison of one run" in page
