@@ -204,7 +204,7 @@ class RunMetadata:
     limits : mapping of name to text
         What the guard watched.
     findings : tuple of Finding
-        Of a simulated run: where its model was asked beyond what it holds for.
+        Of a simulated run: where its model was asked beyond what it holds for. Of any run: what was done to it.
     """
 
     origin: Literal["measured", "simulated", "virtual bench"] = "measured"

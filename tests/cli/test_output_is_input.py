@@ -67,6 +67,8 @@ OUTPUTS = [
     (("import", "record.csv", "--map", "map.toml"), "--out", "map.toml"),
     (("export", "run.nc"), "--out", "run.nc"),
     (("plot", "run.nc", "push.nc"), "--out", "push.nc"),
+    (("plot", "run.nc", "--before", "strip.toml", "--after", "friend-2"), "--out", "strip.toml"),
+    (("smooth", "run.nc", "--below", "5 Hz"), "--out", "run.nc"),
     (("procedure", "p.toml"), "--out", "p.toml"),
     (("procedure", "p.toml"), "--out", "run.nc"),
     (("procedure", "p.toml"), "--out", "push.nc"),
@@ -81,6 +83,7 @@ SUFFIXES = {
     "report": ".html",
     "simulate": ".nc",
     "compare": ".html",
+    "smooth": ".nc",
 }
 SUFFIXES |= {"import": ".nc", "export": ".csv", "plot": ".svg", "procedure": ".toml", "runs": ".svg"}
 SUFFIXES |= {"--figure": ".svg", "--report": ".html", "--plot": ".svg"}

@@ -39,6 +39,7 @@ from ipmclab.cli import (
     rig,
     runs,
     simulate,
+    smooth,
     sweep,
     validate,
 )
@@ -62,6 +63,7 @@ VERBS: Final[dict[str, Callable[..., None]]] = {
     "export": export.export,
     "check": check.check,
     "baseline": baseline.baseline,
+    "smooth": smooth.smooth,
     "plot": plot.plot,
     "identifiability": identifiability.identifiability,
     "identify": identify.identify,

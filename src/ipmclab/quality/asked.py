@@ -1,20 +1,23 @@
-"""What a simulated run carries along: where its model was asked beyond what it holds for."""
+"""What a run carries along: where the model of a simulated one was asked too much, and what was done to a record."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from ipmclab.quality.record import Record
 from ipmclab.run import Finding
 
+DONE: Final = ("smoothed",)
+"""Codes of findings that say what was done to a record."""
+
 
 def asked_beyond(record: Record) -> list[Finding]:
-    """The findings in the metadata of a simulated run.
+    """The findings in the metadata of a simulated run, and of any run what was done to it.
 
     Without their rows, which are those of the whole simulation. What left rows without a reading is left out: the
     record shows that itself.
     """
-    if record.run.metadata.origin != "simulated":
-        return []
-    told = [finding for finding in record.run.metadata.findings if finding.effect == "none"]
+    about = record.run.metadata
+    told = [one for one in about.findings if one.effect == "none" and (about.origin == "simulated" or one.code in DONE)]
     return [replace(finding, samples=()) for finding in told]
