@@ -118,17 +118,17 @@ def assemble(
         a[..., states, states], b[..., states, columns] = block.a, block.b[..., driven_columns]
         c[..., rows, states], d[..., rows, columns] = block.c, block.d[..., driven_columns]
 
-    joined = np.zeros((len(input_ports), len(output_ports)))
-    driven = np.zeros((len(input_ports), len(outside)))
+    # E and F hold one 1 in each row: what they pick out is picked, not multiplied.
+    inside = [index for index, port in enumerate(input_ports) if port not in outside]
+    driving = [drivers[input_ports[index]] for index in inside]
+    picked_d = np.zeros((*sets, len(input_ports), len(input_ports)), kind)
+    here = np.zeros((*sets, len(input_ports), n + len(outside)), kind)
+    picked_d[..., inside, :], here[..., inside, :n] = d[..., driving, :], c[..., driving, :]
     for index, port in enumerate(input_ports):
         if port in outside:
-            driven[index, outside.index(port)] = 1.0
-        else:
-            joined[index, drivers[port]] = 1.0
+            here[..., index, n + outside.index(port)] = 1.0
     try:
-        outside_driven = np.broadcast_to(driven, (*sets, *driven.shape))
-        here = np.concatenate([joined @ c, outside_driven], axis=-1)
-        solved = np.linalg.solve(np.eye(len(input_ports)) - joined @ d, here)
+        solved = np.linalg.solve(np.eye(len(input_ports)) - picked_d, here)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"the ports {input_ports} form a loop that has no solution") from error
     from_states, from_outside = solved[..., :n], solved[..., n:]

@@ -182,7 +182,7 @@ def reduce_batch(batch: Batch, reduction: Reduced) -> dict[str, FloatArray]:
 
     def work(part: Batch, begin: int) -> dict[str, FloatArray]:
         period = 1.0 / batch.record.rate
-        lanes = _lanes(part)
+        lanes = lanes_of(part)
         if lanes is None:
             return reduction.of_outputs(_one_by_one(part, begin), period)
         from ipmclab.model.numerics.lanes_loop import TALLIES
@@ -271,7 +271,7 @@ def _values(batch: Batch, begin: int) -> FloatArray:
 
 def _write(batch: Batch, begin: int, found: FloatArray) -> None:
     """Write the outputs of a batch whose first set has this number."""
-    lanes = _lanes(batch)
+    lanes = lanes_of(batch)
     if lanes is None:
         found[:] = _one_by_one(batch, begin)
         return
@@ -301,7 +301,7 @@ def _check_finite(numbers: FloatArray, begin: int, output: str) -> None:
         )
 
 
-def _lanes(batch: Batch) -> Lanes | None:
+def lanes_of(batch: Batch) -> Lanes | None:
     """The loop in which the sets go side by side; None for an actuator that needs another."""
     from ipmclab.model.numerics.lanes import MOST_STATES, Lanes
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final
@@ -22,7 +23,7 @@ MOST_STATES: Final = 16
 """Of a system whose loop is written out: its length, and how long it takes to compile, grows with their square."""
 
 _REACH: Final = 0.25
-_TERMS: Final = 11  # 0.25^12/12! is below 1e-16
+_SERIES: Final = 1.0 / np.array([math.factorial(k) for k in range(13)])
 
 _LINE: Final = 8  # floats of a cache line: what begins on one is loaded at once
 
@@ -128,7 +129,7 @@ def _transition(system: System, like: System, period: float, hold: Hold) -> tupl
     generator[:, n, n + 1] = 1.0 / period
     generator *= period
     whole = np.empty_like(generator)
-    lanes_loop.exponentials(generator, _REACH, _TERMS, whole)
+    lanes_loop.exponentials(generator, _REACH, _SERIES, whole)
     state = whole[:, :n, :n] * (scales[:, None] / scales)
     held, ramped = (whole[:, :n, n + k, None] * (scales[:, None] * level) for k in (0, 1))
     nothing = np.zeros_like(held)
