@@ -4,12 +4,14 @@ import json
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 
 from benchmarks.campaign_kills import CAMPAIGN, disturbed, result, undisturbed
 from ipmclab import read_run
 from ipmclab.campaign.blocks import blocks_of
+from ipmclab.campaign.board import board_of
 from ipmclab.campaign.campaign_file import campaign_from_text
 from ipmclab.campaign.conduct import Conduct, Sat
 from ipmclab.campaign.sitting import sittings_of
@@ -21,14 +23,18 @@ from ipmclab.errors import IpmclabError
 from ipmclab.store.journal.laboratory import Laboratory
 
 ONE = CAMPAIGN.format(repeats=1).replace('"step 1 V", "sine 1 V 2 Hz"', '"step 1 V"')
+"""Two strips with a run each."""
+
+SMALL = CAMPAIGN.format(repeats=1).replace('[[samples]]\nid = "friend-3"\nactuator = "friend-3-measured"\n', "")
+"""One strip with two runs."""
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[str, object]]:
-    """A campaign of four runs, and what it gave."""
+    """A campaign that nobody disturbed, and what it gave."""
     folder = tmp_path_factory.mktemp("whole")
     file = folder / "campaign.toml"
-    file.write_text(CAMPAIGN.format(repeats=1))
+    file.write_text(SMALL)
     return file, folder / "out", undisturbed(file, folder / "out")
 
 
@@ -49,7 +55,7 @@ def test_every_run_is_recorded_once_in_its_order(whole):
 
 def test_killed_at_random_moments_it_gives_the_same(whole, tmp_path):
     file, _, expected = whole
-    found, met = disturbed(file, tmp_path / "out", [0.3, 0.9])
+    found, met = disturbed(file, tmp_path / "out", [0.2, 0.6])
     assert met == 2
     assert found == expected
 
@@ -136,3 +142,28 @@ def test_a_recorder_of_its_own_sits_through_a_block_of_several_runs(tmp_path):
         state.add("sitting", block=1, runs=dict(zip([run.id for run in sitting.runs], sitting.uuids, strict=True)))
         one.begin()
         assert state.done == {run.id for run in sitting.runs}
+
+
+def test_half_a_run_that_a_crash_left_is_kept_as_such_and_recorded_again(tmp_path):
+    from ipmclab import load_actuator, simulate, write_run
+    from ipmclab.run import RunMetadata
+
+    laboratory = Laboratory.open(tmp_path)
+    uuid, planned = str(uuid4()), blocks_of(campaign_from_text(SMALL))[0].runs[0]
+    run_of = simulate(load_actuator("friend-1-measured"), "step 1 V", duration=0.5, rate=50.0)
+    about = RunMetadata(uuid=uuid, state="recovered", recorded_at="2026-11-23T08:00:00", rig="r", signal="step 1 V")
+    path = laboratory.run_file(uuid, about, about.recorded_at)
+    path.parent.mkdir(parents=True)
+    write_run(replace(run_of, metadata=about), path)
+    with State(tmp_path) as state:
+        conduct(SMALL, tmp_path, state=state)
+        state.add("sitting", block=1, runs={planned.id: uuid})
+    with State(tmp_path) as state:
+        one = conduct(SMALL, tmp_path, state=state)
+        assert [event["verdict"] for event in state.of("recorded")] == ["interrupted"]
+        one.run()
+        assert [event["verdict"] for event in state.of("recorded")] == ["interrupted", "kept", "kept"]
+        board = board_of(state.events)
+    assert board.done == board.planned == 2
+    assert board.following is None
+    assert path.exists()

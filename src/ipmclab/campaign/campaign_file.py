@@ -206,8 +206,13 @@ def _strip(table: Mapping[str, Any], folder: Path, place: str) -> Strip:
     read = _bare(_Samples, own, place)
     rest = {key: value for key, value in table.items() if key not in own}
     actuator = _beside(read.actuator, folder)
-    if "id" not in rest:
-        raise InputError("the sample has no id", code="missing-key", where=place, repair='add id = "strip-1"')
+    if "id" not in rest or "/" in str(rest["id"]):
+        raise InputError(
+            "a sample of a campaign needs an id without '/'",
+            code="missing-key",
+            where=f"{place}.id" if "id" in rest else place,
+            repair='add id = "strip-1"',
+        )
     sample = Sample.from_table(rest, where=place)
     model = None if actuator is None else _loaded(actuator, f"{place}.actuator")
     if model is not None and set(rest) == {"id"} and model.sample is not None and model.sample.id == sample.id:

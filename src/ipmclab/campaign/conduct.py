@@ -97,7 +97,7 @@ class Conduct:
         begun = self._state.of("campaign")
         if not begun:
             about = {"title": self._campaign.title, "checksum": self._campaign.checksum}
-            self._state.add("campaign", **about, version=__version__, runs=len(self._runs), text=self._campaign.text)
+            self._state.add("campaign", **about, version=__version__, plan=list(self._runs), text=self._campaign.text)
         elif begun[0]["checksum"] != self._campaign.checksum:
             raise InputError(
                 "this folder has another campaign, or another version of this one",

@@ -16,6 +16,7 @@ from ipmclab.page.elements.run_table import Chosen, RunTable
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.jobs.jobs import Job, JobCancelled
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
+from ipmclab.page.sections.board import build_board
 from ipmclab.page.sections.importing import build_import
 from ipmclab.page.sections.parts import card, download, finding_bands, finding_list, plain_table, text
 from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
@@ -51,6 +52,8 @@ class _View:
             self._build_filter()
             self._table = RunTable("Runs", {"show": "Show"}, self._show, opens=True)
             self._told = text("").classes("lab-quiet").props("role=status")
+        with ui.element("div").classes("lab-full"):
+            build_board(self._workshop.lab.laboratory_folder)
         self._import = ui.element("div").classes("lab-full")
         with self._import:
             build_import(self._workshop, self._imported)
