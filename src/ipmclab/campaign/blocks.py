@@ -6,16 +6,20 @@ import hashlib
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from ipmclab.campaign.campaign import ROOM, Campaign, Part, Strip
 from ipmclab.errors import InputError
 from ipmclab.rig.experiments.experiment import Experiment, ListedRun
 from ipmclab.rig.experiments.steps import PlannedRun, planned_runs, planned_visits
 from ipmclab.rig.experiments.visits import Visit
+from ipmclab.signals import Step
 from ipmclab.signals.signal import shortened
 
 Thing = TypeVar("Thing")
+
+BASELINE: Final = "baseline"
+"""What stands in the place of a signal where none is applied."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,9 @@ def _condition(visit: Visit | None) -> str:
 
 
 def _named(planned: PlannedRun, block: Block, visit: Visit | None, number: int) -> CampaignRun:
-    label = shortened(str(planned.signal)) if planned.purpose in ("signal", "reference") else "baseline"
+    if planned.signal == Step(0.0):
+        planned = replace(planned, purpose="baseline")  # however it was asked for
+    label = shortened(str(planned.signal)) if planned.purpose in ("signal", "reference") else BASELINE
     label = f"{label} (reference)" if planned.purpose == "reference" else label
     again = f" ({visit.number})" if visit is not None and visit.of > 1 else ""
     sample = block.strip.sample.id

@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ipmclab.campaign.blocks import Block, CampaignRun
+from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
 from ipmclab.destination import replacing
 from ipmclab.quality.metrics import Metric, measure
 from ipmclab.run import Run
@@ -98,6 +98,17 @@ def read_results(
         codes = tuple(dict.fromkeys(one["code"] for one in told["findings"] if one["severity"] != "info"))
         found.append(RunResult(run, record, told["path"], told["verdict"], codes, measure(record)))
     return tuple(found)
+
+
+def comparable(results: Sequence[RunResult]) -> list[Run]:
+    """The records that may be held side by side: those that were kept. A baseline has no signal, not a step of 0 V."""
+    kept = [one for one in results if one.verdict == "kept"]
+    return [
+        replace(one.record, metadata=replace(one.record.metadata, signal=None))
+        if one.run.label == BASELINE
+        else one.record
+        for one in kept
+    ]
 
 
 def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:

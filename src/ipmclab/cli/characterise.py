@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 REPORT: Final = "report.html"
 METRICS: Final = "metrics.csv"
+COMPARISON: Final = "comparison.html"
 
 
 def characterise(
@@ -207,15 +208,26 @@ def _ask_facts(campaign: Campaign, state: State, say: Any) -> None:
 def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: State, *, as_json: bool) -> None:
     """Measure what was recorded, write tables and report, and say what came of it."""
     from ipmclab.campaign.published import reproduced
-    from ipmclab.campaign.results import by_repeat, read_results, write_metrics
+    from ipmclab.campaign.results import by_repeat, comparable, read_results, write_metrics
+    from ipmclab.comparison.compare import compare
     from ipmclab.reporting.campaign import report_campaign
+    from ipmclab.reporting.comparison import write_comparison
 
     with progress("measuring the runs"):
         results = read_results(folder, planned.blocks, state.recorded)
         metrics = write_metrics(results, folder / METRICS)
         printed = reproduced(by_repeat(results))
+    comparison = None
+    with progress("holding the runs side by side"):
+        if kept := comparable(results):
+            comparison = compare(kept)
+            write_comparison(
+                comparison, folder / COMPARISON, command=f"ipmclab characterise {campaign.where}", overwrite=True
+            )
     with progress("writing the report"):
-        report = report_campaign(campaign, planned.blocks, results, state.events, folder / REPORT, overwrite=True)
+        report = report_campaign(
+            campaign, planned.blocks, results, state.events, folder / REPORT, comparison=comparison, overwrite=True
+        )
     flagged = [one.run.id for one in results if one.verdict == "flagged"]
     again = sum(one["verdict"] == "repeat" for one in state.of("recorded"))
     agree = sum(one.agrees for one in printed)
@@ -228,6 +240,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
                 "repeated": again,
                 "metrics": metrics,
                 "report": report,
+                "comparison": folder / COMPARISON if comparison is not None else None,
                 "published": {"numbers": len(printed), "within_tolerance": agree},
             }
         )

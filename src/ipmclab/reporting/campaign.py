@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,13 +13,15 @@ from typing import Any, Final
 
 from markupsafe import Markup
 
-from ipmclab.campaign.blocks import Block
+from ipmclab.campaign.blocks import BASELINE, Block
 from ipmclab.campaign.campaign import Campaign, Strip
 from ipmclab.campaign.methods import methods
 from ipmclab.campaign.published import Reproduced, reproduced, unprinted
 from ipmclab.campaign.results import Repeated, RunResult, by_repeat
+from ipmclab.comparison.compare import Comparison
 from ipmclab.errors import InputError
 from ipmclab.measurement.curl import curl
+from ipmclab.reporting.comparison import comparison_figures
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, records_figure
 from ipmclab.reporting.page_file import render, write_page
 from ipmclab.reporting.svg import inline_svg
@@ -39,9 +41,6 @@ COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, str]]]] = {
 }
 """By column and waveform: the channel and the metric that the report shows; all of them are in the table beside it."""
 
-
-STILL: Final = ("step 0 V", "baseline")
-"""What is recorded without a voltage."""
 
 _FINEST: Final = 1e-4
 """A scatter that is a smaller part of a value is not told: nobody reads so many digits."""
@@ -76,8 +75,8 @@ def report_campaign(
     events: Sequence[Mapping[str, Any]],
     path: str | Path,
     *,
+    comparison: Comparison | None = None,
     overwrite: bool = False,
-    tell: Callable[[str], None] | None = None,
 ) -> Path:
     """Write one self-contained HTML file about a campaign.
 
@@ -90,16 +89,15 @@ def report_campaign(
         What was done.
     path : str or Path
         Ending in .html.
+    comparison : Comparison, optional
+        Of the runs that were kept: its figures stand in the report.
     overwrite : bool
         Whether an existing file may be replaced.
-    tell : callable, optional
-        Is told what is being done.
     """
     repeated = by_repeat(results)
     printed = reproduced(repeated)
 
     def page() -> str:
-        told = tell or (lambda _: None)
         return render(
             "campaign.html.j2",
             title=campaign.title,
@@ -108,7 +106,8 @@ def report_campaign(
             doubt=any(one.verdict == "flagged" for one in results) or not all(one.agrees for one in printed),
             printed=[_printed_row(one) for one in printed],
             unprinted=unprinted(repeated, printed),
-            samples=list(_samples(campaign, repeated, events, told)),
+            samples=list(_samples(campaign, repeated, events)),
+            comparisons=[] if comparison is None else list(_comparisons(comparison)),
             flagged=[one for one in results if one.verdict == "flagged"],
             methods=methods(campaign, blocks, events),
             file=campaign.text,
@@ -147,13 +146,19 @@ def _printed_row(one: Reproduced) -> dict[str, Any]:
     }
 
 
+def _comparisons(comparison: Comparison) -> Iterator[tuple[str, str, Markup]]:
+    """Title, caption and picture of each figure of a comparison."""
+    for one in comparison_figures(comparison):
+        name = re.sub(r"[^A-Za-z0-9]+", "-", f"compared-{one.name}")
+        yield one.title, one.caption, inline_svg(one.draw(), name, one.title)
+
+
 def _samples(
-    campaign: Campaign, repeated: Sequence[Repeated], events: Sequence[Mapping[str, Any]], tell: Callable[[str], None]
+    campaign: Campaign, repeated: Sequence[Repeated], events: Sequence[Mapping[str, Any]]
 ) -> Iterator[SamplePart]:
     for strip in campaign.strips:
         ours = [one for one in repeated if one.sample == strip.sample.id and one.results]
         facts = [one for one in events if one["event"] == "fact" and one["sample"] == strip.sample.id]
-        tell(f"drawing {strip.sample.id}")
         shown = [column for column in COLUMNS if any(_found(one, column) is not None for one in ours)]
         rows = tuple(
             Row(one.part, one.condition, one.label, len(one.results), tuple(_cell(one, column) for column in shown))
@@ -194,7 +199,7 @@ def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
     steps = [one for one in ours if (one.measured, one.label) == ("displacement", "step 1 V")]
     expected = [size[0] for one in steps if (size := one.mean("displacement", "largest")) is not None]
     for one in ours:
-        if one.measured != "displacement" or one.label not in STILL or not expected:
+        if one.measured != "displacement" or one.label != BASELINE or not expected:
             continue
         with suppress(InputError):  # shorter than a test
             found = curl(one.results[0].record, abs(expected[0]))
@@ -205,7 +210,7 @@ def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
 
 def _found(one: Repeated, column: str) -> tuple[str, str, tuple[float, float, int]] | None:
     """A column of one kind of run: channel, metric, and mean, standard deviation and count over the repeats."""
-    if one.label in STILL:
+    if one.label == BASELINE:
         return None
     of = COLUMNS[column]
     key = of.get(one.label.partition(" ")[0], of.get(""))
