@@ -90,13 +90,14 @@ def highest(
     reading = Extreme(row, float(values[row]), channel.noise)
     if channel.noise <= 1.001 * channel.quantum / math.sqrt(12.0):
         return reading
+    even = _is_even(time) and bool(np.isfinite(values).all())
     best: Extreme | None = None
     found: list[Extreme] = []
     while len(found) < _CANDIDATES:
         row = int(left.argmax())
         if best is not None and left[row] <= best.value:
             break
-        top, seen = _climb(channel.noise, time, values, breaks, row, len(left))
+        top, seen = _climb(channel.noise, time, values, breaks, row, len(left), even=even)
         left[row] = -math.inf
         left[seen] = -math.inf
         found.append(top)
@@ -114,23 +115,23 @@ def _without_luck(best: Extreme, found: list[Extreme]) -> Extreme:
 
 
 def _climb(
-    noise: float, time: FloatArray, values: FloatArray, breaks: IntArray, row: int, before: int
+    noise: float, time: FloatArray, values: FloatArray, breaks: IntArray, row: int, before: int, *, even: bool
 ) -> tuple[Extreme, slice]:
-    """The top that a row leads to, and the rows that it speaks for."""
+    """The top that a row leads to, and the rows that it speaks for; ``even`` tells of equal distances and no gap."""
     found = Extreme(row, float(values[row]), noise)
     seen = slice(row, row + 1)
     for _ in range(_CLIMBS):
         place = int(np.searchsorted(breaks, row, side="right"))
         start = int(breaks[place - 1]) if place else 0
         stop = int(breaks[place]) if place < len(breaks) else len(values)
-        wide = _widest(noise, time, values, row, start, stop)
+        wide = _widest(noise, time, values, row, start, stop, even=even)
         if wide is None:
             break
         seen = wide
         half = max(1, (wide.stop - 1 - row) // 2, (row - wide.start) // 2)
         low, high = max(start, row - half), min(stop, row + half + 1)
         rows = low + np.flatnonzero(np.isfinite(values[low:high]))
-        basis = _basis(time[rows], 2)
+        basis = _basis_of_rows(len(rows), 2) if even else _orthonormal(time[rows], 2)
         fitted = basis @ (basis.T @ values[rows])
         # The ends of a parabola are loose: only its middle half counts, and an end of the whole stretch.
         reach = half // 2
@@ -148,17 +149,22 @@ def _climb(
     return found, seen
 
 
-def _widest(noise: float, time: FloatArray, values: FloatArray, row: int, start: int, stop: int) -> slice | None:
+def _widest(
+    noise: float, time: FloatArray, values: FloatArray, row: int, start: int, stop: int, *, even: bool
+) -> slice | None:
     """The widest stretch around a row in which terms of third and fourth degree do not show; None if there is none."""
     wide: slice | None = None
     half = _FEWEST // 2
     bent = 0
     while half <= _WIDEST and bent < 2:
         low, high = max(start, row - half), min(stop, row + half + 1)
-        rows = low + np.flatnonzero(np.isfinite(values[low:high]))
+        read = values[low:high]
+        if not even:
+            there = np.isfinite(read)
+            read, when = read[there], time[low:high][there]
         half = math.ceil(_GROWTH * half)
-        if len(rows) >= _FEWEST:
-            bend = _basis(time[rows], 4)[:, 3:].T @ values[rows]
+        if len(read) >= _FEWEST:
+            bend = (_bends_of_rows(len(read)) if even else _orthonormal(when, 4)[:, 3:].T) @ read
             if float(bend @ bend) > _BENT * noise**2:
                 bent += 1
             else:
@@ -169,24 +175,25 @@ def _widest(noise: float, time: FloatArray, values: FloatArray, row: int, start:
     return wide
 
 
-def _basis(time: FloatArray, degree: int) -> FloatArray:
-    """Orthonormal polynomials over the given times, a column for each degree."""
-    count = len(time)
-    if count > 2:
-        step = float(time[-1] - time[0]) / (count - 1)
-        gaps = time[1:] - time[:-1]
-        if float(gaps.max() - gaps.min()) <= _EQUAL * step:
-            return _basis_of_rows(count, degree)
-    return _orthonormal(time, degree)
+def _is_even(time: FloatArray) -> bool:
+    gaps = time[1:] - time[:-1]
+    return bool(len(gaps)) and float(gaps.max() - gaps.min()) <= _EQUAL * float(gaps.mean())
 
 
 @lru_cache(maxsize=128)
 def _basis_of_rows(count: int, degree: int) -> FloatArray:
-    """The same over rows at equal distances, on which it hangs by their number alone."""
+    """Orthonormal polynomials over rows at equal distances, on which they hang by their number alone."""
     return _orthonormal(np.arange(count, dtype=np.float64), degree)
 
 
+@lru_cache(maxsize=256)
+def _bends_of_rows(count: int) -> FloatArray:
+    """Of these, the third and fourth degree, a row for each."""
+    return np.ascontiguousarray(_orthonormal(np.arange(count, dtype=np.float64), 4)[:, 3:].T)
+
+
 def _orthonormal(time: FloatArray, degree: int) -> FloatArray:
+    """Orthonormal polynomials over the given times, a column for each degree."""
     scaled = (time - time.mean()) / max(float(np.ptp(time)), np.finfo(float).tiny)
     basis: FloatArray = np.linalg.qr(np.vander(scaled, min(degree + 1, len(time)), increasing=True))[0]
     return basis
