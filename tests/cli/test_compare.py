@@ -60,6 +60,17 @@ def test_bad_input(command: Command, steps: list[str], words: tuple[str, ...], m
     assert message in done.err
 
 
+def test_a_folder_is_every_run_below_it(command: Command, steps: list[str], tmp_path: Path) -> None:
+    (tmp_path / "lab" / "deeper").mkdir(parents=True)
+    for name, place in zip(steps, ("lab", "lab", "lab/deeper", "lab/deeper"), strict=True):
+        (tmp_path / name).rename(tmp_path / place / name)
+    document = command("compare", "lab", "--json").document
+    assert [row["run"] for row in document["runs"]] == ["step-3.nc", "step-4.nc", "step-1.nc", "step-2.nc"]
+    (tmp_path / "empty").mkdir()
+    done = command("compare", "empty")
+    assert (done.status, "there is no run file in this folder" in done.err) == (2, True)
+
+
 def test_no_run_at_all(command: Command, tmp_path: Path) -> None:
     (tmp_path / "broken.nc").write_bytes(b"no run")
     done = command("compare", "broken.nc")

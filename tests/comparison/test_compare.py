@@ -72,6 +72,23 @@ def test_what_was_not_asked_for_stays_in_the_model() -> None:
     assert [trend.factor.name for trend in found.trends] == ["humidity"]
 
 
+def test_nothing_stops_at_a_record_that_says_little(tmp_path: Path) -> None:
+    """No voltage, no reading, two rows, a period of four rows, a multisine that was never given out."""
+    time = np.arange(40) / 2.0
+    text = "multisine 1 V 0.1 Hz 0.8 Hz harmonics=odd phases=random left_out=4"
+    still, wave = np.zeros(40), np.sin(2.0 * np.pi * 0.5 * time)
+    runs = [
+        Run.from_arrays(time=time, voltage=still, displacement=still, metadata=RunMetadata(signal=text)),
+        Run.from_arrays(time=time, voltage=wave, current=still, metadata=RunMetadata(signal=text)),
+        Run.from_arrays(time=time, voltage=wave, current=np.full(40, np.nan), displacement=wave),
+        Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 1.0], force=[0.0, 1.0]),
+        Run.from_arrays(time=time, voltage=wave),
+    ]
+    found = compare(runs)
+    assert len(found.rows) == 5
+    assert ipmclab.write_comparison(found, tmp_path / "c.html").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

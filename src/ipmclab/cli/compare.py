@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ipmclab.cli.files import actuator_files, check_output
-from ipmclab.cli.options import Force, Json, RunFiles
+from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import counting, print_json, print_paragraph, print_remarks, print_table, progress
 from ipmclab.errors import InputError
 
@@ -22,7 +23,9 @@ _LISTED = 40
 
 
 def compare(
-    runs: RunFiles,
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Runs (.nc), or folders of them.", show_default=False)
+    ],
     by: Annotated[
         list[str] | None,
         typer.Option(
@@ -48,13 +51,14 @@ def compare(
     """Compare runs: effects, laws, frequency responses, the next strip.
 
     \b
-    ipmclab compare runs/*.nc --by thickness,voltage --out compare.html
+    ipmclab compare runs --by thickness,voltage --out compare.html
     """
     from ipmclab.comparison.compare import compare as compare_runs
     from ipmclab.comparison.factors import chosen_factors
     from ipmclab.model import load_actuator
 
     chosen_factors(by or [])
+    runs = list(_files(runs))
     read: list[Path | str] = [*runs, *actuator_files(*(strip or []))]
     if out is not None:
         check_output(out, force=force, suffixes=(".html",), reads=read)
@@ -80,6 +84,25 @@ def compare(
     for path in [out, data]:
         if path is not None:
             print(f"wrote {path}")
+
+
+def _files(places: list[Path]) -> Iterator[Path]:
+    """The files that are meant: of a folder every run file below it, in the order of their names."""
+    from ipmclab.store.catalogue.sweep import run_files
+
+    for place in places:
+        if not place.is_dir():
+            yield place
+            continue
+        below = sorted(name for name, _ in run_files(place, []))
+        if not below:
+            raise InputError(
+                "there is no run file in this folder",
+                code="no-runs",
+                where=str(place),
+                repair="name the folder that holds the runs (.nc)",
+            )
+        yield from (place / name for name in below)
 
 
 def _strip_with_sample(name: str, strip: Any) -> Any:

@@ -289,9 +289,11 @@ def _responses(run: Run) -> Iterator[FrequencyResponse]:
         if channel not in run.channels:
             continue
         try:
-            yield frequency_response(run, channel)
+            found = frequency_response(run, channel)
         except InputError:  # too short, or with gaps: its other numbers stand in the table
             continue
+        if found.output_rms > 0.0:  # a channel that only ever reads zero was not connected
+            yield found
 
 
 def _labels(runs: Sequence[Run | str | os.PathLike[str]]) -> list[str]:

@@ -91,7 +91,7 @@ class FrequencyResponse:
     def __str__(self) -> str:
         """Two lines: what was driven, and how large noise and distortion are."""
         shares = [
-            f"{100.0 * level / self.output_rms:.2g} % {name}"
+            f"{100.0 * level / max(self.output_rms, 1e-300):.2g} % {name}"
             for name, level in (("noise", self.noise_rms), ("even", self.even_rms), ("odd distortion", self.odd_rms))
         ]
         return (
@@ -161,7 +161,12 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
     last = slice(len(run) - count * rows, None)
     voltages, readings = (series[last].reshape(count, rows) for series in (run.voltage, values))
     drive = np.abs(_spectra(voltages, 0.0).mean(axis=0))
-    driven = np.flatnonzero(drive > _DRIVEN * drive.max())
+    drive[0] = 0.0  # an offset drives nothing that repeats
+    driven = np.flatnonzero(drive > max(_DRIVEN * float(drive.max()), 1e-9))
+    if not len(driven):
+        raise InputError(
+            "the voltage does not change", code="not-driven", where=run.name or "run", repair="take a driven run"
+        )
     most = int(driven[-1]) + 1
     skipped = _transient(readings, most) if skip is None else skip
     u = _spectra(voltages[skipped:], 0.0)[:, :most]

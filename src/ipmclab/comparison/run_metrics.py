@@ -154,7 +154,7 @@ def _gains(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
 def _fundamental(values: FloatArray, turn: npt.NDArray[np.complex128]) -> complex:
     """Complex amplitude at the frequency of ``turn``, by least squares with a constant."""
     waves = np.column_stack([np.ones(len(turn)), turn.real, -turn.imag])
-    fitted = np.linalg.solve(waves.T @ waves, waves.T @ values)
+    fitted = np.linalg.lstsq(waves.T @ waves, waves.T @ values, rcond=None)[0]
     return complex(fitted[1], -fitted[2])
 
 
