@@ -29,12 +29,12 @@ from ipmclab.identification.search.assumed import (
     with_less,
     without_idle,
 )
-from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, to_the_end, weigh
+from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, settled_nearest, to_the_end, weigh
 from ipmclab.identification.search.doubts import impossible_current
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings
 from ipmclab.identification.search.rest import not_at_rest
-from ipmclab.identification.search.solve import Solution, entry_errors, null_directions, settle
+from ipmclab.identification.search.solve import Solution, entry_errors, null_directions
 from ipmclab.identification.search.starts.usual import usual_coupling
 from ipmclab.identification.search.valleys import Minima, Rival
 from ipmclab.identification.solved import Estimate
@@ -75,7 +75,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
         under, other = noisy(problem, solution)
     at = under.solution
     if problem.unknowns and len(null_directions(at.evaluation)):
-        at = settle(under.problem, at, _reference(under.problem, at))
+        at = settled_nearest(under.problem, at, _reference(under.problem, at))
     under = under.at(nearest_zero(under.problem, at))
     # Least squares may have gone far after a drift: what the model lacks is looked at where the noise has the strip.
     strip = other or under

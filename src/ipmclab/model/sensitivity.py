@@ -108,7 +108,7 @@ def sensitivities(
     kept = Kept() if kept is None else kept
     line = kept.line(times, volts, hold, delay, from_rest=initial_state is None)
     state = state_vector(actuator.state_names, initial_state)
-    line = divided(line, parts(actuator.system, line.durations))
+    line = divided(line, kept.parts(actuator.system, line.durations, times))
     point = kept.point(actuator, tuple(names), tuple(chosen))
     system, stepped, seen = point.system, point.stepped, point.seen
     moves = point.moves_over(line.durations)
@@ -126,11 +126,23 @@ class Kept:
     """What calls of ``sensitivities`` have in common: runs share their parameters, and a run keeps its time line.
 
     It holds the latest of each only, and is for one thread.
+
+    Parameters
+    ----------
+    by_rows : bool
+        Divide no interval into more parts than the shortest between two rows: for records whose rows lie ever farther
+        apart as they change ever less.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, by_rows: bool = False) -> None:
+        self._by_rows = by_rows
         self._points: dict[tuple[object, ...], _Point] = {}
         self._lines: dict[tuple[object, ...], tuple[FloatArray, FloatArray, Timeline]] = {}
+
+    def parts(self, system: System, durations: FloatArray, times: FloatArray) -> npt.NDArray[np.int64]:
+        """Into how many parts the intervals of each kind are divided."""
+        found = parts(system, durations)
+        return np.minimum(found, parts(system, np.diff(times).min(keepdims=True))) if self._by_rows else found
 
     def line(self, times: FloatArray, volts: FloatArray, hold: Hold, delay: float, *, from_rest: bool) -> Timeline:
         """The time line of a record; while the arrays are the same objects, it is kept."""

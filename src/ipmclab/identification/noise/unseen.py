@@ -9,7 +9,8 @@ from typing import Final
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.solve import Solution, descend, entry_errors
+from ipmclab.identification.search.descent import minimum_near
+from ipmclab.identification.search.solve import Solution, entry_errors
 from ipmclab.model.declared import has_shape
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.kind import StageKind
@@ -118,7 +119,7 @@ def _switched_off(
     theta = solution.theta[left]
     if not left:
         return smaller, Solution(theta, smaller.evaluate(theta), True, "nothing else is free", 1)
-    return smaller, descend(smaller, theta, evaluations=100)
+    return smaller, minimum_near(smaller, theta, evaluations=100)
 
 
 def _chance(under: Correlated, solution: Solution, there: Solution, count: int) -> float:

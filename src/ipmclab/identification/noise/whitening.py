@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -94,6 +95,11 @@ class CorrelatedProblem(Problem):
         super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
         self._plain = plain
         self.whitenings = dict(whitenings)
+
+    @cached_property
+    def on_means(self) -> Problem | None:
+        """None: what neighbours have in common does not show in means."""
+        return None
 
     @property
     def plain(self) -> Problem:

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -76,6 +77,14 @@ class Zero:
                 most = LARGEST_ZERO * largest
                 error = min(error, most / half)
         return cls(terms, constants(time)[:, held], inside, middle, half, slope, error, most)
+
+    def on(self, record: PreparedRun, output: str) -> Zero:
+        """The same beside means of the rows."""
+        reading = record.readings[output]
+        away = (record.run.time[reading.exact] - self.middle) / self.half
+        rows = [one for one, has in ((np.ones(len(away)), self.terms.offset), (away, self.terms.trend)) if has]
+        weights = 1.0 if reading.weights is None else reading.weights[reading.exact]
+        return replace(self, columns=(np.array(rows) * weights).T, inside=measured_rows(record, output))
 
     def projection(self, sigma: float) -> Projection:
         """In units of the noise of the rows."""
@@ -146,6 +155,16 @@ class DriftingProblem(Problem):
         self._plain = plain
         self.zeros = dict(zeros)
         self.projections = {key: zero.projection(self.noise[key]) for key, zero in self.zeros.items()}
+
+    @cached_property
+    def on_means(self) -> Problem | None:
+        """The same zeros and slopes beside means of the rows, where these are much fewer."""
+        plain = self.plain.on_means
+        if plain is None:
+            return None
+        return DriftingProblem(
+            plain, {key: zero.on(plain.record_at(key[0]), key[1]) for key, zero in self.zeros.items()}
+        )
 
     @property
     def plain(self) -> Problem:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.in_state import InState, in_state
+from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
 from ipmclab.identification.problem.response import Responder, Response
@@ -145,8 +146,18 @@ class Problem:
     def with_noise(self, noise: Noise) -> Problem:
         """The same problem with other weights."""
         other = copy.copy(self)
-        other.noise = dict(noise)  # nothing else depends on it
+        other.noise = dict(noise)  # nothing else depends on it but what was made of it
+        other.__dict__.pop("on_means", None)
         return other
+
+    @cached_property
+    def on_means(self) -> Problem | None:
+        """The same problem on means of the rows, where that is much shorter: a guide for searches, no more."""
+        shorter = [in_means(record) for record in self.records]
+        if not any(shorter):
+            return None
+        records = [short or whole for short, whole in zip(shorter, self.records, strict=True)]
+        return Problem(self.base, records, self.unknowns, self.responder.for_means(), self.noise)
 
     @property
     def plain(self) -> Problem:
@@ -371,5 +382,7 @@ class Problem:
             found[-1] = self._away(record, output, theta, response.values[row]) / sigma
             if reading.has_bounds:
                 found[:, self._quiet(record, output, theta, response.values[row])] = 0.0
+            if reading.weights is not None:
+                found *= reading.weights
             if not reading.complete:
                 place[:] = found[:, reading.used]

@@ -72,12 +72,15 @@ class Reading:
         +1 where the true value is at least the reading, -1 where it is at most, 0 where it is measured.
     noise : float
         A first estimate from differences of neighbours.
+    weights : float array, shape (n_time,), optional
+        Of means of several rows: the root of how many.
     """
 
     values: FloatArray
     used: Mask
     side: npt.NDArray[np.int8]
     noise: float
+    weights: FloatArray | None = None
 
     @cached_property
     def complete(self) -> bool:

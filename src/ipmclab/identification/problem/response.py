@@ -42,6 +42,9 @@ class Response:
 class Responder(Protocol):
     """Computes a run's outputs and their derivatives."""
 
+    def for_means(self) -> Responder:
+        """The same for means of the rows, with nothing kept of these."""
+
     def amplitudes(self, record: PreparedRun) -> int:
         """How many starting amplitudes a run with a free start has."""
 
@@ -125,6 +128,10 @@ class CircuitResponder:
             self._moved[record.place] = kept
         return kept[1]
 
+    def for_means(self) -> CircuitResponder:
+        """One that has seen no rows."""
+        return CircuitResponder(self._branches)
+
     def amplitudes(self, record: PreparedRun) -> int:  # noqa: ARG002  # the protocol's signature
         """One for each pole."""
         return self._branches
@@ -167,13 +174,27 @@ class CircuitResponder:
 
 
 class ActuatorResponder:
-    """Any outputs, through the assembled actuator. A start that is not rest is a set of states."""
+    """Any outputs, through the assembled actuator. A start that is not rest is a set of states.
 
-    def __init__(self, actuator: Actuator) -> None:
+    Parameters
+    ----------
+    actuator : Actuator
+    of_means : bool
+        For means of rows, whose lengths follow how fast the strip still changes.
+    """
+
+    def __init__(self, actuator: Actuator, *, of_means: bool = False) -> None:
         self._actuator = actuator
+        self._of_means = of_means
         self._bases: dict[int, FloatArray] = {}
         self._latest: tuple[object, Actuator] | None = None
         self._kept: Kept | None = None
+
+    def for_means(self) -> ActuatorResponder:
+        """One that has seen no rows; starts are told in the same directions."""
+        other = ActuatorResponder(self._actuator, of_means=True)
+        other._bases = self._bases
+        return other
 
     def amplitudes(self, record: PreparedRun) -> int:
         """As many as the readings of this run can tell apart."""
@@ -230,7 +251,7 @@ class ActuatorResponder:
     ) -> Response:
 
         if self._kept is None:
-            self._kept = Kept()
+            self._kept = Kept(by_rows=self._of_means)
         found = sensitivities(
             self._at(values, record.series_resistance),
             tuple(names),

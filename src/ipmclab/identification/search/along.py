@@ -14,6 +14,7 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
+from ipmclab.identification.search.descent import on_every_row
 from ipmclab.identification.search.solve import Pinned, Solution, descend, entry_errors
 from ipmclab.identification.search.starts.start import fastest_rate
 from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place, branch_valley
@@ -69,14 +70,15 @@ def held_at(problem: Problem, solution: Solution, name: str, values: Sequence[fl
     for side in ([e for e in entries if e >= own], [e for e in reversed(entries) if e < own]):
         beside = lowest
         for entry in side:
-            pinned = Pinned(problem, held, entry)
+            pinned = Pinned(problem.on_means or problem, held, entry)
             best = descend(pinned, beside, evaluations=EVALUATIONS, tolerance=NEAR)
             if not best.converged:  # lost on the way: from the lowest point once more
                 again = descend(pinned, lowest, evaluations=EVALUATIONS, tolerance=NEAR)
                 best = min(best, again, key=lambda one: one.evaluation.cost)
             beside = best.theta
             errors = np.insert(entry_errors(best.evaluation), held, 0.0)
-            found.append(Place(pinned.in_full(best), errors))
+            whole = pinned.in_full(best)
+            found.append(Place(whole if problem.on_means is None else on_every_row(problem, whole), errors))
     return found
 
 

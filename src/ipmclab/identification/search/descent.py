@@ -11,7 +11,17 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.response import CircuitResponder
-from ipmclab.identification.search.solve import SETTLED, Solution, descend, minimise, settled
+from ipmclab.identification.search.solve import (
+    SETTLED,
+    Solution,
+    descend,
+    minimise,
+    polish,
+    settle,
+    settled,
+    settled_to,
+)
+from ipmclab.identification.search.valleys import NEAR
 from ipmclab.identification.search.weights import found_noise
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,6 +30,8 @@ LONGEST: Final = 300  # evaluations of one search
 SHORTLY: Final = 15  # of a search that is only to show whether it is worth more
 _COSTLY: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth of chi-square
 _CHEAP: Final = 1e-10
+_THERE: Final = 1e-3  # of a standard error: a search that is so near its minimum has found it
+_HARDLY: Final = 0.1  # of chi-square, by which a search that began beside the minimum still falls
 _HOPE: Final = 1.05  # times the best cost: a search above that is left
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _SAME_NOISE: Final = 0.002
@@ -27,15 +39,56 @@ _WEIGHED_AGAIN: Final = 6  # times, each of which leaves of a difference of the 
 
 
 def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) -> Solution:
-    """The minimum from a point, as near to it as readings can tell where each evaluation is costly."""
-    return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem))
+    """The minimum from a point, as near to it as readings can tell where each evaluation is costly.
+
+    Means of the rows lead near it where they are fewer; the last steps are of all rows.
+    """
+    means = problem.on_means
+    if means is None:
+        return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem))
+    near = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR))
+    if not near.converged:
+        return near
+    found, left = settled_to(problem, near, _THERE)
+    if left <= _THERE:
+        return found
+    last = minimise(problem, found.theta, found.evaluation, evaluations=SHORTLY, tolerance=NEAR)
+    hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
+    if last.converged or found.evaluation.cost - last.evaluation.cost > hardly:
+        return last if last.converged else minimise(problem, last.theta, last.evaluation, evaluations=evaluations)
+    # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
+    return replace(last, converged=True, message=near.message)
 
 
 def minimum_near(
     problem: Problem, theta: FloatArray, here: Evaluation | None = None, *, evaluations: int = LONGEST
 ) -> Solution:
     """The same from a point that is near it, by Gauss-Newton steps where these get there."""
-    return descend(problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem))
+    if problem.on_means is None:
+        return descend(problem, theta, here, evaluations=evaluations, tolerance=_tolerance(problem))
+    near = polish(problem, theta, here) if here is not None else None
+    return near or minimum(problem, theta, evaluations=evaluations)
+
+
+def settled_nearest(problem: Problem, solution: Solution, reference: FloatArray) -> Solution:
+    """Along directions of which the readings say nothing, the point of the minimum nearest to a reference."""
+    if problem.on_means is None:
+        return settle(problem, solution, reference)
+    found = settled(problem, on_every_row(problem, settle(*shorter(problem, solution), reference)))
+    return replace(found, evaluations=found.evaluations + solution.evaluations)
+
+
+def shorter(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
+    """The problem on means of its rows, and its minimum there; the same where these are not much fewer."""
+    means = problem.on_means
+    if means is None:
+        return problem, solution
+    return means, settled(means, replace(solution, evaluation=means.evaluate(solution.theta)))
+
+
+def on_every_row(problem: Problem, found: Solution) -> Solution:
+    """Where a search ended that looked at means of the rows, as all rows have it."""
+    return replace(found, evaluation=problem.evaluate(found.theta), evaluations=1)
 
 
 def minimum_beside(problem: Problem, near: Solution) -> Solution:

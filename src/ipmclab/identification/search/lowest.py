@@ -12,7 +12,6 @@ from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
-from ipmclab.identification.problem.thin import thinned
 from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
 from ipmclab.identification.search.descent import LONGEST, SHORTLY, at_floor, minimum, minimum_near, to_the_end, weigh
@@ -45,21 +44,7 @@ def find_minima(
             where="runs",
             repair="record longer, with steps that the readings answer to",
         )
-    costly = not (actuator.structure.is_lumped and all(set(record.readings) == {"current"} for record in records))
-    shorter = thinned(records, points[0].delays) if costly else None
-    if shorter is None:
-        problem, solution, minima = _search(actuator, parameters, names, records, points)
-    else:
-        rough, near, minima = _search(actuator, parameters, names, shorter, points)
-        stage("fitting every row", 0.45, 0.5)
-        problem = problem_at(actuator, parameters, names, records, points[0], _noise_of(records))
-        minima = minima.moved_to(rough, problem)
-        theta = entries_at(problem, points[0])
-        there = Rival.of(rough, near.theta).moved_to(rough, problem).entries
-        for place, unknown in enumerate(problem.unknowns):
-            theta[place] = there.get(unknown.name, theta[place]) if not unknown.is_start else theta[place]
-        found = minimum(problem, theta)
-        solution = replace(found, evaluations=found.evaluations + near.evaluations)
+    problem, solution, minima = _search(actuator, parameters, names, records, points)
     return *weigh(problem, solution), minima
 
 

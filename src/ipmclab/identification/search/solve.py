@@ -128,14 +128,19 @@ def settled(problem: Solvable, solution: Solution) -> Solution:
     until a step is below ``SETTLED`` standard errors. What presses on its bound stays there; along directions of which
     the readings say nothing no step is made.
     """
+    return settled_to(problem, solution, SETTLED)[0]
+
+
+def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[Solution, float]:
+    """The same until a step is below so many standard errors; and how long the next one would be."""
     theta, here, spent = solution.theta, solution.evaluation, solution.evaluations
     if not len(theta):
-        return solution
+        return solution, 0.0
     step, length = _step_beside_bounds(problem, theta, here)
     if not length < _FAR:
-        return solution
+        return solution, length
     for _ in range(_MOST_STEPS):
-        if length <= SETTLED:
+        if length <= ending:
             break
         there = problem.evaluate(theta + step)
         spent += 1
@@ -143,7 +148,7 @@ def settled(problem: Solvable, solution: Solution) -> Solution:
         if not left < length:
             break
         theta, here, step, length = theta + step, there, following, left
-    return replace(solution, theta=theta, evaluation=here, evaluations=spent)
+    return replace(solution, theta=theta, evaluation=here, evaluations=spent), length
 
 
 def _step_beside_bounds(problem: Solvable, theta: FloatArray, here: Evaluation) -> tuple[FloatArray, float]:

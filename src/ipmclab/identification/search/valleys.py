@@ -100,17 +100,6 @@ class Rival:
         names = [unknown.name for unknown in problem.unknowns]
         return np.array([self.entries.get(name, entry) for name, entry in zip(names, own, strict=True)])
 
-    def moved_to(self, rough: Problem, problem: Problem) -> Rival:
-        """The same in the entries of another problem of the same unknowns, some of which may count in other units."""
-        others = {unknown.name: unknown for unknown in problem.unknowns}
-        entries, reach = {}, {}
-        for unknown in rough.unknowns:
-            name = unknown.name
-            if name in others and name in self.entries:
-                ratio = 1.0 if unknown.log else unknown.scale / others[name].scale
-                entries[name], reach[name] = ratio * self.entries[name], ratio * self.reach[name]
-        return Rival(entries, reach)
-
     def sorted_as(self, problem: Problem, order: Order) -> Rival:
         """With branches and modes named as they stand in another order: the fastest is the fastest there."""
         unknowns = {unknown.name: unknown for unknown in problem.unknowns}
@@ -143,11 +132,6 @@ class Minima:
     rivals: tuple[Rival, ...]
     along: tuple[Rival, ...]
     ends: tuple[Rival, ...]
-
-    def moved_to(self, rough: Problem, problem: Problem) -> Minima:
-        """The same in the entries of another problem of the same unknowns."""
-        every = (self.rivals, self.along, self.ends)
-        return Minima(*(tuple(one.moved_to(rough, problem) for one in some) for some in every))
 
 
 class Tied:
@@ -205,7 +189,7 @@ def branch_valley(problem: Problem, solution: Solution) -> list[Place]:
     for totals in (slower, faster):
         warm = solution.theta
         for total in totals:
-            tied = Tied(problem, resistivity, permittivity, float(total))
+            tied = Tied(problem.on_means or problem, resistivity, permittivity, float(total))
             best: Solution | None = None
             for start in _starts(warm, solution.theta, resistivity, dc, values):
                 one = minimise(tied, np.delete(start, permittivity), evaluations=EVALUATIONS, tolerance=NEAR)

@@ -48,6 +48,8 @@ class SearchedRun:
         One over the noise; zero for a reading to be left out.
     free_start : bool
         Whether the state at the start is unknown.
+    step : float [s], optional
+        Between two rows, where readings are means of several.
     """
 
     drive: Drive
@@ -55,6 +57,7 @@ class SearchedRun:
     readings: FloatArray
     weight: FloatArray
     free_start: bool = False
+    step: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +120,7 @@ class _Table:
 def pole_grid(series: Sequence[SearchedRun], count: int = GRID_POLES) -> FloatArray:
     """Poles from a third of the slowest to the fastest that these records can show, fastest first [1/s]."""
     longest = max(float(run.time[-1] - run.time[0]) for run in series)
-    shortest = min(float(run.drive.durations.max()) for run in series)
+    shortest = min(run.step or float(run.drive.durations.max()) for run in series)
     grid: FloatArray = -np.exp(np.linspace(math.log(2.0 / shortest), math.log(0.3 / longest), count))
     return grid
 

@@ -14,6 +14,7 @@ from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.search.descent import shorter
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
@@ -102,7 +103,8 @@ def interval_of(
     if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
         return Interval(*beside_bounds(unknown, -math.inf, math.inf))
     plain = float(found.plain[number, number])
-    walks = tuple(Walk(problem, solution, place, side * math.sqrt(plain)) for side in (-1.0, 1.0))
+    # How the squares rise on either side of the value shows in means of the rows as well.
+    walks = tuple(Walk(*shorter(problem, solution), place, side * math.sqrt(plain)) for side in (-1.0, 1.0))
     wider = math.sqrt(max(variance / plain, 1.0))
     tails = _TAILS if level < _SURE_AT_LIMITS else (1.0 - level,)
     down, up = _shortest(walks, freedom, wider, tails)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.record import EdgeDelay, PreparedRun
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.starts.start_circuit import circuit_values, find_circuit
@@ -120,7 +121,7 @@ def _with_leak(
     strip = actuator.replace(**_allowed(actuator, base))
     located = {place: delay.value for place, delay in delays.items()}
     most = _LEAK_STARTS if free & _SERIES else _LEAK_STARTS + 1
-    starts = leak_starts(strip, free, records, located, most)
+    starts = leak_starts(strip, free, [in_means(record) or record for record in records], located, most)
     return [{**base, **_freed(start, free)} for start in starts]
 
 

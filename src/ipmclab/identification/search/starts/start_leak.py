@@ -153,7 +153,10 @@ class _Node:
             since = record.run.time - record.run.time[0]
             current = np.interp(since, since[used], reading.values[used])
             weight = np.where(reading.exact, 1.0 / max(reading.noise, 1e-300), 0.0)
-            series.append(SearchedRun(given, since, current, weight, record.start == "free"))
+            step = None
+            if reading.weights is not None:
+                weight, step = weight * reading.weights, float(np.diff(since).min())
+            series.append(SearchedRun(given, since, current, weight, record.start == "free", step))
             nodes.append(given.present - resistance * current)
         first = lumped(actuator.structure.branches, actuator.parameter_values, records[0].series_resistance).series
         return cls(series, np.concatenate(nodes), first)
