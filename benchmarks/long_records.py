@@ -94,7 +94,9 @@ def beside_plain(found: dict[str, StepRecord]) -> list[str]:
                 if later is not None:
                     predicted = ipmclab.validate(fit.actuator, later).runs[0].comparisons["current"]
                     after = predicted.used & (np.arange(len(later)) >= len(first))
-                    away = predicted.error[after]
+                    seen_by = fit.observations[0]  # the sensor's zero and drift, which plain least squares has too
+                    zero = seen_by.offset.get("current", 0.0) + seen_by.drift.get("current", 0.0) * later.time
+                    away = (predicted.error + zero)[after]
             period = 1.0 / first.rate
             point = plain_fit(first.voltage, np.where(seen, first.current, 0.0), period, 2, seen)
             run = first if later is None else later
