@@ -10,14 +10,18 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+import threading
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numba
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_one_at_a_time: Final = threading.RLock()
+"""The folder is a setting of Numba's, which all threads share."""
 
 _PACKAGE = Path(__file__).resolve().parents[2]
 
@@ -49,13 +53,14 @@ def kernel(function: _Function) -> _Function:
     """
     config: Any = numba.config  # its settings are made at run time: no type checker knows them
     njit: Any = numba.njit
-    before = config.CACHE_DIR
     options: Any = {"error_model": "numpy", "nogil": True}
-    try:
-        config.CACHE_DIR = str(cache_folder())
-        compiled: _Function = njit(cache=True, **options)(function)
-    except RuntimeError:  # no home, or no folder that can be written to, as in a read-only container
-        compiled = njit(**options)(function)
-    finally:
-        config.CACHE_DIR = before
+    with _one_at_a_time:
+        before = config.CACHE_DIR
+        try:
+            config.CACHE_DIR = str(cache_folder())
+            compiled: _Function = njit(cache=True, **options)(function)
+        except RuntimeError:  # no home, or no folder that can be written to, as in a read-only container
+            compiled = njit(**options)(function)
+        finally:
+            config.CACHE_DIR = before
     return compiled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import threading
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final
@@ -24,6 +25,8 @@ MOST_STATES: Final = 16
 
 _REACH: Final = 0.25
 _SERIES: Final = 1.0 / np.array([math.factorial(k) for k in range(13)])
+
+_one_at_a_time: Final = threading.Lock()
 
 _LINE: Final = 8  # floats of a cache line: what begins on one is loaded at once
 
@@ -140,11 +143,17 @@ def _transition(system: System, like: System, period: float, hold: Hold) -> tupl
     return state, held - ramped, ramped
 
 
+def _loop(*asked: Any) -> Callable[..., None]:
+    """The compiled loop of a pattern: threads that ask for the same one get the same one."""
+    with _one_at_a_time:
+        return _made(*asked)
+
+
 @lru_cache(maxsize=64)
-def _loop(
+def _made(
     shape: tuple[int, int], pattern: bytes, outputs: int, gathered: Gathered | None, shared: bool
 ) -> Callable[..., None]:
-    """The compiled loop of a pattern; what Numba keeps of it on disk is known by this name."""
+    """What Numba keeps of it on disk is known by its name."""
     asked = repr((shape, pattern, outputs, gathered, shared))
     name = f"lanes_{hashlib.sha256(asked.encode()).hexdigest()[:16]}"
     entries = np.frombuffer(pattern, dtype=bool).reshape(shape)
