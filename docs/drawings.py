@@ -133,7 +133,7 @@ def lowered(words: str) -> str:
 
 
 def circuit() -> Drawing:
-    """The equivalent circuit (Friend, figure 4.3), with the contact resistance that is ours."""
+    """The equivalent circuit (Friend, section 4.2), with the contact resistance that is ours."""
     one = Drawing(
         680, 330, "Equivalent circuit: source, contact, electrode, and behind them R_dc and two branches, electrode"
     )
@@ -166,7 +166,7 @@ def circuit() -> Drawing:
 
 
 def beam() -> Drawing:
-    """The clamped strip with its dimensions (Friend, figure 4.2)."""
+    """The clamped strip with its dimensions (Friend, section 4.2)."""
     one = Drawing(
         680, 330, "Clamped strip: clamped length, free length, sensing length, width, thickness, displacement, force"
     )
@@ -197,7 +197,7 @@ def beam() -> Drawing:
 
 
 def wiring() -> Drawing:
-    """What is wired to what (Friend, section 3.2 and figures 3.1 and 3.2); dashed boxes are ours."""
+    """What is wired to what (Friend, section 3.2); dashed boxes are ours."""
     one = Drawing(900, 520, "Wiring of the rig: chassis, amplifier, shunt, clamp, laser, load cell, four probes")
     one.box(20, 190, 120, 70, "computer", "USB")
     one.box(200, 60, 150, 60, "NI 9263", "output ±10 V")
@@ -241,7 +241,7 @@ def wiring() -> Drawing:
 
 
 def probes() -> Drawing:
-    """Four contacts across the strip (Friend, figure 3.3)."""
+    """Four contacts across the strip (Friend, section 3.2)."""
     one = Drawing(680, 300, "Four probes: current through the outer contacts, voltage between the inner ones")
     one.rectangle(70, 130, 540, 70, PALE)
     for x in (130, 240, 440, 550):
@@ -263,7 +263,7 @@ def probes() -> Drawing:
 
 
 def process() -> Drawing:
-    """The order in which the parameters are found (Friend, figure 4.9)."""
+    """The order in which the parameters are found (Friend, section 4.5)."""
     one = Drawing(760, 330, "Process: sheet resistance, dc resistance, branches, density, modulus, coupling")
     steps = (
         ("1  sheet resistance", "four probes", "R_e, eq. 4.1"),

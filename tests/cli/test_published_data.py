@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from ipmclab import load_actuator
-from ipmclab.cli.two_sets import two_sets
+from ipmclab.cli.two_sets import read_set, two_sets
 from ipmclab.consistency.facts import published_of
 from ipmclab.data import SOURCE, published_in_words, published_measurements, published_sample
 from ipmclab.units import CURRENT, DISPLACEMENT, FORCE
+from tests.independent.thesis import FRIEND_2, Strip, respond
 
 
 def test_the_source_is_named() -> None:
@@ -75,14 +77,47 @@ def test_the_script_of_the_appendix_is_to_the_digit() -> None:
     assert published_of("friend-2-appendix") == published_of("friend-2") != ()
 
 
-def test_the_two_sets_of_sample_2() -> None:
-    """d(0) by hand; displacement and force by two real poles behind the node voltage of a dense computation."""
+APPENDIX = {"gain": 2.144e-7, "zero": 141.66, "p1": 94.56, "p2": 101.89}
+OF_THE_CIRCUIT = {
+    "resistivities": (104.0542, 23.9488),
+    "permittivities": (0.1694, 0.0285),
+    "dc_resistance": 43.862 * 0.245e-3 / (5e-3 * 30e-3),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "strip"),
+    [
+        ("tables", FRIEND_2),
+        ("script", FRIEND_2.changed(**APPENDIX)),
+        ("soft", FRIEND_2.changed(**APPENDIX, modulus=9.9e7)),
+        ("whole script", FRIEND_2.changed(**APPENDIX, **OF_THE_CIRCUIT)),
+    ],
+)
+def test_the_two_sets_of_sample_2_by_dense_matrices_of_the_equations(name: str, strip: Strip) -> None:
+    """Up to 5 s of a step, and the last period of a sine, from a computation that knows nothing of the package."""
+    whole = read_set(load_actuator("friend-2-appendix"))
+    found = dict(zip(("tables", "script", "soft"), two_sets(), strict=True)) | {"whole script": whole}
+    time = np.arange(2000) / 50.0
+    step = respond(strip, np.ones(2000), 50.0, hold="zero")
+    sine = respond(strip, np.sin(0.2 * np.pi * time), 50.0, hold="zero")
+    displacement, force = step["displacement"], step["force"]
+    one = found[name]
+    assert one.displacement == pytest.approx(displacement[:251].max(), rel=1e-6)
+    assert one.force == pytest.approx(force[:251].max(), rel=1e-6)
+    assert one.drift == pytest.approx(displacement[-1] / displacement[:251].max() - 1.0, rel=1e-6)
+    assert one.sine == pytest.approx(np.ptp(sine["displacement"][1500:]) / 2.0, rel=1e-6)
+
+
+def test_the_numbers_of_both_sets() -> None:
+    """What the docs and the demo print of them."""
     tables, script, soft = two_sets()
     assert script.dc_coupling / tables.dc_coupling == pytest.approx(
         (2.144e-7 * 141.66 / 101.89) / (6.79e-9 * 210.5 / 41.097), rel=1e-12
     )
-    assert [1e3 * one.displacement for one in (tables, script)] == pytest.approx([0.4974, 4.1656], rel=1e-3)
-    assert [1e3 * one.force for one in (tables, soft)] == pytest.approx([1.4316, 0.8186], rel=1e-3)
+    assert script.dc_coupling / tables.dc_coupling == pytest.approx(8.6, abs=0.05)
+    assert [1e3 * one.displacement for one in (tables, script)] == pytest.approx([0.50, 4.16], rel=6e-3)
+    assert 1e3 * soft.force == pytest.approx(0.82, abs=5e-3)
     # Quasi-static: f/delta = Y w h^3/(4 L_s^3), eqs 4.7 to 4.9.
     stiffness = 9.9e7 * 5e-3 * 0.245e-3**3 / (4.0 * 21e-3**3)
     assert soft.force / soft.displacement == pytest.approx(stiffness, rel=1e-3)

@@ -48,7 +48,7 @@ _ELECTROLYSIS: Final = 1.23  # V
 def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain]) -> Step:
     """R_dc = V/I - 2 R_e - R_contact, and rho_dc = R_dc (L_f + L_c) w/h (Friend, eq. 4.2).
 
-    R_dc stands behind both electrodes (Friend, figure 4.3), so that what they take is subtracted. Table 4.1 does not:
+    In the circuit R_dc stands behind both electrodes, so that what they take is subtracted. Table 4.1 does not:
     its 70.92 ohm are 1 V over 14.1 mA.
 
     The steady current is the limit of an exponential through the last half of the stretch of constant voltage, not the
