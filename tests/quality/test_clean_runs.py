@@ -83,7 +83,7 @@ def test_the_bench_says_when_its_shunt_is_at_its_limit() -> None:
 def test_every_finding_is_explained_in_the_documentation() -> None:
     root = Path(__file__).parents[2]
     sources = "".join(path.read_text(encoding="utf-8") for path in (root / "src/ipmclab/quality").glob("*.py"))
-    codes = set(re.findall(r'"([a-z]+(?:-[a-z]+)+)"', sources)) | {"spike", "slip", "stuck", "clipped"}
+    codes = set(re.findall(r'"([a-z]+(?:-[a-z]+)+)"', sources)) | {"spike", "slip", "stuck", "clipped", "smoothed"}
     codes -= {"utf-8", "no-pair"}  # an encoding, and the code of an error: no findings
     codes |= set(validity.CODES)  # which a simulated run carries along
     table = (root / "docs" / "checks.md").read_text(encoding="utf-8")

@@ -28,7 +28,7 @@ def smooth(
     frequency = parse_quantity(below, FREQUENCY, where="--below")
     check_output(out, force=force, suffixes=(".nc",), reads=[run])
     from ipmclab import write_run
-    from ipmclab.quality.smooth import smooth as smooth_run
+    from ipmclab.measurement.smooth import smooth as smooth_run
 
     (loaded,) = read_runs([run])
     smoothed, taken_out = smooth_run(loaded, frequency)

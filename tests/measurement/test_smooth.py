@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, Run, check
-from ipmclab.quality.smooth import smooth
+from ipmclab.measurement.smooth import smooth
 
 RATE, BELOW = 50.0, 5.0
 TIME = np.arange(0.0, 40.0, 1.0 / RATE)
