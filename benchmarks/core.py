@@ -153,6 +153,8 @@ def leaks() -> dict[str, Callable[[], None]]:
     return found
 
 
+CHANGED: Final = "simulate, new parameters each time"
+
 RICHER: Final = {
     "leak": "friend-2+leak.exponential",
     "leak, slow modes": "friend-2+leak.exponential+relaxation.displacement+relaxation.force",
@@ -236,7 +238,7 @@ def main() -> None:
     candidates: dict[str, Callable[[], object]] = {
         "kernel": kernel,
         "simulate": call,
-        "simulate, new parameters each time": changed_call,
+        CHANGED: changed_call,
         "scipy.signal.lsim": lsim,
         **leaks(),
         **richer(),
@@ -266,6 +268,8 @@ def main() -> None:
     ratios = [
         Ratio("lsim / simulate", lsim_times / times["simulate"], at_least=20.0),
         Ratio("lsim / kernel", lsim_times / times["kernel"], at_least=300.0),
+        Ratio("simulate / kernel", times["simulate"] / times["kernel"]),
+        Ratio("simulate, new parameters each time / simulate", times[CHANGED] / times["simulate"]),
     ]
     if "C" in times:
         ratios.insert(0, Ratio("kernel / C", times["kernel"] / times["C"], at_most=1.3))

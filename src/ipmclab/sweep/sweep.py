@@ -11,7 +11,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.batch import Batch, Record
 from ipmclab.model.reductions import Reduced
 from ipmclab.signals import Signal
-from ipmclab.sweep.design import Design, described
+from ipmclab.sweep.design import Design, checksum, described
 from ipmclab.version import __version__
 
 _FEWEST, _MOST = 4096, 262_144
@@ -72,7 +72,7 @@ class Sweep:
         voltage = Batch.of(self.actuator, self.signal, None, self.record, self.metrics.outputs).voltage
         asked = {
             "actuator": dict(self.actuator.parameter_values),
-            "voltage": hashlib.sha256(voltage.tobytes()).hexdigest(),
+            "voltage": checksum(voltage),
             "record": [len(self.record.time), self.record.rate, self.record.hold],
             "design": described(self.design),
             "metrics": self.metrics.names,
