@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ipmclab.prediction.validate import validate as validate
     from ipmclab.procedure.follow import follow_procedure as follow_procedure
     from ipmclab.procedure.procedure_file import read_procedure as read_procedure
+    from ipmclab.publication.crate import export_crate as export_crate
     from ipmclab.quality import check as check
     from ipmclab.quality import measure as measure
     from ipmclab.reporting import plot as plot
@@ -96,6 +97,7 @@ _HOMES: Final = {
     "simulate_many": "ipmclab.model",
     "write_actuator": "ipmclab.model",
     "export_actuator": "ipmclab.codegen",
+    "export_crate": "ipmclab.publication.crate",
     "check": "ipmclab.quality",
     "measure": "ipmclab.quality",
     "plot": "ipmclab.reporting",

@@ -16,21 +16,37 @@ SUFFIXES = (".csv", ".xlsx", ".mat")
 
 def export(
     what: Annotated[
-        str, typer.Argument(metavar="RUN|ACTUATOR", help="A run (.nc); with --to an actuator.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="RUN|ACTUATOR|FOLDER", help="A run (.nc); with --to an actuator, or a folder.", show_default=False
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write: .csv, .xlsx, .mat; with --to its own.")],
     to: Annotated[
-        str | None, typer.Option(metavar="TOOL", help="The tool that an actuator is for: matlab (.m with its .mat).")
+        str | None,
+        typer.Option(metavar="TOOL", help="matlab: an actuator as .m with its .mat. ro-crate: a folder as a .zip."),
     ] = None,
+    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Of an RO-Crate: what the data are.")] = None,
+    licence: Annotated[str, typer.Option(metavar="SPDX", help="Of an RO-Crate: its licence.")] = "CC-BY-4.0",
+    person: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Of an RO-Crate: 'Ada Example <0000-0002-1825-0097>'.")
+    ] = None,
+    organisation: Annotated[str, typer.Option(metavar="NAME", help="Of an RO-Crate: who publishes it.")] = "",
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Export a run as CSV, XLSX or MAT, or an actuator for another tool.
+    """Export a run as CSV, XLSX or MAT, an actuator for another tool, or a folder as an RO-Crate.
 
     \b
     ipmclab export step.nc --out step.csv
     ipmclab export fitted.toml --to matlab --out strip.m
+    ipmclab export runs --to ro-crate --out runs.zip --title "Steps of strip 1" --person "Ada Example"
     """
+    if to == "ro-crate":
+        _export_crate(
+            what, out, title, licence, people=person or [], organisation=organisation, force=force, as_json=as_json
+        )
+        return
     if to is not None:
         _export_actuator(what, out, to, force=force, as_json=as_json)
         return
@@ -61,3 +77,37 @@ def _export_actuator(name: str, out: Path, to: str, *, force: bool, as_json: boo
         print_json({"actuator": name, "to": to, "out": out, "written": written})
     else:
         print(f"wrote {' and '.join(str(path) for path in written)}")
+
+
+def _export_crate(
+    folder: str,
+    out: Path,
+    title: str | None,
+    licence: str,
+    *,
+    people: list[str],
+    organisation: str,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write a folder as an RO-Crate."""
+    import zipfile
+
+    from ipmclab import export_crate
+
+    with progress(f"writing {out.name}"):
+        export_crate(
+            folder,
+            out,
+            title=title if title is not None else Path(folder).resolve().name,
+            licence=licence,
+            people=people,
+            organisation=organisation,
+            overwrite=force,
+        )
+    with zipfile.ZipFile(out) as archive:
+        names = archive.namelist()
+    if as_json:
+        print_json({"folder": folder, "to": "ro-crate", "files": names, "out": out})
+    else:
+        print(f"wrote {out}: {len(names)} files, licence {licence}")

@@ -1,0 +1,126 @@
+"""What a folder holds that is worth publishing: runs, fits, and other files, each with its checksum."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ipmclab.errors import InputError, IpmclabError
+from ipmclab.fit.fit import Fit
+from ipmclab.fit.fit_file import read_fit
+from ipmclab.run import Run
+from ipmclab.store import read_run
+from ipmclab.toml_file import glance
+
+FORMATS: Final = {
+    ".nc": "application/x-netcdf",
+    ".toml": "application/toml",
+    ".csv": "text/csv",
+    ".json": "application/json",
+    ".md": "text/markdown",
+    ".txt": "text/plain",
+    ".html": "text/html",
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".svg": "image/svg+xml",
+    ".pdf": "application/pdf",
+    ".m": "text/x-matlab",
+    ".mat": "application/x-matlab-data",
+    ".xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+    ".gz": "application/gzip",
+}
+"""Kinds of files that are taken along, by their ending; state, locks and journals of this program are not."""
+
+CHECKSUMS: Final = "manifest-sha256.txt"
+"""Checksums of every file of a crate as ``sha256sum -c`` reads them."""
+
+_OF_A_CRATE: Final = ("ro-crate-metadata.json", "ro-crate-preview.html", CHECKSUMS)
+_PIECE: Final = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One file.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        Its path in the folder, with slashes.
+    size : int [byte]
+    sha256 : str
+    run : Run, optional
+        Where it is one.
+    fit : Fit, optional
+        Where it is one.
+    """
+
+    path: Path
+    name: str
+    size: int
+    sha256: str
+    run: Run | None = None
+    fit: Fit | None = None
+
+    @property
+    def format(self) -> str:
+        """Its media type."""
+        return FORMATS[self.path.suffix.lower()]
+
+
+def inventory(folder: Path) -> tuple[Item, ...]:
+    """Every file of a folder and its folders that is worth publishing, by name; links and hidden files are not.
+
+    Raises
+    ------
+    InputError
+        No such folder, or nothing in it.
+    """
+    if not folder.is_dir():
+        raise InputError(
+            "there is no such folder", code="no-such-folder", where=str(folder), repair="name a folder of runs"
+        )
+    found = tuple(_item(path, path.relative_to(folder).as_posix()) for path in _files(folder))
+    if not found:
+        raise InputError(
+            "there is no run, fit, table or report in this folder",
+            code="nothing-to-export",
+            where=str(folder),
+            repair="name a folder of runs",
+        )
+    return found
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file."""
+    made = hashlib.sha256()
+    with path.open("rb") as stream:
+        while piece := stream.read(_PIECE):
+            made.update(piece)
+    return made.hexdigest()
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(names):
+            path = Path(place) / name
+            known = path.suffix.lower() in FORMATS and name not in _OF_A_CRATE
+            if known and not name.startswith(".") and path.is_file() and not path.is_symlink():
+                yield path
+
+
+def _item(path: Path, name: str) -> Item:
+    run, fit = None, None
+    try:
+        if path.suffix.lower() == ".nc":
+            run = read_run(path)
+        elif path.suffix.lower() == ".toml" and "fit" in (glance(path) or {}):
+            fit = read_fit(path)
+    except IpmclabError:  # a file of another program, or of an earlier version: it is taken along as it is
+        pass
+    return Item(path, name, path.stat().st_size, checksum(path), run, fit)
