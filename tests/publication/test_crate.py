@@ -123,6 +123,23 @@ def test_who_recorded_what_with_what(folder: Path, tmp_path: Path) -> None:
     assert entities[entities["./"]["publisher"]["@id"]]["@type"] == "Organization"
 
 
+def test_names_of_any_script_and_equal_files(folder: Path, tmp_path: Path) -> None:
+    place = tmp_path / "runs"
+    place.mkdir()
+    run = read_run(folder / "step.nc")
+    for name, operator in (("erster Lauf.nc", "Öse, B."), ("zweiter.nc", "李"), ("dritter.nc", "Ada <not an address>")):
+        write_run(replace(run, metadata=replace(run.metadata, operator=operator)), place / name)
+    (place / "again.nc").write_bytes((place / "zweiter.nc").read_bytes())
+    export_crate(place, tmp_path / "crate.zip", title="Names")
+    archive, entities = opened(tmp_path / "crate.zip")
+    actions = [one for one in entities.values() if one["@type"] == "CreateAction"]
+    assert len({one["result"]["@id"] for one in actions}) == 4
+    agents = [entities[one["agent"]["@id"]]["name"] for one in actions]
+    assert sorted(set(agents)) == ["Ada <not an address>", "Öse, B.", "李"]
+    assert "erster Lauf.nc" in archive.namelist()
+    assert "erster%20Lauf.nc" in entities
+
+
 def test_the_tables_say_what_runs_and_fits_say(folder: Path, tmp_path: Path) -> None:
     export_crate(folder, tmp_path / "crate.zip", title="A strip")
     archive, _ = opened(tmp_path / "crate.zip")

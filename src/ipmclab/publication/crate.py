@@ -8,18 +8,19 @@ from __future__ import annotations
 import datetime
 import os
 import re
+import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
 
-from ipmclab.destination import keep_what_is_read, replacing
+from ipmclab.destination import keep_what_is_read, replacing, target_of
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.publication.inventory import CHECKSUMS, Item, checksum, inventory
+from ipmclab.publication.inventory import CHECKSUMS, Item, RunFacts, checksum, inventory
 from ipmclab.publication.licences import licence_of
 from ipmclab.publication.tables import ABOUT, tables
-from ipmclab.run import Run
 from ipmclab.sample import Sample
 from ipmclab.version import __version__
 
@@ -107,6 +108,7 @@ def export_crate(
         )
     if not title.strip():
         raise InputError("the title is empty", code="no-title", where="title", repair="say what the data are")
+    target_of(target, overwrite=overwrite)
     address, name = licence_of(licence)
     persons = [_identified(one, "Person") for one in people]
     house = _identified(organisation, "Organization") if organisation else None
@@ -175,7 +177,7 @@ def _people(
     known = {person["name"]: person for person in persons}
     for item in items:
         if item.run is not None and item.run.metadata.operator:
-            known.setdefault(item.run.metadata.operator, _identified(item.run.metadata.operator, "Person"))
+            known.setdefault(item.run.metadata.operator, _named(item.run.metadata.operator, "Person"))
     affiliation = {} if house is None else {"affiliation": {"@id": house["@id"]}}
     for person in known.values():
         _add(crate, {**person, **affiliation})
@@ -221,17 +223,17 @@ def _of_file(item: Item) -> Iterator[tuple[str, Any]]:
         )
     elif item.run is not None:
         about = item.run.metadata
-        yield "description", f"{about.origin} run: {about.signal or 'voltage as recorded'}, {len(item.run)} rows"
+        yield "description", f"{about.origin} run: {about.signal or 'voltage as recorded'}, {item.run.rows} rows"
         yield "variableMeasured", list(item.run.channels)
         if about.recorded_at:
             yield "dateCreated", about.recorded_at
 
 
-def _recording(crate: ROCrate, item: Item, run: Run, file: Any, people: Mapping[str, str]) -> dict[str, str]:
+def _recording(crate: ROCrate, item: Item, run: RunFacts, file: Any, people: Mapping[str, str]) -> dict[str, str]:
     """How a run came to be."""
     about = run.metadata
     entity: dict[str, Any] = {
-        "@id": f"#recording-{item.sha256[:16]}",
+        "@id": _local("recording", item.name),
         "@type": "CreateAction",
         "name": f"Recording of {item.name}" if about.origin == "measured" else f"Simulation of {item.name}",
         "result": {"@id": file.id},
@@ -290,12 +292,16 @@ def _identified(text: str, kind: str) -> dict[str, Any]:
     name, address = match["name"].strip(), match["address"]
     if address and not address.startswith("http"):
         address = f"https://orcid.org/{address}"
-    return {"@id": address or _local(kind.lower(), name), "@type": kind, "name": name}
+    return _named(name, kind) if address is None else {"@id": address, "@type": kind, "name": name}
+
+
+def _named(name: str, kind: str) -> dict[str, Any]:
+    return {"@id": _local(kind.lower(), name), "@type": kind, "name": name}
 
 
 def _local(kind: str, name: str) -> str:
-    """An identifier within the crate."""
-    return f"#{kind}-{re.sub(r'[^A-Za-z0-9.]+', '-', name).strip('-') or 'x'}"
+    """An identifier within the crate, another one for each name in any script."""
+    return f"#{kind}-{quote(name, safe='')}"
 
 
 def _add(crate: ROCrate, entity: dict[str, Any]) -> str:
@@ -307,11 +313,9 @@ def _add(crate: ROCrate, entity: dict[str, Any]) -> str:
 
 def _zip(folder: Path, path: Path) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for one in sorted(_below(folder), key=lambda one: one.relative_to(folder).as_posix()):
+        files = [one for one in folder.rglob("*") if one.is_file()]
+        for one in sorted(files, key=lambda one: one.relative_to(folder).as_posix()):
             about = zipfile.ZipInfo(one.relative_to(folder).as_posix(), _EPOCH)
             about.compress_type, about.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-            archive.writestr(about, one.read_bytes())
-
-
-def _below(folder: Path) -> Iterable[Path]:
-    return (one for one in folder.rglob("*") if one.is_file())
+            with one.open("rb") as stream, archive.open(about, "w") as written:
+                shutil.copyfileobj(stream, written)

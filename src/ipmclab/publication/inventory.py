@@ -12,7 +12,9 @@ from typing import Final
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import read_fit
-from ipmclab.run import Run
+from ipmclab.quality import measure
+from ipmclab.quality.metrics import Metric
+from ipmclab.run import Run, RunMetadata
 from ipmclab.store import read_run
 from ipmclab.toml_file import glance
 
@@ -43,6 +45,36 @@ _PIECE: Final = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
+class RunFacts:
+    """What is published of a run beside its file: its arrays are let go, so that a folder may hold thousands.
+
+    Parameters
+    ----------
+    metadata : RunMetadata
+    rows : int
+    rate : float [Hz]
+    duration : float [s]
+    channels : tuple of str
+    content_sha256 : str
+    metrics : tuple of Metric
+    """
+
+    metadata: RunMetadata
+    rows: int
+    rate: float
+    duration: float
+    channels: tuple[str, ...]
+    content_sha256: str
+    metrics: tuple[Metric, ...]
+
+    @classmethod
+    def of(cls, run: Run) -> RunFacts:
+        """From a run."""
+        duration = float(run.time[-1] - run.time[0])
+        return cls(run.metadata, len(run), run.rate, duration, tuple(run.channels), run.content_sha256, measure(run))
+
+
+@dataclass(frozen=True, eq=False)
 class Item:
     """One file.
 
@@ -53,7 +85,7 @@ class Item:
         Its path in the folder, with slashes.
     size : int [byte]
     sha256 : str
-    run : Run, optional
+    run : RunFacts, optional
         Where it is one.
     fit : Fit, optional
         Where it is one.
@@ -63,7 +95,7 @@ class Item:
     name: str
     size: int
     sha256: str
-    run: Run | None = None
+    run: RunFacts | None = None
     fit: Fit | None = None
 
     @property
@@ -118,7 +150,7 @@ def _item(path: Path, name: str) -> Item:
     run, fit = None, None
     try:
         if path.suffix.lower() == ".nc":
-            run = read_run(path)
+            run = RunFacts.of(read_run(path))
         elif path.suffix.lower() == ".toml" and "fit" in (glance(path) or {}):
             fit = read_fit(path)
     except IpmclabError:  # a file of another program, or of an earlier version: it is taken along as it is

@@ -7,7 +7,6 @@ import io
 from collections.abc import Iterable, Sequence
 
 from ipmclab.publication.inventory import Item
-from ipmclab.quality import measure
 
 RUNS = "tables/runs.csv"
 METRICS = "tables/metrics.csv"
@@ -46,9 +45,9 @@ def tables(items: Sequence[Item]) -> dict[str, str]:
                     run.metadata.recorded_at or "",
                     run.metadata.operator or "",
                     run.metadata.mounting_id or "",
-                    len(run),
+                    run.rows,
                     run.rate,
-                    float(run.time[-1] - run.time[0]),
+                    run.duration,
                     _known(run.metadata.temperature),
                     _known(run.metadata.relative_humidity),
                     " ".join(run.channels),
@@ -62,7 +61,7 @@ def tables(items: Sequence[Item]) -> dict[str, str]:
             (
                 (name, one.channel, one.name, one.value, *(one.interval or ("", "")), one.unit, one.definition)
                 for name, run in runs
-                for one in measure(run)
+                for one in run.metrics
             ),
         )
     if fits:
