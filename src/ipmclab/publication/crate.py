@@ -292,7 +292,7 @@ def _identified(text: str, kind: str) -> dict[str, Any]:
     name, address = match["name"].strip(), match["address"]
     if address and not address.startswith("http"):
         address = f"https://orcid.org/{address}"
-    return _named(name, kind) if address is None else {"@id": address, "@type": kind, "name": name}
+    return _named(name, kind) if address is None else {"@id": address, "@type": kind, "name": name, "url": address}
 
 
 def _named(name: str, kind: str) -> dict[str, Any]:
