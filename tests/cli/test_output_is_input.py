@@ -61,6 +61,7 @@ OUTPUTS = [
     (("report", "fitted.toml", "--runs", "run.nc"), "--out", "fitted.toml"),
     (("report", "fitted.toml", "--runs", "run.nc"), "--out", "run.nc"),
     (("report", "fitted.toml", "--runs", "run.nc", "--validation", "push.nc"), "--out", "push.nc"),
+    (("sweep", "p.toml"), "--out", "p.toml"),
     (("simulate", "strip.toml", *SAMPLED), "--out", "strip.toml"),
     (("simulate", "friend-2", *PLAYED), "--out", "record.csv"),
     (("import", "record.csv", "--map", "map.toml"), "--out", "record.csv"),
@@ -82,6 +83,7 @@ SUFFIXES = {
     "choose": ".toml",
     "report": ".html",
     "simulate": ".nc",
+    "sweep": ".toml",
     "compare": ".html",
     "smooth": ".nc",
 }

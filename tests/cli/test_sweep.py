@@ -39,6 +39,8 @@ def test_what_is_missing_is_said(command) -> None:
     assert command("sweep", "--template", "--out", "mine.toml").status == 0
     assert "there is no folder for the results" in command("sweep", "mine.toml").err
     assert "exists already" in command("sweep", "--template", "--out", "mine.toml").err
+    assert "it reads no sweep" in command("sweep", "mine.toml", "--template").err
+    assert command("sweep", "--template", "--json").document == {"template": TEMPLATE, "out": None}
 
 
 def test_killed_at_any_moment_it_goes_on_with_nothing_twice_and_nothing_missing(tmp_path: Path) -> None:

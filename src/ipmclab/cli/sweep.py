@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.options import Force, Json
+from ipmclab.cli.files import check_output
+from ipmclab.cli.options import Json
 from ipmclab.cli.output import print_json, print_table, progress, significant
 from ipmclab.errors import InputError
 
@@ -26,7 +27,7 @@ def sweep(
         ),
     ] = None,
     template: Annotated[bool, typer.Option("--template", help="Write a sweep to fill in, to --out.")] = False,
-    force: Force = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the template if it exists.")] = False,
     as_json: Json = False,
 ) -> None:
     """Simulate a strip with thousands to billions of parameter sets, and keep a few numbers of each.
@@ -36,7 +37,7 @@ def sweep(
     ipmclab sweep stiffness.toml --out stiffness
     """
     if template:
-        _write_template(out, force=force, as_json=as_json)
+        _write_template(file, out, force=force, as_json=as_json)
         return
     if file is None or out is None:
         what, where = ("sweep", "SWEEP.toml") if file is None else ("folder for the results", "--out")
@@ -46,8 +47,10 @@ def sweep(
             where=where,
             repair="write for example: ipmclab sweep stiffness.toml --out stiffness",
         )
+    from ipmclab.destination import keep_what_is_read
     from ipmclab.sweep import read_sweep, run_sweep
 
+    keep_what_is_read(out, [file], where=f"--out {out}")
     asked = read_sweep(file)
     with progress(f"sweeping {asked.actuator.name}") as tell:
         swept = run_sweep(asked, out, progress=tell)
@@ -58,19 +61,27 @@ def sweep(
     _print(swept, document)
 
 
-def _write_template(out: Path | None, *, force: bool, as_json: bool) -> None:
+def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json: bool) -> None:
     from ipmclab.destination import replacing
     from ipmclab.sweep.template import TEMPLATE
 
-    if out is None:
-        print(TEMPLATE, end="")
-        return
-    with replacing(out, overwrite=force) as temporary:
-        temporary.write_text(TEMPLATE, encoding="utf-8")
+    if file is not None:
+        raise InputError(
+            "a template is written with --out, it reads no sweep",
+            code="usage",
+            where=str(file),
+            repair=f"ipmclab sweep --template --out {file}",
+        )
+    if out is not None:
+        check_output(out, force=force, suffixes=(".toml",), reads=())
+        with replacing(out, overwrite=force) as temporary:
+            temporary.write_text(TEMPLATE, encoding="utf-8", newline="\n")
     if as_json:
-        print_json({"out": out})
+        print_json({"template": TEMPLATE, "out": out})
+    elif out is None:
+        print(TEMPLATE, end="")
     else:
-        print(f"wrote {out}")
+        print(f"wrote {out}; fill it in, then: ipmclab sweep {out} --out {out.with_suffix('')}")
 
 
 def _document(swept: Swept) -> dict[str, Any]:
