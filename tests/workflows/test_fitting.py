@@ -10,6 +10,7 @@ import pytest
 
 from ipmclab import Run, identify, leave_one_run_out, load_actuator, profile, simulate, write_run
 from ipmclab.store.run_file import read_run
+from ipmclab.workflows import fitting
 from ipmclab.workflows.fitting import fit_of_runs
 
 STRIP = load_actuator("friend-2")
@@ -49,6 +50,31 @@ def test_it_tells_how_far_it_is(runs: list[Run]) -> None:
 def test_one_run_is_left_out_of_nothing(runs: list[Run]) -> None:
     """With one run there is nothing that could predict it."""
     assert fit_of_runs(STRIP, runs[:1], free=FREE).left_out == ()
+
+
+@pytest.mark.parametrize(("at", "profiled"), [("profile of", False), ("predicting", True)])
+def test_who_interrupts_what_follows_keeps_the_fit(runs: list[Run], at: str, profiled: bool) -> None:
+    """Values and intervals stand before the first profile, and profiles before a run is left out."""
+
+    def interrupt(sentence: str, _: float) -> None:
+        if sentence.startswith(at):
+            raise KeyboardInterrupt
+
+    fit = fit_of_runs(STRIP, runs, free=FREE, progress=interrupt)
+    assert "not-followed" in {finding.code for finding in fit.findings}
+    assert (bool(fit.profiles), fit.left_out) == (profiled, ())
+    assert fit.parameters[FREE[0]].value == identify(STRIP, runs, free=FREE).parameters[FREE[0]].value
+
+
+def test_what_takes_long_is_asked_for(runs: list[Run], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few rows without a leak have all of it; many only where it is asked for."""
+    assert fit_of_runs(STRIP, runs, free=FREE, thorough=False).profiles
+    monkeypatch.setattr(fitting, "LONG", 100)
+    brief = fit_of_runs(STRIP, runs, free=FREE, thorough=False)
+    assert not brief.profiles
+    assert not brief.left_out
+    assert "not-followed" in {finding.code for finding in brief.findings}
+    assert fit_of_runs(STRIP, runs, free=FREE).profiles
 
 
 def test_a_run_is_known_by_its_file(runs: list[Run], tmp_path: Path) -> None:

@@ -46,6 +46,10 @@ def identify(
     force: Force = False,
     details: Details = False,
     as_json: Json = False,
+    thorough: Annotated[
+        bool,
+        typer.Option("--thorough", help="Follow profiles and leave out each run where that takes long too."),
+    ] = False,
 ) -> None:
     """Identify parameters of an actuator from one or more runs at once.
 
@@ -60,7 +64,14 @@ def identify(
     loaded = read_runs(runs)
     with progress(f"identifying {model.name}") as tell:
         fit = fit_of_runs(
-            model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell
+            model,
+            loaded,
+            free=free,
+            per_run=per_run,
+            per_mounting=per_mounting,
+            prior=prior,
+            thorough=thorough,
+            progress=tell,
         )
         write_fit(fit, out, overwrite=force)
     if as_json:

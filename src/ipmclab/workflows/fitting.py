@@ -1,16 +1,24 @@
-"""From runs to a fit with all that is shown beside it: profiles, and each run left out."""
+"""From runs to a fit with all that is shown beside it: profiles, and each run left out.
+
+The answer stands first. What follows can be interrupted, and is asked for where it is dear.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.fit_table import with_findings
 from ipmclab.identification.identify import identify
 from ipmclab.identification.uncertainty.profiles import profile
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out
 from ipmclab.progress import Tell, part, telling
-from ipmclab.run import Run
+from ipmclab.run import Finding, Run
+
+LONG: Final = 10_000
+"""Rows of all runs together from which profiles, and fits without each run, are dear."""
 
 
 def fit_of_runs(
@@ -22,6 +30,7 @@ def fit_of_runs(
     per_mounting: Sequence[str] = (),
     prior: Sequence[str] = (),
     labels: Sequence[str] | None = None,
+    thorough: bool = True,
     progress: Tell | None = None,
 ) -> Fit:
     """Identify, follow the profile of every parameter, and leave out each run where there are several.
@@ -32,13 +41,16 @@ def fit_of_runs(
     runs : sequence of Run
     free, per_run, per_mounting, prior, labels
         As ``identify`` takes them.
+    thorough : bool
+        Follow profiles and leave out runs where that is dear too: beside a leak, whose law bends, and from 10,000 rows.
     progress : function of (str, float), optional
         Called with a sentence and the fraction that is done.
 
     Returns
     -------
     fit : Fit
-        With ``profiles``, and with ``left_out`` where there are two runs or more.
+        With ``profiles``, and with ``left_out`` where there are two runs or more. Where that was interrupted by Ctrl-C,
+        or was dear and not asked for, the fit as it stood, and a finding ``not-followed``.
 
     Raises
     ------
@@ -58,7 +70,32 @@ def fit_of_runs(
             fit = identify(
                 actuator, runs, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, labels=labels
             )
+        if not thorough and _is_dear(actuator, runs):
+            return with_findings(fit, [_not_followed("because each run of the model takes long")])
         with part("", 0.8, 0.9):
-            fit = profile(fit)
+            fit, done = _unless_interrupted(profile, fit)
+        if not done or len(runs) < 2:
+            return fit
         with part("", 0.9, 1.0):
-            return leave_one_run_out(fit) if len(runs) > 1 else fit
+            return _unless_interrupted(leave_one_run_out, fit)[0]
+
+
+def _is_dear(actuator: Actuator, runs: Sequence[Run]) -> bool:
+    return bool(actuator.structure.leak) or sum(len(run) for run in runs) >= LONG
+
+
+def _unless_interrupted(follow: Callable[[Fit], Fit], fit: Fit) -> tuple[Fit, bool]:
+    """The fit with what follows, or as it stood; and whether it was let run to its end."""
+    try:
+        return follow(fit), True
+    except KeyboardInterrupt:
+        return with_findings(fit, [_not_followed("because the fit was interrupted")]), False
+
+
+def _not_followed(why: str) -> Finding:
+    return Finding(
+        "not-followed",
+        "info",
+        f"profiles of the parameters, or fits without each run, are not there, {why}: values and intervals stand",
+        "identify with --thorough, and let it run to its end, to have them in the report",
+    )
