@@ -77,34 +77,20 @@ def times(found: dict[str, StepRecord]) -> list[str]:
 
 
 def beside_plain(found: dict[str, StepRecord]) -> list[str]:
-    """The table of what is left of whole records, and of the 30 s after half of them."""
+    """The table of what is left of whole records."""
     two = ipmclab.load_actuator("friend-2")
-    lines = ["| record | fit, mA | plain, mA | ratio | next 30 s: fit, mA | plain, mA | ratio |", "|---|" + 6 * "---|"]
+    lines = ["| record | rows | fit, mA | plain, mA | ratio |", "|---|---|---|---|---|"]
     for name, record in found.items():
-        cells = []
-        whole = cut_out(record, WHOLE)
-        half = 0.5 * float(whole.time[-1]) - 5.0
-        for first, later in ((whole, None), (cut_out(record, half), cut_out(record, half + 30.0))):
-            assert first.current is not None
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                fit = ipmclab.identify(two, first, free=FREE)
-                seen = np.isfinite(fit.residuals[0]["current"])
-                away = fit.residuals[0]["current"][seen]
-                if later is not None:
-                    predicted = ipmclab.validate(fit.actuator, later).runs[0].comparisons["current"]
-                    after = predicted.used & (np.arange(len(later)) >= len(first))
-                    seen_by = fit.observations[0]  # the sensor's zero and drift, which plain least squares has too
-                    zero = seen_by.offset.get("current", 0.0) + seen_by.drift.get("current", 0.0) * later.time
-                    away = (predicted.error + zero)[after]
-            period = 1.0 / first.rate
-            point = plain_fit(first.voltage, np.where(seen, first.current, 0.0), period, 2, seen)
-            run = first if later is None else later
-            assert run.current is not None
-            plain = circuit_current(point[:-1], run.voltage, period) + 1e-3 * point[-1] - run.current
-            left, beside = rms(away), rms(plain[seen if later is None else after])
-            cells += [f"{1e3 * left:.4f}", f"{1e3 * beside:.4f}", f"{left / beside:.3f}"]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
+        run = cut_out(record, WHOLE)
+        assert run.current is not None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            residual = ipmclab.identify(two, run, free=FREE).residuals[0]["current"]
+        seen, period = np.isfinite(residual), 1.0 / run.rate
+        point = plain_fit(run.voltage, np.where(seen, run.current, 0.0), period, 2, seen)
+        plain = circuit_current(point[:-1], run.voltage, period) + 1e-3 * point[-1] - run.current
+        left, beside = rms(residual[seen]), rms(plain[seen])
+        lines.append(f"| {name} | {len(run):,} | {1e3 * left:.4f} | {1e3 * beside:.4f} | {left / beside:.3f} |")
         print(lines[-1], flush=True)
     return lines
 
