@@ -224,8 +224,8 @@ def _expected(strip: FittedStrip, before: Knowledge, after: Knowledge) -> Iterat
             after=sizes[1],
             interval_before=_interval(unknown, one.value, errors[0]),
             interval_after=_interval(unknown, one.value, errors[1]),
-            determined_before=relative[0] < DETERMINED,
-            determined_after=relative[1] < DETERMINED,
+            determined_before=one.determined,
+            determined_after=relative[1] < DETERMINED or (one.determined and relative[1] <= relative[0]),
             is_log=unknown.log,
         )
 
