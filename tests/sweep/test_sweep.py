@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ipmclab import InputError, read_sweep, run_sweep, simulate
+from ipmclab import InputError, IpmclabError, read_sweep, run_sweep, simulate
 from ipmclab.platform import lock_file
 from ipmclab.sweep.design import KINDS, Range, Sampled
 from ipmclab.sweep.indices import sobol_indices
@@ -125,6 +125,20 @@ def test_a_folder_belongs_to_one_sweep_and_one_program(tmp_path: Path) -> None:
         run_sweep(sweep, tmp_path / "notes.txt")
 
 
+def test_a_file_that_was_spoiled_is_named_and_made_again(tmp_path: Path) -> None:
+    sweep, folder = sweep_from_text(SMALL), tmp_path / "out"
+    whole = run_sweep(sweep, folder).columns("force.rms")["force.rms"]
+    spoiled = folder / "part-00000002.parquet"
+    spoiled.write_bytes(b"PAR1")
+    with pytest.raises(IpmclabError, match=r"part-00000002\.parquet: this file of the sweep cannot be read.*remove it"):
+        run_sweep(sweep, folder).columns("force.rms")
+    spoiled.unlink()
+    assert np.array_equal(run_sweep(sweep, folder).columns("force.rms")["force.rms"], whole)
+    (folder / "_sweep.json").write_bytes(b"\xff{")
+    with pytest.raises(InputError, match="holds another sweep"):
+        run_sweep(sweep, folder)
+
+
 TABLE = TEMPLATE[: TEMPLATE.index("[design]")]
 
 
@@ -168,6 +182,14 @@ def test_tables_that_cannot_be(tmp_path: Path, text: str, message: str) -> None:
         ("sine 1 V 0.5 Hz", "sine 1 V 80 Hz", "rows at 50 Hz follow it to 25 Hz"),
         ("friend-2", "friend-99", "there is no actuator"),
         ("[ranges]", "[range]", "unknown key 'range'"),
+        ("[ranges]", "[[ranges]]", "is not a table"),
+        ('low = "0.8 GPa"', "low = nan", "ranges.beam.modulus.low: nan"),
+        ('low = "0.8 GPa"', "low = true", "ranges.beam.modulus.low: True"),
+        ("base = 512", "base = 10000000000000000000000", "allowed|too large|at most|digits|whole number"),
+        ('metrics = ["displacement.peak", "force.rms", "current.rms"]', "metrics = []", "name each once"),
+        ("seed = 1", "seed = -1", "-1 is below 0"),
+        ('hold = "zero" ', 'hold = "one" ', "'one' is not"),
+        ('rate = "50 Hz"', 'rate = "50"', "has no unit"),
         ('actuator = "friend-2"', 'actuator = "friend-2"\ntable = "a.csv"', "keep one of them"),
         ('"beam.modulus" = {', '"geometry.sensing_length" = { low = "20 mm", high = "30 mm" }\n"beam.modulus" = {',
          "beyond the free length"),

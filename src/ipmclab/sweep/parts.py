@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.destination import replacing
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import lock_file
 from ipmclab.sweep.arrow import parquet
 
@@ -84,10 +84,25 @@ class Parts:
             files.write_table(table, temporary)
 
     def read(self, names: Sequence[str]) -> Iterator[dict[str, FloatArray]]:
-        """Some columns, part by part in the order of the sets."""
+        """Some columns, part by part in the order of the sets.
+
+        Raises
+        ------
+        IpmclabError
+            A file is not there, or was spoiled after it was written.
+        """
         _, files = parquet()
         for part in range(self.files):
-            table = files.read_table(self.path(part), columns=list(names))
+            path = self.path(part)
+            try:
+                table = files.read_table(path, columns=list(names))
+            except (OSError, ValueError) as error:  # pyarrow's own errors are ValueErrors too
+                raise IpmclabError(
+                    f"this file of the sweep cannot be read: {error}",
+                    code="bad-file",
+                    where=str(path),
+                    repair="remove it and run the sweep again, which makes what lacks",
+                ) from error
             yield {name: np.asarray(table[name]) for name in names}
 
     @contextmanager
@@ -146,7 +161,7 @@ class Parts:
                 )
             with replacing(path, overwrite=False) as temporary:
                 temporary.write_text(json.dumps({"digest": digest, **about}, indent=1), encoding="utf-8")
-        elif json.loads(path.read_text(encoding="utf-8")).get("digest") != digest:
+        elif f'"digest": "{digest}"' not in path.read_text(encoding="utf-8", errors="replace"):
             raise InputError(
                 "this folder holds another sweep: the strip, the signal, the design, the metrics, the size of its "
                 "files or a version of the software differs",

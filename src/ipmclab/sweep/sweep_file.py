@@ -30,6 +30,9 @@ _MOST_SLICES: Final = 10_000_000
 
 _MOST_PARAMETERS: Final = 50
 
+_MOST_PER_FILE: Final = 10_000_000
+"""Sets that are in the memory at once."""
+
 
 class _RangeTable(Strict):
     low: str | float
@@ -50,7 +53,7 @@ class _SweepTable(Strict):
     rate: str
     hold: Literal["zero", "zero-before", "first"] = "zero"
     metrics: tuple[str, ...] = Field(strict=False)
-    sets_per_file: int = Field(ge=0, default=0)
+    sets_per_file: int = Field(ge=0, le=_MOST_PER_FILE, default=0)
     table: str | None = None
     design: _DesignTable | None = None
     ranges: dict[str, _RangeTable] | None = None
