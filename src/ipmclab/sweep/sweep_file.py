@@ -202,7 +202,7 @@ def _check_counts(design: _DesignTable, parameters: int) -> None:
             f"of {_MOST_PARAMETERS} parameters",
             code="too-many",
             where="design.base",
-            repair="take fewer, or the kind sobol, which needs no memory",
+            repair="take fewer" + (", or the kind sobol, which needs no memory" if most == _MOST_SLICES else ""),
         )
     if design.kind != "latin-hypercube" and design.base & (design.base - 1):
         below = 1 << (design.base.bit_length() - 1)
