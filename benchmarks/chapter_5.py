@@ -23,7 +23,14 @@ from ipmclab.campaign.published import Reproduced, reproduced
 from ipmclab.campaign.results import by_repeat, read_results
 from ipmclab.campaign.state import read_events
 
-SOURCES = ("src/ipmclab/campaign", "src/ipmclab/quality/metrics.py", "src/ipmclab/rig/virtual.py", "src/ipmclab/data")
+SOURCES = (
+    "src/ipmclab/campaign/library",
+    "src/ipmclab/campaign/published.py",
+    "src/ipmclab/campaign/results.py",
+    "src/ipmclab/quality/metrics.py",
+    "src/ipmclab/rig/virtual.py",
+    "src/ipmclab/data",
+)
 
 CAMPAIGN = "friend-chapter-5"
 HEAD = (

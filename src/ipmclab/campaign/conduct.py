@@ -98,7 +98,7 @@ class Conduct:
         if not begun:
             about = {"title": self._campaign.title, "checksum": self._campaign.checksum}
             self._state.add("campaign", **about, version=__version__, plan=list(self._runs), text=self._campaign.text)
-        elif begun[0]["checksum"] != self._campaign.checksum:
+        elif (begun[0]["checksum"], begun[0]["plan"]) != (self._campaign.checksum, list(self._runs)):
             raise InputError(
                 "this folder has another campaign, or another version of this one",
                 code="another-campaign",
@@ -121,10 +121,9 @@ class Conduct:
             self._state.add("absent", uuids=absent)
 
     def _file(self, uuid: str) -> Path | None:
-        """The run file of a uuid."""
-        for path in sorted(self._laboratory.runs.rglob(f"*_{UUID(uuid).hex[:8]}.nc")):
-            return path
-        return None
+        """The run file of a uuid, of which its name has the beginning."""
+        found = sorted(self._laboratory.runs.rglob(f"*_{UUID(uuid).hex[:8]}.nc"))
+        return found[0] if found else None
 
     def run(self) -> None:
         """Record what is left, and what fails its checks once more.
@@ -199,7 +198,11 @@ class Conduct:
         self._tell(f"  {left}: {run.id}: {verdict}{why}")
 
     def _verdict(self, run: CampaignRun, path: Path) -> tuple[Verdict, Sequence[Finding]]:
-        read = read_run(path)
+        try:
+            read = read_run(path)
+        except InputError as error:
+            self._tell(f"  {path} cannot be read: {error}")
+            return "interrupted", ()
         if read.metadata.state != "complete" or len(read) < run.planned.rows:
             # What a limit ended is not begun again: the strip, or the signal, is not what it was thought to be.
             return ("flagged" if _by_guard(read) else "interrupted"), ()
