@@ -289,7 +289,10 @@ class _Problem:
         now = self.at(self.start())
         least = _LEAST**2 * float(now.components[0])  # simulated repeats do not scatter at all
         for _ in range(_STEPS):
-            step = np.linalg.solve(now.information, now.score)
+            try:
+                step = np.linalg.solve(now.information, now.score)
+            except np.linalg.LinAlgError:  # nothing tells two components apart: along that direction none moves
+                step = np.linalg.lstsq(now.information, now.score, rcond=None)[0]
             length = 1.0
             while length > 1e-6:
                 there = now.components + length * step
