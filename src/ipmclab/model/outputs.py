@@ -121,6 +121,8 @@ def simulate_outputs(
 
 def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatArray | None:
     """The numbers of the modal recursion, kept with the actuator; None where another way must answer."""
+    if actuator.structure.leak:  # a law at a port has no modes
+        return None
 
     def made() -> FloatArray | None:
         found = modes(actuator.blocks(), external="voltage", outputs=OUTPUT_PORTS, at_rest=left_at_rest(["voltage"]))
