@@ -10,7 +10,8 @@ import scipy.signal
 
 from ipmclab import InputError
 from ipmclab.model import Actuator, sensitivities, simulate_outputs
-from ipmclab.model.sensitivity import Kept
+from ipmclab.model.numerics import tangents_modal
+from ipmclab.model.sensitivity import Kept, _Point
 from ipmclab.model.variants import with_stages
 from tests.independent.thesis import FRIEND_2, OUTPUTS, Strip, respond
 from tests.model.conftest import STRIPS, actuator_of
@@ -239,3 +240,40 @@ def test_what_is_kept_and_what_is_left_out_change_nothing(
             assert np.array_equal(getattr(alone, field), getattr(fewer, field)), field
         assert not fewer.states.any()
         assert not fewer.delay.any()
+
+
+NAMES = ("circuit.dc_resistivity", "circuit.branches.0.permittivity", "coupling.p1", "coupling.p2", "beam.modulus")
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("clock", ["even", "uneven"])
+@pytest.mark.parametrize("at_rest", [True, False])
+@pytest.mark.parametrize("stages", [(), ("branches=3", "load"), ("relaxation.displacement=2",)])
+def test_by_modes_and_by_the_matrix_exponential_they_are_the_same(
+    stages: tuple[str, ...], at_rest: bool, clock: str, hold: str, friend_2: Actuator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    strip = with_stages(friend_2, *stages)
+    draw = np.random.default_rng(7)
+    time = TIME + (draw.uniform(-0.2, 0.2, ROWS) * PERIOD if clock == "uneven" else 0.0)
+    state = None if at_rest else 1e-2 * draw.standard_normal(len(strip.state_names))
+
+    def found() -> tuple[np.ndarray, ...]:
+        one = sensitivities(strip, NAMES, time, rough(), hold, initial_state=state, delay=0.3 * PERIOD)
+        size = np.abs(one.values).max(axis=1)[:, None, None]
+        by = one.parameters * np.array([strip[name] for name in NAMES]) / size
+        return one.values / size[:, :, 0], by, one.states, one.delay
+
+    assert _Point.of(strip, NAMES, range(4)).modes is not None
+    by_modes = found()
+    monkeypatch.setattr(tangents_modal, "LOST", 0.0)  # never sure enough
+    for one, other in zip(by_modes, found(), strict=True):
+        scale = max(1.0, np.abs(other).max(initial=0.0))
+        np.testing.assert_allclose(one / scale, other / scale, rtol=0.0, atol=1e-11)
+
+
+def test_where_modes_lose_digits_they_are_not_used(friend_2: Actuator) -> None:
+    """Poles that are equal or nearly so; a force that hangs on one very small entry (by modes 8 digits were left)."""
+    double = friend_2.replace(**{"coupling.p1": 16.0, "coupling.p2": 64.0})
+    nearly = friend_2.replace(**{"coupling.p1": 16.0, "coupling.p2": 64.0 * (1.0 + 1e-9)})
+    for strip in (double, nearly, with_stages(friend_2, "viscoelastic")):
+        assert _Point.of(strip, NAMES, range(4)).modes is None
