@@ -136,6 +136,7 @@ def test_a_foreign_step_is_known_by_its_voltage() -> None:
     assert (row.waveform, row.values["voltage"]) == ("step", pytest.approx(0.988))
     wave = row_of(Run.from_arrays(time=TIME, voltage=0.5 * np.sin(math.tau * 0.2 * TIME), current=voltage))
     assert (wave.waveform, wave.values["frequency"]) == ("periodic", pytest.approx(0.2, rel=1e-3))
-    still = row_of(Run.from_arrays(time=TIME, voltage=0.0 * TIME, displacement=1e-6 * TIME))
-    assert still.waveform == ""
+    named = RunMetadata(signal="step 0 V", purpose="baseline")
+    still = row_of(Run.from_arrays(time=TIME, voltage=0.0 * TIME, displacement=1e-6 * TIME, metadata=named))
+    assert (still.waveform, still.values) == ("", {})
     assert table_csv([row, wave, still]).splitlines()[0].startswith("run,sample,mounting,date,signal,waveform")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -145,12 +145,29 @@ class MetricModel:
 
     def _effect(self, place: int, factor: Factor) -> Effect:
         estimate = self.fit.contrast(np.eye(self.design.shape[1])[place])
+        estimate = replace(estimate, freedom=min(estimate.freedom, self._most_freedom(place)))
         low, high = self.ends[factor.name]
         reason = self._why_open(place)
         value, interval = self._back(estimate)
         if reason:
             return Effect(factor, low, high, value, None, None, reason)
         return Effect(factor, low, high, value, interval, estimate.p_value)
+
+    def _most_freedom(self, place: int) -> float:
+        """Degrees of freedom that a factor has at most, as the analysis of variance counts them.
+
+        One that differs between strips only has no more than there are strips, whatever runs each has. In an
+        unbalanced campaign whose strips come out more alike than repeats, the approximation alone would say more.
+        """
+        strips, mountings = [row.sample for row in self.rows], _mountings(self.rows)
+        columns = self.design[:, 1:].T
+        of_strips = sum(_is_constant_within(column, strips) for column in columns)
+        if _is_constant_within(self.design[:, place], strips):
+            return max(len(set(strips)) - 1.0 - of_strips, 1.0)
+        if _is_constant_within(self.design[:, place], mountings):
+            of_mountings = sum(_is_constant_within(column, mountings) for column in columns) - of_strips
+            return max(float(len(set(mountings)) - len(set(strips)) - of_mountings), 1.0)
+        return math.inf
 
     def _back(self, estimate: Estimate) -> tuple[float, tuple[float, float]]:
         if not self.is_ratio:

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ipmclab.comparison.baseline import Drift
+from ipmclab.comparison.baseline import Drift, is_baseline
 from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.run_metrics import metrics_of_run
 from ipmclab.destination import replacing
 from ipmclab.model.actuator import Actuator
 from ipmclab.quality.metrics import Metric
 from ipmclab.quality.period import period_of
-from ipmclab.quality.record import NO_VOLTAGE, Record
+from ipmclab.quality.record import Record
 from ipmclab.run import Run
 from ipmclab.store.catalogue.facts import signal_facts
 
@@ -33,7 +33,8 @@ class RunRow:
     sample, mounting, date, signal : str
         Empty where they are not known.
     waveform : str
-        For example ``"step"``; ``"periodic"`` for a foreign record whose voltage repeats, empty where nobody knows.
+        For example ``"step"``; ``"periodic"`` for a foreign record whose voltage repeats, empty where nobody knows and
+        of a baseline.
     values : mapping of factor to float [SI]
         Of each factor that is known of the run.
     metrics : mapping of ``channel.name`` to Metric
@@ -94,13 +95,13 @@ def row_of(run: Run, *, strip: Actuator | None = None, drift: Drift | None = Non
 
 def _drive(run: Run) -> tuple[str, float | None, float | None]:
     """Waveform, amplitude [V] and frequency [Hz]: as the signal is named, else as the voltage shows them."""
+    if is_baseline(run):  # a step of 0 V is no step
+        return "", None, None
     named = signal_facts(run.metadata.signal)
     if named.words and named.amplitude is not None:
         return " ".join(named.words), abs(named.amplitude), named.frequency
     period = period_of(run)
     size = float(np.abs(run.voltage).max())
-    if size < NO_VOLTAGE:
-        return "", None, None
     if period is not None:
         return "periodic", 0.5 * float(np.ptp(run.voltage)), 1.0 / period
     record = Record.of(run)

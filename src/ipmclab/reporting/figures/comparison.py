@@ -35,6 +35,10 @@ _MOST_STRIPS: Final = 12
 """Strips that have a colour and a line pattern of their own."""
 
 
+Curve = tuple[list[float], list[float]]
+"""Places and heights."""
+
+
 @dataclass(frozen=True)
 class ComparedFigure:
     """A figure and the numbers in it.
@@ -135,12 +139,12 @@ def _draw_factor(factor: Factor, rows: list[RunRow], keys: list[str]) -> Figure:
             told = [row for row in rows if keys[place] in row.metrics]
             quantity = quantity_of(told[0].metrics[keys[place]].unit)
             level = levels_of(factor, [row.values[factor.name] for row in told])
-            for number, sample in enumerate(samples):
-                own = [at for at, row in enumerate(told) if row.sample == sample]
-                if own:
-                    x = [factor.quantity.to_display(level[at]) for at in own]
-                    y = [quantity.to_display(_shown(told[at], keys[place])) for at in own]
-                    _draw_strip(panel, x, y, strip_look(number, len(samples)), points=len(told) <= _MOST_POINTS)
+            curves: dict[str, Curve] = {sample: ([], []) for sample in samples}
+            for row, at in zip(told, level, strict=True):
+                curves[row.sample][0].append(factor.quantity.to_display(at))
+                curves[row.sample][1].append(quantity.to_display(_shown(row, keys[place])))
+            for look, own in alike(list(curves.values())):
+                _draw_strips_over(panel, own, look, points=len(told) <= _MOST_POINTS)
             panel.set_title(
                 f"{metric_label(keys[place])}{_in_unit(quantity.display_unit)}", fontsize=7.4, fontweight="normal"
             )
@@ -159,17 +163,32 @@ def _shown(row: RunRow, key: str) -> float:
     return abs(value) if key.endswith((".largest", ".amplitude", ".strain")) else value
 
 
-def _draw_strip(panel: Axes, x: Sequence[float], y: Sequence[float], look: Mapping[str, Any], *, points: bool) -> None:
-    levels = sorted(set(x))
-    means = [float(np.mean([value for at, value in zip(x, y, strict=True) if at == level])) for level in levels]
+def _draw_strips_over(panel: Axes, curves: Sequence[Curve], look: Mapping[str, Any], *, points: bool) -> None:
     if points:
-        panel.plot(x, y, "o", markersize=2.6, alpha=0.55, markeredgewidth=0, color=look["color"])
-    panel.plot(levels, means, linewidth=1.0, marker=None if points else ".", markersize=3.0, **look)
+        every = [value for x, _ in curves for value in x], [value for _, y in curves for value in y]
+        panel.plot(*every, "o", markersize=2.6, alpha=0.55, markeredgewidth=0, color=look["color"])
+    means = []
+    for x, y in curves:
+        at = np.unique(x)
+        means.append((at.tolist(), [float(np.mean(np.asarray(y)[np.asarray(x) == level])) for level in at]))
+    panel.plot(*joined(means), linewidth=1.0, marker=None if points else ".", markersize=3.0, **look)
 
 
-def strip_look(number: int, count: int) -> dict[str, Any]:
-    """One colour and pattern a strip; of many strips none can be told by its colour."""
-    return series(number) if count <= _MOST_STRIPS else {"color": COLOURS["blue"], "alpha": 0.35, "linestyle": "-"}
+def alike(curves: Sequence[Curve]) -> list[tuple[dict[str, Any], list[Curve]]]:
+    """The curves of strips by their look: one each, or of many strips one for all, which no colour could tell apart."""
+    if len(curves) <= _MOST_STRIPS:
+        return [(series(number), [curve]) for number, curve in enumerate(curves) if curve[0]]
+    return [({"color": COLOURS["blue"], "alpha": 0.35, "linestyle": "-"}, [curve for curve in curves if curve[0]])]
+
+
+def joined(curves: Sequence[Curve]) -> Curve:
+    """Curves as one, with a gap between each two: many lines of one look are drawn at once."""
+    x: list[float] = []
+    y: list[float] = []
+    for one in curves:
+        x += [*one[0], math.nan]
+        y += [*one[1], math.nan]
+    return x, y
 
 
 def strips_legend(figure: Figure, samples: Sequence[str]) -> None:

@@ -12,7 +12,15 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from ipmclab.comparison.compare import Comparison
 from ipmclab.comparison.frequency_response import FrequencyResponse
 from ipmclab.confidence import NORMAL_95
-from ipmclab.reporting.figures.comparison import ComparedFigure, few_ticks, legend_room, strip_look, strips_legend
+from ipmclab.reporting.figures.comparison import (
+    ComparedFigure,
+    Curve,
+    alike,
+    few_ticks,
+    joined,
+    legend_room,
+    strips_legend,
+)
 from ipmclab.reporting.figures.layout import Margins, panel_grid
 from ipmclab.reporting.style import COLOURS, style
 from ipmclab.reporting.wording import plain, power_of_ten, spelled_unit
@@ -91,15 +99,14 @@ def _draw_sines(comparison: Comparison) -> Figure:
             sharex="all",
         )
         for column, channel in enumerate(channels):
-            for one in responses:
-                if one.channel != channel:
-                    continue
-                look = strip_look(samples.index(one.sample), len(samples))
-                gain = CHANNELS[channel].to_display(one.gain)
-                grid[0, column].plot(one.frequency, gain, marker="o", markersize=2.6, linewidth=0.9, **look)
-                grid[1, column].plot(
-                    one.frequency, np.rad2deg(one.phase), marker="o", markersize=2.6, linewidth=0.9, **look
-                )
+            own = [one for one in responses if one.channel == channel]
+            for row in range(2):
+                curves: dict[str, list[Curve]] = {sample: [] for sample in samples}
+                for one in own:
+                    heights = CHANNELS[channel].to_display(one.gain) if row == 0 else np.rad2deg(one.phase)
+                    curves[one.sample].append((one.frequency.tolist(), heights.tolist()))
+                for look, strips in alike([joined(each) for each in curves.values()]):
+                    grid[row, column].plot(*joined(strips), marker="o", markersize=2.6, linewidth=0.9, **look)
             _log_axes(grid[0, column], grid[1, column], channel)
         strips_legend(figure, samples)
     return figure
