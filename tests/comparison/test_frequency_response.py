@@ -107,6 +107,15 @@ def test_the_transient_is_left_out_by_itself(clean: Run) -> None:
     assert 1 <= frequency_response(noisy(clean)).skipped <= 4
 
 
+def test_a_rest_before_the_multisine_is_no_period() -> None:
+    """As recorders give it out: 25 s at 0 V, then four periods."""
+    run = simulate(load_actuator("friend-2"), f"step 0 V for 25 s then {SIGNAL}", duration=105.0, rate=RATE)
+    found = frequency_response(run)
+    assert (found.periods, found.skipped) == (2, 2)
+    alone = frequency_response(simulate(load_actuator("friend-2"), SIGNAL, duration=80.0, rate=RATE))
+    assert np.max(np.abs(found.response - alone.response)) < 1e-9 * np.max(np.abs(alone.response))
+
+
 def test_what_cannot_be_read_is_refused() -> None:
     time = np.arange(100) / 10.0
     wave = np.sin(2.0 * math.pi * 0.5 * time)
@@ -121,7 +130,7 @@ def test_what_cannot_be_read_is_refused() -> None:
     ]:
         with pytest.raises(InputError, match=message):
             frequency_response(run)
-    with pytest.raises(InputError, match="the record holds 5 periods of 2 s, 4 to be left out"):
+    with pytest.raises(InputError, match="the record ends with 5 whole periods of 2 s, 4 to be left out"):
         frequency_response(Run.from_arrays(time=time, voltage=wave, displacement=wave), skip=4)
     with pytest.raises(InputError, match="rows of hold 'first'"):
         response_in_rows(load_actuator("friend-2").system, [1.0], 50.0, hold="first")

@@ -28,6 +28,9 @@ IntArray = npt.NDArray[np.signedinteger]
 _DRIVEN: Final = 0.02
 """A line with this share of the largest amplitude of the voltage is driven; the smallest of a multisine have more."""
 
+_SAME: Final = 0.1
+"""Share of the voltage's scatter by which a period may differ from the last one and be its repetition."""
+
 _NEIGHBOURS: Final = 4
 """Lines on each side over which the noise is averaged: it changes slowly with frequency."""
 
@@ -142,10 +145,10 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
             repair=f"ask for one of {', '.join(name for name in run.channels if name != 'voltage')}",
         )
     rows, period = _rows_of_period(run)
-    count = len(run) // rows
+    count = _whole_periods(run.voltage, rows)
     if count < 2 or (skip is not None and not 0 <= skip <= count - 2):
         raise InputError(
-            f"the record holds {len(run) / rows:.3g} periods of {period:.6g} s"
+            f"the record ends with {count} whole period{'' if count == 1 else 's'} of {period:.6g} s"
             + ("" if skip is None else f", {skip} to be left out"),
             code="too-short",
             where=run.name or "run",
@@ -192,6 +195,15 @@ def _rows_of_period(run: Run) -> tuple[int, float]:
             repair="choose a rate with a whole number of equally spaced rows in a period",
         )
     return rows, period
+
+
+def _whole_periods(voltage: FloatArray, rows: int) -> int:
+    """How many periods at the end of a record have the voltage of the last one: a rest before them has not."""
+    count = len(voltage) // rows
+    blocks = voltage[len(voltage) - count * rows :].reshape(count, rows)
+    apart = np.sqrt(np.mean((blocks - blocks[-1]) ** 2, axis=1)) if count else np.zeros(0)
+    other = np.flatnonzero(apart > _SAME * np.std(blocks[-1])) if count else apart
+    return count - (int(other[-1]) + 1 if len(other) else 0)
 
 
 def _drift(blocks: FloatArray) -> float:

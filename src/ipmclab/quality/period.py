@@ -32,23 +32,34 @@ def period_of(run: Run) -> float | None:
     >>> round(period_of(Run.from_arrays(time=time, voltage=np.sin(2 * np.pi * 0.1 * time))), 6)
     10.0
     """
-    period = _named(run.metadata.signal) or _seen(run.time, run.voltage)
     length = float(run.time[-1] - run.time[0]) * len(run.time) / (len(run.time) - 1)
-    return period if period is not None and period <= length * (1.0 + 1e-9) else None
+    named = _named(run.metadata.signal, length)
+    period, begin = (_seen(run.time, run.voltage), 0.0) if named is None else named
+    return period if period is not None and begin + period <= length * (1.0 + 1e-9) else None
 
 
-def _named(text: str | None) -> float | None:
-    """The period that the text of a signal states; None for free text and for signals without one."""
+def _named(text: str | None, length: float) -> tuple[float, float] | None:
+    """The period that the text of a signal states, and from when on; None for free text and for signals without one.
+
+    Of several signals in sequence it is that of the last one, as long as the record ends with it.
+    """
     if text is None:
         return None
-    from ipmclab.signals import Multisine, parse
+    from ipmclab.signals import Multisine, Sequence, parse
 
     try:
         signal = parse(text)
     except InputError:
         return None
+    begin = 0.0
+    if isinstance(signal, Sequence):
+        before = len(signal.signals) - 1
+        begin = sum(signal.durations[:before])
+        if begin + sum(signal.durations[before:]) < length * (1.0 - 1e-9) and len(signal.durations) > before:
+            return None  # rest follows
+        signal = signal.signals[-1]
     frequency = signal.lowest_frequency if isinstance(signal, Multisine) else getattr(signal, "frequency", None)
-    return 1.0 / frequency if frequency else None
+    return (1.0 / frequency, begin) if frequency else None
 
 
 def _seen(time: FloatArray, voltage: FloatArray) -> float | None:
