@@ -182,7 +182,7 @@ def fit_mixed(readings: npt.ArrayLike, design: npt.ArrayLike, groupings: Mapping
         unseen=tuple(unseen),
         _plain=found.covariance,
         _slopes=tuple(found.bent),
-        _spread=_inverse(found.information),
+        _spread=_spread_of(found.information),
     )
 
 
@@ -191,6 +191,11 @@ def _indicators(members: Sequence[Any]) -> FloatArray:
     z = np.zeros((len(members), len(order)))
     z[np.arange(len(members)), [order[member] for member in members]] = 1.0
     return z
+
+
+def _spread_of(information: FloatArray) -> FloatArray:
+    """Covariance of the components; where nothing tells two of them apart, of what is told."""
+    return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
@@ -212,7 +217,7 @@ class _At:
 
     def adjusted(self) -> FloatArray:
         """The covariance with what not knowing the components adds (Kenward and Roger, eq. 3)."""
-        spread = _inverse(self.information)
+        spread = _spread_of(self.information)
         phi = self.covariance
         count = len(self.bent)
         more = sum(
