@@ -12,7 +12,7 @@ import numpy as np
 from ipmclab.campaign.campaign import ROOM
 from ipmclab.campaign.results import Repeated
 from ipmclab.data import PublishedMeasurement, published_measurements
-from ipmclab.prediction.headline import READINGS
+from ipmclab.prediction.headline import DURATION, READINGS
 from ipmclab.units import CHANNELS, Quantity
 
 READ_AS: Final[Mapping[tuple[str, str], str]] = {
@@ -88,7 +88,7 @@ def reproduced(repeated: Sequence[Repeated]) -> tuple[Reproduced, ...]:
     Parameters
     ----------
     repeated : sequence of Repeated
-        Samples that are called ``friend-1`` to ``friend-7`` are those of the thesis.
+        Samples that are called ``friend-1`` to ``friend-7`` are those of the thesis; its runs last 40 s.
     """
     found: list[Reproduced] = []
     for sample, condition in dict.fromkeys((one.sample, one.condition) for one in repeated):
@@ -117,7 +117,10 @@ def _of(row: PublishedMeasurement, there: Sequence[Repeated]) -> Iterator[Reprod
     """The number of the first experiment that has this run."""
     channel, name = _channel(row.metric), READ_AS[row.waveform, row.metric]
     for one in there:
-        values = one.values(channel, name) if (one.measured, one.label) == (row.measured, _signal(row)) else ()
+        # A current that stands at 40 s has not come to stand at 8 s.
+        lasts = {result.run.planned.duration for result in one.results} == {DURATION}
+        is_it = lasts and (one.measured, one.label) == (row.measured, _signal(row))
+        values = one.values(channel, name) if is_it else ()
         if values:
             yield Reproduced(row, tuple(abs(value) for value in values), row.value(CHANNELS[channel]))
             return
