@@ -1,7 +1,7 @@
 """Chapter 5 of the thesis as a campaign: ``python -m benchmarks.chapter_5 [--of FOLDER] [--record]``.
 
-The whole of ``friend-chapter-5`` at the virtual bench with its report, timed, and every number that the thesis prints of
-these runs beside the one that the campaign gives. ``docs/chapter_5.md`` shows the table.
+The whole of ``friend-chapter-5`` at the virtual bench with its report, timed, and every number that the thesis prints
+of these runs beside the one that the campaign gives. ``docs/chapter_5.md`` shows the table.
 """
 
 from __future__ import annotations
