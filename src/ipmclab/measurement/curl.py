@@ -72,7 +72,7 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
 
     The record is cut into stretches as long as a test, and a straight line laid through each. What the noise does to
     its slope is read off the two next shapes, the polynomials of degree 2 and 3, of all stretches: noise whose
-    neighbours are alike moves them as it moves the slope, so that the interval holds for it too (92 to 96 %, while the
+    neighbours are alike moves them as it moves the slope, so that the interval holds for it too (93 to 98 %, while the
     noise forgets itself within a twentieth of a test). A curl that bends within a stretch makes the interval wider.
 
     Parameters
