@@ -23,12 +23,12 @@ from benchmarks.printed.headline_fit import HeadlineFit, Prior, compare_all, fit
 from benchmarks.printed.measured import table
 from benchmarks.printed.passive import linear_one_port
 from benchmarks.printed.passive_steps import leaking_one_port, one_strip
-from ipmclab.cli.two_sets import SCRIPT, read_set, two_sets
 from ipmclab.data import ParameterSource, published_sample
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.actuator_file import actuator_to_text
 from ipmclab.model.variants import with_stages
 from ipmclab.prediction.headline import HeadlineRun, headline_runs
+from ipmclab.procedure.two_sets import SCRIPT, read_set, two_sets
 from ipmclab.units import Quantity
 
 SOURCES = (

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ipmclab import load_actuator
-from ipmclab.cli.two_sets import read_set, two_sets
 from ipmclab.consistency.facts import published_of
 from ipmclab.data import SOURCE, published_in_words, published_measurements, published_sample
+from ipmclab.procedure.two_sets import read_set, two_sets
 from ipmclab.units import CURRENT, DISPLACEMENT, FORCE
 from tests.independent.thesis import FRIEND_2, Strip, respond
 

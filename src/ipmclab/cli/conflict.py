@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from ipmclab.cli.output import read
-from ipmclab.cli.published import BACK_RELAXATION_FROM, Comparison
-from ipmclab.cli.two_sets import two_sets
+from ipmclab.cli.published import Comparison
 from ipmclab.data import published_measurements
 from ipmclab.model import Actuator
+from ipmclab.prediction.headline import BACK_RELAXATION_FROM
+from ipmclab.procedure.two_sets import two_sets
 from ipmclab.units import CURRENT, FORCE, LENGTH, MASS, MODULUS
 
 STEP_VOLTAGE: Final = 1.0

@@ -205,8 +205,7 @@ def _first_free(name: str) -> Path:
 def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[str, Run]:
     """Record each signal of the thesis twice: against the load cell, and free under the laser."""
     from ipmclab import write_run
-    from ipmclab.cli.published import SIGNALS
-    from ipmclab.prediction.headline import DURATION, RATE
+    from ipmclab.prediction.headline import DURATION, RATE, SIGNALS
     from ipmclab.rig import record
 
     runs: dict[str, Run] = {}

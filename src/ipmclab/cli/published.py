@@ -15,16 +15,9 @@ import numpy as np
 from ipmclab.data import published_measurements
 from ipmclab.model import Actuator, simulate
 from ipmclab.prediction import headline
-from ipmclab.prediction.headline import DURATION, RATE, Reading, at_end
+from ipmclab.prediction.headline import BACK_RELAXATION_FROM, DURATION, RATE, SIGNALS, Reading, at_end
 from ipmclab.run import FloatArray
 from ipmclab.units import CHANNELS, Quantity
-
-SIGNALS: Final = {"step": "step 1 V", "sine": "sine 1 V 0.1 Hz", "square": "square 1 V 0.1 Hz"}
-
-BACK_RELAXATION_FROM: Final = 5.0
-"""Up to here model and step agree [s]: said of the displacement (Friend, section 5.2 and figure 5.68).
-
-Of the force the thesis says "after a few seconds"; it is read up to the same time."""
 
 AGREES: Final = 0.20
 """A model within this fraction of the thesis's number reproduces it."""

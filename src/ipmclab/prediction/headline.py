@@ -28,6 +28,13 @@ RATE: Final = 50.0
 PERIOD: Final = 10.0
 """Of the sine and of the square [s]."""
 
+SIGNALS: Final = {"step": "step 1 V", "sine": "sine 1 V 0.1 Hz", "square": "square 1 V 0.1 Hz"}
+
+BACK_RELAXATION_FROM: Final = 5.0
+"""Up to here model and step agree [s]: said of the displacement (Friend, section 5.2 and figure 5.68).
+
+Of the force the thesis says "after a few seconds"; it is read up to the same time."""
+
 Published = Mapping[tuple[str, str], "Reading"]
 
 

@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.cli.published import BACK_RELAXATION_FROM, SIGNALS
 from ipmclab.model import Actuator, load_actuator, simulate
-from ipmclab.prediction.headline import DURATION, RATE, amplitude
+from ipmclab.prediction.headline import BACK_RELAXATION_FROM, DURATION, RATE, SIGNALS, amplitude
 
 SCRIPT: Final = "friend-2-appendix"
 TABLES: Final = "friend-2"
