@@ -100,7 +100,8 @@ def test_noise_is_that_of_the_data_sheets(strip: Actuator) -> None:
     }
     for name, noise in stated.items():
         values = rest["displacement" if name == "displacement" else "force"].channels[name]
-        expected = np.hypot(noise, THESIS_RIG[name].resolution / np.sqrt(12.0))
+        step = abs(THESIS_RIG[name].gain) * THESIS_RIG[name].converter.step
+        expected = np.hypot(noise, step / np.sqrt(12.0))
         n = len(values)
         assert np.std(values) == pytest.approx(expected, rel=4.0 / np.sqrt(2 * n))
         # The zero is the mean of 500 readings.

@@ -78,8 +78,12 @@ def metadata_table(metadata: RunMetadata) -> dict[str, Any]:
 
     try:
         table = _adapter().dump_python(metadata, exclude_none=True, warnings="error")
-        if not table["findings"]:  # which an older ipmclab does not know
+        # What an older ipmclab does not know stands there only where it says something.
+        if not table["findings"]:
             del table["findings"]
+        if "sample" in table:
+            sample = table["sample"].items()
+            table["sample"] = {name: one for name, one in sample if not isinstance(one, list | tuple) or one}
         table = json.loads(json.dumps(table, allow_nan=False))
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise InputError(
