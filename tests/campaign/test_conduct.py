@@ -9,7 +9,7 @@ from uuid import uuid4
 import pytest
 
 from benchmarks.campaign_kills import CAMPAIGN, disturbed, result, undisturbed
-from ipmclab import read_run
+from ipmclab import load_actuator, read_run, write_actuator
 from ipmclab.campaign.blocks import blocks_of
 from ipmclab.campaign.board import board_of
 from ipmclab.campaign.campaign_file import campaign_from_text
@@ -167,3 +167,32 @@ def test_half_a_run_that_a_crash_left_is_kept_as_such_and_recorded_again(tmp_pat
     assert board.done == board.planned == 2
     assert board.following is None
     assert path.exists()
+
+
+def test_a_file_of_ones_own_is_not_replaced(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("campaign.toml").write_text(ONE)
+    Path("out").mkdir()
+    Path("out/metrics.csv").write_text("mine")
+    assert run(["characterise", "campaign.toml", "--out", "out", "--yes"]) == 2
+    assert "metrics.csv" in capsys.readouterr().err
+    assert Path("out/metrics.csv").read_text() == "mine"
+
+
+def test_another_strip_behind_the_same_name_is_another_campaign(tmp_path):
+    strip = tmp_path / "mine.toml"
+    write_actuator(load_actuator("friend-1-measured"), strip)
+    text = ONE.replace('actuator = "friend-1-measured"', 'actuator = "mine.toml"')
+    assert text != ONE
+    before = campaign_from_text(text, folder=tmp_path).checksum
+    assert campaign_from_text(text + "# a comment\n", folder=tmp_path).checksum == before
+    write_actuator(load_actuator("friend-3-measured"), strip, overwrite=True)
+    assert campaign_from_text(text, folder=tmp_path).checksum != before
+
+
+def test_a_log_that_cannot_be_written_is_no_fault_of_the_program(tmp_path, monkeypatch):
+    with State(tmp_path) as state:
+        monkeypatch.setattr("ipmclab.campaign.state.os.write", lambda _, line: len(line) // 2)
+        with pytest.raises(IpmclabError, match="cannot be written"):
+            state.add("campaign", title="x")
+        assert state.of("campaign") == []

@@ -110,3 +110,9 @@ def test_the_command_says_both_verdicts(command, tmp_path) -> None:
     assert "Tests are possible in this air." in told.out
     document = command("baseline", "room.nc", "humid.nc", "--displacement", "1.27 mm", "--json").document
     assert [one["verdict"] for one in document["baselines"]] == ["no", "yes"]
+
+
+@pytest.mark.parametrize("tip", [np.full(3000, np.nan), np.append(0.0, np.full(2999, np.nan)), white(300.0)])
+def test_too_few_readings_for_a_test_are_told(tip: np.ndarray) -> None:
+    with pytest.raises(InputError, match="less than 40 readings"):
+        curl(at_rest(tip), 1e-3, test=1e-9)

@@ -76,3 +76,8 @@ def test_no_run_at_all(command: Command, tmp_path: Path) -> None:
     done = command("compare", "broken.nc")
     assert done.status == 2
     assert "none of 1 files is a run" in done.err
+
+
+def test_a_file_that_is_named_twice_is_one_run(command: Command, steps: list[str], tmp_path: Path) -> None:
+    done = command("compare", steps[0], *steps, str(tmp_path), "--by", "voltage", "--json")
+    assert len(done.document["runs"]) == len(steps)

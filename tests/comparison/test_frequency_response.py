@@ -134,3 +134,11 @@ def test_what_cannot_be_read_is_refused() -> None:
         frequency_response(Run.from_arrays(time=time, voltage=wave, displacement=wave), skip=4)
     with pytest.raises(InputError, match="rows of hold 'first'"):
         response_in_rows(load_actuator("friend-2").system, [1.0], 50.0, hold="first")
+
+
+def test_distortion_that_no_line_shows_is_not_said_to_be_0() -> None:
+    run = simulate(load_actuator("friend-2"), "multisine 1 V 0.05 Hz 2 Hz", duration=80.0, rate=50.0)
+    found = frequency_response(run)
+    assert math.isnan(found.even_rms)
+    assert math.isnan(found.odd_rms)
+    assert "odd distortion not measured" in str(found)

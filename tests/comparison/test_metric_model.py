@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,3 +157,13 @@ def test_chance_is_covered() -> None:
         held[2] += forecast[1][0] <= new[0].metrics["displacement.largest"].value <= forecast[1][1]
     assert np.all(held >= 178), held
     assert found <= 22
+
+
+def test_strips_that_all_read_0_tell_nothing_of_another() -> None:
+    """As a channel that was not connected."""
+    rows = [row for row in campaign(np.random.default_rng(3)) if row.values["loading"] == 0.05]
+    for one in rows[1:]:
+        if one.sample != rows[0].sample:
+            one.metrics["displacement.largest"] = replace(one.metrics["displacement.largest"], value=0.0)
+    model = model_metric("displacement.largest", "step", rows, EVERY)
+    assert model is None or rows[0].sample not in {one.sample for one in model.strips_apart()}

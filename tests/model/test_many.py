@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, signals, simulate, simulate_many
-from ipmclab.model import OUTPUTS, Actuator, many
+from ipmclab.model import OUTPUTS, Actuator, many, with_stages
 from ipmclab.model.many import Responses
 from ipmclab.model.reductions import REDUCTIONS
 
@@ -211,3 +211,11 @@ def test_what_is_asked_wrongly_is_named() -> None:
     assert isinstance(found, Responses)
     with pytest.raises(InputError, match="did you mean 'force'"):
         found["forse"]
+
+
+def test_sets_with_other_counts_go_one_by_one() -> None:
+    strip = with_stages(load_actuator("friend-2"), "line.segments=4")
+    found = simulate_many(strip, "step 1 V", {"line.segments": [3, 4, 6]}, duration=2.0, rate=50.0)
+    for k, count in enumerate((3, 4, 6)):
+        own = simulate(strip.replace(**{"line.segments": count}), "step 1 V", duration=2.0, rate=50.0)
+        np.testing.assert_allclose(found["current"][k], own.current, rtol=1e-9)

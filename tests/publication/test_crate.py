@@ -202,3 +202,12 @@ def test_at_the_command_line(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert "step.nc" in document["files"]
     assert run(words) == 2
     assert "the file exists already" in capsys.readouterr().err
+
+
+def test_a_table_of_other_runs_is_not_published_as_theirs(folder: Path, tmp_path: Path) -> None:
+    place = tmp_path / "runs"
+    (place / "tables").mkdir(parents=True)
+    (place / "step.nc").write_bytes((folder / "step.nc").read_bytes())
+    (place / "tables" / "runs.csv").write_text("run\nanother\n")
+    with pytest.raises(InputError, match="not that of the runs beside it"):
+        export_crate(place, tmp_path / "crate.zip", title="Steps")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from ipmclab import load_actuator, simulate
 from ipmclab.quality import Metric, measure, period_of
 from ipmclab.quality.steady import settle
 from ipmclab.run import Run, RunMetadata
@@ -193,7 +195,7 @@ def test_the_period_is_taken_from_the_name_of_the_signal(read: Callable[..., Run
     assert period_of(read("step 0 V for 5 s then sine 1 V 0.05 Hz for 35 s")) == pytest.approx(20.0)
     assert period_of(read("step 0 V for 5 s then multisine 1 V 0.05 Hz 1 Hz")) == pytest.approx(20.0)
     assert period_of(read("step 0 V for 25 s then sine 1 V 0.05 Hz")) is None
-    assert period_of(read("sine 1 V 0.1 Hz for 35 s then step 0 V")) == pytest.approx(10.0, rel=1e-3)  # as it is seen
+    assert period_of(read("sine 1 V 0.1 Hz for 35 s then step 0 V")) == pytest.approx(10.0)
     named = Run.from_arrays(
         time=TIME, voltage=np.sin(OMEGA * TIME), metadata=RunMetadata(signal="what the operator typed")
     )
@@ -218,3 +220,17 @@ def test_every_metric_says_what_it_is(read: Callable[..., Run]) -> None:
         assert all(len(metric.definition) > 40 for metric in found)
         assert all(type(number) is float for metric in found for number in (metric.value, *(metric.interval or ())))
         assert len({(metric.channel, metric.name) for metric in found}) == len(found)
+
+
+@pytest.mark.parametrize("is_named", [True, False])
+@pytest.mark.parametrize("shape", ["sine 1 V 0.1 Hz", "square 1 V 0.25 Hz"])
+def test_a_rest_at_the_end_does_not_belong_to_the_last_period(shape: str, is_named: bool) -> None:
+    """As recorders give it out: 5 s at 0 V before and, unless stated, after."""
+    strip = load_actuator("friend-2")
+    found = []
+    for rest, length in (("", 45.0), (" for 40 s then step 0 V", 55.0)):
+        run = simulate(strip, f"step 0 V for 5 s then {shape}{rest}", duration=length, rate=50.0)
+        run = run if is_named else replace(run, metadata=replace(run.metadata, signal=None))
+        found.append({(one.channel, one.name): one.value for one in measure(run)})
+    for key in (("current", "amplitude"), ("displacement", "amplitude"), ("displacement", "phase")):
+        assert found[1][key] == pytest.approx(found[0][key], rel=1e-3), key

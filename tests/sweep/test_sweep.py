@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ipmclab import InputError, IpmclabError, read_sweep, run_sweep, simulate
+from ipmclab import InputError, IpmclabError, load_actuator, read_sweep, run_sweep, simulate
 from ipmclab.platform import lock_file
 from ipmclab.sweep.design import KINDS, Range, Sampled
 from ipmclab.sweep.indices import sobol_indices
-from ipmclab.sweep.sweep_file import sweep_from_text
+from ipmclab.sweep.sweep_file import _read_columns, sweep_from_text
 from ipmclab.sweep.template import TEMPLATE
 
 RANGES = {"beam.modulus": Range(8e8, 2e9, log=True), "coupling.gain": Range(5e-9, 9e-9), "coupling.p1": Range(10, 20)}
@@ -206,3 +206,24 @@ def test_sweeps_that_cannot_be(before: str, after: str, message: str) -> None:
 def test_names_without_quotes_are_names() -> None:
     text = TEMPLATE.replace('"beam.modulus"', "beam.modulus").replace('"coupling.gain"', "coupling.gain")
     assert sweep_from_text(text).design.names == sweep_from_text(TEMPLATE).design.names
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("beam.modulus,coupling.p1\n1.2e9,16\n\n1.3e9\n", "line 4"),
+        ('beam.modulus,coupling.p1\n1.2e9,"16\n', "line 2"),
+        ("beam.modulus,coupling.p1\n1.2e9,16,3\n", "line 2"),
+    ],
+)
+def test_a_line_of_a_table_has_one_number_for_each_column(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "sets.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        _read_columns(tmp_path / "sets.csv", load_actuator("friend-2"))
+
+
+def test_a_whole_number_is_not_drawn_from_a_range() -> None:
+    text = SMALL.replace('actuator = "friend-2"', 'actuator = "friend-2+line.segments=4"')
+    text += '[ranges."line.segments"]\nlow = 4\nhigh = 8\n'
+    with pytest.raises(InputError, match="whole number"):
+        sweep_from_text(text)

@@ -175,7 +175,7 @@ def _campaign(table: Mapping[str, Any], folder: Path, name: str, text: str, wher
         attempts=read.attempts,
         fails_at=read.fails_at,
         facts=read.measure,
-        checksum=_checksum(table),
+        checksum=_checksum(table, _named_files(table, rig_file, strips, folder)),
         where=where,
         text=text,
     )
@@ -240,8 +240,7 @@ def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> Vi
             raise InputError(
                 f"unknown parameter {name!r}", code="unknown-parameter", where=where, repair=suggest(name, known)
             )
-        number = not isinstance(value, str) and not known[name].quantity.unit
-        values[name] = float(value) if number else parse_quantity(str(value), known[name].quantity, where=where)
+        values[name] = parse_quantity(str(value), known[name].quantity, where=where)
     return VirtualState(read.measured, signal, read.condition, named, values)
 
 
@@ -355,7 +354,7 @@ def _named(wanted: Any, strips: Sequence[Strip], place: str) -> list[Strip]:
             "this is not a list of sample ids", code="bad-value", where=place, repair='write ["strip-1", "strip-2"]'
         )
     for at, id_ in enumerate(wanted):
-        if id_ not in known:
+        if not isinstance(id_, str) or id_ not in known:
             raise InputError(
                 f"no sample {id_!r} is listed",
                 code="unknown-sample",
@@ -365,9 +364,22 @@ def _named(wanted: Any, strips: Sequence[Strip], place: str) -> list[Strip]:
     return [known[id_] for id_ in dict.fromkeys(wanted)]
 
 
-def _checksum(table: Mapping[str, Any]) -> str:
-    """The same for two files that say the same in other words of their comments."""
-    return hashlib.sha256(json.dumps(table, sort_keys=True, default=str).encode()).hexdigest()
+def _named_files(table: Mapping[str, Any], rig_file: Path | str, strips: Sequence[Strip], folder: Path) -> list[Path]:
+    """The files of one's own that a campaign hangs on: rig, strips, experiments."""
+    names = [
+        rig_file,
+        *(name for strip in strips for name in (strip.actuator, *(one.actuator for one in strip.states))),
+    ]
+    names += [folder / str(one["file"]) for one in table["experiments"] if "file" in one]
+    return [path for name in names if name is not None and (path := Path(name)).is_file()]
+
+
+def _checksum(table: Mapping[str, Any], files: Sequence[Path]) -> str:
+    """The same for two campaigns that say the same, whatever their comments; another for other files that they name."""
+    found = hashlib.sha256(json.dumps(table, sort_keys=True, default=str).encode())
+    for path in files:
+        found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 _Samples.model_rebuild()

@@ -38,6 +38,22 @@ class Sat:
     reason: str = ""
 
 
+def refuse_ended(sat: Sat, *, where: str, repair: str = "look at the strip") -> None:
+    """Raise where an operator or the guard ended a sitting.
+
+    Raises
+    ------
+    IpmclabError
+    """
+    if sat.ended != "done":
+        raise IpmclabError(
+            f"the campaign was ended: {sat.reason or sat.ended}",
+            code="ended",
+            where=where,
+            repair=f"{repair}; the same command goes on with the next run",
+        )
+
+
 Sit = Callable[[Sitting, State], Sat]
 """Carries a sitting out at the bench of the campaign."""
 
@@ -172,12 +188,7 @@ class Conduct:
                 if run.id in self._state.recorded
             )
             repair = "look at the strip" if flagged else "nothing is lost"
-            raise IpmclabError(
-                f"the campaign was ended: {sat.reason or sat.ended}",
-                code="ended",
-                where=f"{one.block.strip.sample.id}, {one.block.part}",
-                repair=f"{repair}; the same command goes on with the next run",
-            )
+            refuse_ended(sat, where=f"{one.block.strip.sample.id}, {one.block.part}", repair=repair)
         if len(absent) == len(one.runs):
             raise IpmclabError(
                 "the sitting ended and recorded nothing",

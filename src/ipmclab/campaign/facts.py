@@ -68,7 +68,7 @@ def measured_facts(campaign: Campaign, strip: Strip) -> Iterator[Fact]:
     model = strip.virtual("", "", "")
     if model is None:
         return
-    if "sheet resistance" in campaign.facts:
+    if "sheet resistance" in campaign.facts and strip.actuator is not None:
         yield _sheet(campaign, strip, model)
     if "stiffness" in campaign.facts:
         yield _stiffness(model, noise)
@@ -81,7 +81,7 @@ def _masses(strip: Strip, noise: np.random.Generator) -> Iterator[Fact]:
         if mass is not None:
             found[name] = _SHOWN * round((mass + BALANCE * float(noise.standard_normal())) / _SHOWN)
             yield Fact(name, found[name], spread, "kg", "weighed once, tapped dry with tissue")
-    if len(found) == 2:
+    if len(found) == 2 and found["dry mass"] > 0.0:  # lighter than the balance shows
         yield water_uptake(found["dry mass"], found["hydrated mass"], spread)
 
 

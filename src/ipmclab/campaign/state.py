@@ -6,6 +6,7 @@ What it would have told is found out again: a run that a sitting began is looked
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import zlib
@@ -14,7 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import lock_file, sync_file
 
 FILE: Final = "campaign.log"
@@ -73,8 +74,18 @@ class State:
     def add(self, event: str, **values: Any) -> None:
         """Tell of something that has happened, or is about to; it is on the disk when this returns."""
         told = {"event": event, "at": datetime.now().astimezone().isoformat(timespec="seconds"), **values}
-        os.write(self._file, _line(told))
-        sync_file(self._file)
+        line = _line(told)
+        try:
+            if os.write(self._file, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            sync_file(self._file)
+        except OSError as error:
+            raise IpmclabError(
+                f"the log of the campaign cannot be written: {error.strerror}",
+                code="write-failed",
+                where=str(self.path),
+                repair="see that the disk has room; the same command goes on",
+            ) from error
         self.events.append(told)
 
     def of(self, event: str) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -17,6 +16,7 @@ from ipmclab.errors import InputError
 
 if TYPE_CHECKING:
     from ipmclab.campaign.campaign import Campaign
+    from ipmclab.campaign.conduct import Sat
     from ipmclab.campaign.planned import CampaignPlan
     from ipmclab.campaign.sitting import Sitting
     from ipmclab.campaign.state import State
@@ -140,7 +140,7 @@ def _print_plan(campaign: Campaign, folder: Path, *, as_json: bool) -> None:
 def _carry_out(
     campaign: Campaign, file: str, folder: Path, *, yes: bool, answers: dict[str, str], as_json: bool
 ) -> None:
-    from ipmclab.campaign.conduct import Conduct
+    from ipmclab.campaign.conduct import Conduct, refuse_ended
     from ipmclab.campaign.state import State
     from ipmclab.cli.recorder import recover_first
     from ipmclab.store.journal.laboratory import Laboratory
@@ -155,13 +155,15 @@ def _carry_out(
             print(text, flush=True)
 
     with State(laboratory.root) as state:
-        if not campaign.is_virtual:
-            _join(laboratory, view)
+        _refuse_own_files(laboratory.root, state)
+        joined = None if campaign.is_virtual else _join(laboratory, view)
         for text in recover_first(laboratory):
             say(f"  {text}")
         sit = _sit(campaign, laboratory, view, options)
         conduct = Conduct(campaign, planned.blocks, laboratory, state, sit=sit, tell=say)
         conduct.begin()
+        if joined is not None:
+            refuse_ended(joined, where=str(folder))
         done = len(planned.runs) - conduct.left
         say(f"{campaign.title}: {len(planned.runs)} runs" + (f", {done} of them done already" if done else ""))
         _ask_facts(campaign, state, say)
@@ -181,13 +183,28 @@ def _sit(campaign: Campaign, laboratory: Laboratory, view: View, options: dict[s
     return sit
 
 
-def _join(laboratory: Laboratory, view: View) -> None:
-    """A recorder that outlived the command which started it is followed to its end first."""
+def _refuse_own_files(folder: Path, state: State) -> None:
+    """Refuse a folder in which what a campaign writes would take the place of somebody's own file."""
+    for name in (METRICS, COMPARISON, REPORT) if not state.of("campaign") else ():
+        if (folder / name).exists():
+            raise InputError(
+                "the file exists already, and no campaign was carried out in this folder",
+                code="file-exists",
+                where=str(folder / name),
+                repair="name another folder, or move that file away",
+            )
+
+
+def _join(laboratory: Laboratory, view: View) -> Sat | None:
+    """A recorder that outlived the command which started it is followed to its end first; None where none runs."""
     from ipmclab.cli.sitting import follow
     from ipmclab.rig.process.client import attach
 
-    with suppress(InputError):  # none is running
-        follow(attach(laboratory.root), view, joined=True)
+    try:
+        recorder = attach(laboratory.root)
+    except InputError:
+        return None
+    return follow(recorder, view, joined=True)
 
 
 def _ask_facts(campaign: Campaign, state: State, say: Any) -> None:
@@ -199,9 +216,9 @@ def _ask_facts(campaign: Campaign, state: State, say: Any) -> None:
         return
     from ipmclab.cli.facts import asked_facts
 
-    known = {(one["sample"], one["name"]) for one in state.of("fact")}
     for strip in campaign.strips:
-        for fact in asked_facts(campaign, strip, {name for sample, name in known if sample == strip.sample.id}):
+        known = {one["name"]: one["value"] for one in state.of("fact") if one["sample"] == strip.sample.id}
+        for fact in asked_facts(campaign, strip, known):
             state.add("fact", sample=strip.sample.id, **fact.as_dict())
 
 

@@ -90,9 +90,16 @@ def _files(places: list[Path]) -> Iterator[Path]:
     """The files that are meant: of a folder every run file below it, in the order of their names."""
     from ipmclab.store.catalogue.sweep import run_files
 
+    seen: set[Path] = set()  # a file that is named twice is one run
+
+    def new(path: Path) -> Iterator[Path]:
+        if path.resolve() not in seen:
+            seen.add(path.resolve())
+            yield path
+
     for place in places:
         if not place.is_dir():
-            yield place
+            yield from new(place)
             continue
         below = sorted(name for name, _ in run_files(place, []))
         if not below:
@@ -102,7 +109,8 @@ def _files(places: list[Path]) -> Iterator[Path]:
                 where=str(place),
                 repair="name the folder that holds the runs (.nc)",
             )
-        yield from (place / name for name in below)
+        for name in below:
+            yield from new(place / name)
 
 
 def _strip_with_sample(name: str, strip: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import typer
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
     from ipmclab.campaign.facts import Fact
 
 
-def asked_facts(campaign: Campaign, strip: Strip, known: Collection[str]) -> Iterator[Fact]:
+def asked_facts(campaign: Campaign, strip: Strip, known: Mapping[str, float]) -> Iterator[Fact]:
     """The facts of one strip that are not known yet; Enter leaves one out.
 
     Parameters
     ----------
     campaign : Campaign
     strip : Strip
-    known : collection of str
-        Their names.
+    known : mapping of name to float [SI]
+        Those that are.
     """
     from ipmclab.campaign.facts import BALANCE, Fact, water_uptake
 
     id_ = strip.sample.id
     if "mass" in campaign.facts:
-        masses = {}
+        masses = {name: known[name] for name in ("dry mass", "hydrated mass") if name in known}
         for name in ("dry mass", "hydrated mass"):
             if name not in known and (value := _asked(f"{id_}: {name}", MASS, "90 mg")) is not None:
                 masses[name] = value
                 yield Fact(name, value, BALANCE, "kg", "weighed, tapped dry with tissue")
-        if len(masses) == 2:
+        if len(masses) == 2 and "water uptake" not in known:
             yield water_uptake(masses["dry mass"], masses["hydrated mass"], BALANCE)
     if "sheet resistance" in campaign.facts and "sheet resistance" not in known and campaign.rig.four_probe:
         width = _asked(f"{id_}: press the four contacts onto it; its width", LENGTH, "5 mm")
@@ -54,9 +54,13 @@ def _asked(text: str, quantity: Quantity, example: str) -> float | None:
         if not typed.strip():
             return None
         try:
-            return parse_quantity(typed, quantity, where=text)
+            value = parse_quantity(typed, quantity, where=text)
         except InputError as error:
             print(f"  {error}")
+            continue
+        if value > 0.0:
+            return value
+        print(f"  {typed.strip()} is not above 0: read it again")
 
 
 def _read_sheet(campaign: Campaign, width: float) -> Fact:

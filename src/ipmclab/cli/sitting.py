@@ -57,7 +57,7 @@ def by_recorder(
 
     job = {
         "experiment": str(options["file"]),
-        "campaign": asked(sitting, laboratory.root, title_of(campaign, sitting)),
+        "campaign": asked(sitting, laboratory.root, title_of(campaign, sitting), campaign.checksum),
         "answers": dict(options["answers"]),
         "yes": options["yes"],
         "plan": False,

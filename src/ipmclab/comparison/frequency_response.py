@@ -18,7 +18,7 @@ from ipmclab.errors import InputError
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import choose_outputs
-from ipmclab.quality.period import period_of
+from ipmclab.quality.period import periodic_part
 from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -94,7 +94,9 @@ class FrequencyResponse:
     def __str__(self) -> str:
         """Two lines: what was driven, and how large noise and distortion are."""
         shares = [
-            f"{100.0 * level / max(self.output_rms, 1e-300):.2g} % {name}"
+            f"{name} not measured"
+            if math.isnan(level)
+            else f"{100.0 * level / max(self.output_rms, 1e-300):.2g} % {name}"
             for name, level in (("noise", self.noise_rms), ("even", self.even_rms), ("odd distortion", self.odd_rms))
         ]
         return (
@@ -144,8 +146,8 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
             where=run.name or "run",
             repair=f"ask for one of {', '.join(name for name in run.channels if name != 'voltage')}",
         )
-    rows, period = _rows_of_period(run)
-    count = _whole_periods(run.voltage, rows)
+    rows, period, end = _rows_of_period(run)
+    count = _whole_periods(run.voltage[:end], rows)
     if count < 2 or (skip is not None and not 0 <= skip <= count - 2):
         raise InputError(
             f"the record ends with {count} whole period{'' if count == 1 else 's'} of {period:.6g} s"
@@ -161,7 +163,7 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
             where=run.name or "run",
             repair="take a run without gaps, or cut it",
         )
-    last = slice(len(run) - count * rows, None)
+    last = slice(end - count * rows, end)
     voltages, readings = (series[last].reshape(count, rows) for series in (run.voltage, values))
     drive = np.abs(_spectra(voltages, 0.0).mean(axis=0))
     drive[0] = 0.0  # an offset drives nothing that repeats
@@ -177,15 +179,17 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
     return _approximation(channel, u, y, driven, period, skipped)
 
 
-def _rows_of_period(run: Run) -> tuple[int, float]:
-    period = period_of(run)
-    if period is None:
+def _rows_of_period(run: Run) -> tuple[int, float, int]:
+    """Rows of a period, the period [s], and the row after the last one."""
+    periodic = periodic_part(run)
+    if periodic is None:
         raise InputError(
             "the voltage is not periodic",
             code="not-periodic",
             where=run.name or "run",
             repair="record for example: multisine 1 V 0.05 Hz 2 Hz harmonics=odd phases=random left_out=4",
         )
+    period, end = periodic
     rows = round(period * run.rate)
     if not run.is_uniform or rows < 4 or abs(rows - period * run.rate) > 1e-3:
         raise InputError(
@@ -194,7 +198,7 @@ def _rows_of_period(run: Run) -> tuple[int, float]:
             where=run.name or "run",
             repair="choose a rate with a whole number of equally spaced rows in a period",
         )
-    return rows, period
+    return rows, period, end
 
 
 def _whole_periods(voltage: FloatArray, rows: int) -> int:
@@ -264,8 +268,8 @@ def _approximation(
         odd_frequency=lines[odd] / period,
         odd=np.abs(level[odd]),
         noise_rms=math.sqrt(0.5 * float(noise.sum())),
-        even_rms=_above(level[even], noise[even]),
-        odd_rms=_above(level[odd], noise[odd]),
+        even_rms=_above(level[even], noise[even]) if np.any(even) else math.nan,
+        odd_rms=_above(level[odd], noise[odd]) if np.any(odd) else math.nan,
         output_rms=math.sqrt(0.5 * float(np.sum(np.abs(y_mean[driven]) ** 2))),
         period=period,
         periods=count,

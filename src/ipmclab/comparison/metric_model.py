@@ -236,6 +236,8 @@ class MetricModel:
             if len(x) <= x.shape[1] or np.linalg.matrix_rank(x) < x.shape[1]:
                 continue  # the strip alone has a level of a factor: nothing tells what to expect of it
             others = [row for row in self.rows if row.sample != sample]
+            if float(np.ptp(self.values[~own])) == 0.0:
+                continue  # the others read the same everywhere, as a channel does that is not connected
             fit = fit_mixed(self.values[~own], x, _groups(others))
             if STRIP in fit.unseen and _repeats([row.sample for row in others]):
                 continue

@@ -65,13 +65,13 @@ def performances(rows: Sequence[RunRow], strips: Mapping[str, Actuator]) -> tupl
     groups: dict[tuple[object, ...], list[RunRow]] = {}
     names = ("humidity", "temperature")
     columns = {}
-    for name in names:
+    for name in (*names, "voltage", "frequency", "clamp_pressure"):
         there = [row.values[name] for row in rows if name in row.values]
         levels = iter(levels_of(FACTORS[name], there))
         columns[name] = [next(levels) if name in row.values else None for row in rows]
     for place, row in enumerate(rows):
-        if row.waveform:
-            key = (row.sample, row.signal or row.waveform, *(columns[name][place] for name in names))
+        if row.waveform and row.sample:  # of a strip that nobody named, displacement and force may be of two
+            key = (row.sample, row.signal or row.waveform, *(column[place] for column in columns.values()))
             groups.setdefault(key, []).append(row)
     found = (_performance(key, members, names, strips) for key, members in groups.items())
     return tuple(one for one in found if one is not None)
@@ -93,7 +93,9 @@ def _performance(
     return Performance(
         sample=str(key[0]),
         signal=str(key[1]),
-        conditions={name: value for name, value in zip(names, key[2:], strict=True) if isinstance(value, float)},
+        conditions={
+            name: value for name, value in zip(names, key[2 : 2 + len(names)], strict=True) if isinstance(value, float)
+        },
         runs=tuple(dict.fromkeys(row.run for row in (*free, *blocked))),
         free_displacement=displacement,
         blocked_force=force,

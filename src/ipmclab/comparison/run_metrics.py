@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ipmclab.comparison.baseline import Drift, without_drift
 from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.metrics import Metric, measure
-from ipmclab.quality.period import period_of
+from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
@@ -99,11 +99,14 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
             "J",
             f"The integral of voltage times current from row 0 to the first peak of the displacement, {by}.",
         )
-    period = period_of(run)
-    count = 0 if period is None else round(period * run.rate)
-    if period is None or not 4 <= count < len(time) or len(time) < len(run):
+    periodic = periodic_part(run)
+    if periodic is None:
         return
-    last = slice(len(time) - count - 1, None)
+    period, end = periodic
+    count = round(period * run.rate)
+    if not 4 <= count < end or len(time) < len(run):
+        return
+    last = slice(end - count - 1, end)
     yield _exact(
         "charge_of_half_period",
         0.5 * _integral(time[last], np.abs(current[last])),
@@ -112,7 +115,7 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
     )
     yield _exact(
         "mean_power",
-        _integral(time[last], voltage[last] * current[last]) / float(time[-1] - time[last][0]),
+        _integral(time[last], voltage[last] * current[last]) / float(np.ptp(time[last])),
         "W",
         f"The mean of voltage times current over the last whole period ({period:.6g} s), {by}.",
     )
@@ -129,16 +132,17 @@ def _end_of_peak(run: Run, metrics: tuple[Metric, ...]) -> float | None:
 
 def _gains(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
     """Gain of the fundamental, channel by channel, where the response has a phase."""
-    period = period_of(run)
-    if period is None:
+    periodic = periodic_part(run)
+    if periodic is None:
         return
-    count = round(period * run.rate)
-    turn = np.exp(-2j * math.pi / period * run.time[-count:])
-    drive = abs(_fundamental(run.voltage[-count:], turn))
+    period, end = periodic
+    last = slice(end - round(period * run.rate), end)
+    turn = np.exp(-2j * math.pi / period * run.time[last])
+    drive = abs(_fundamental(run.voltage[last], turn))
     for one in metrics:
         if one.name != "phase" or one.interval is None or drive == 0.0:
             continue
-        gain = abs(_fundamental(run.channels[one.channel][-count:], turn)) / drive
+        gain = abs(_fundamental(run.channels[one.channel][last], turn)) / drive
         # The phase of a fundamental in noise scatters by as much [rad] as its size does, as a share.
         half = 0.5 * (one.interval[1] - one.interval[0]) * gain
         yield Metric(

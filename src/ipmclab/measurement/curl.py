@@ -108,6 +108,8 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
             repair="give a displacement and a length above 0, and a share between 0 and 1",
         )
     time, readings = _at_rest(run)
+    if len(time) < _FEWEST:
+        raise _too_few()
     length = float(time[-1] - time[0])
     # A record of exactly one test ends one row before it.
     count = int(length * len(time) / (len(time) - 1) / test * (1.0 + 1e-9))
@@ -118,6 +120,8 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
             where=run.name or "run",
             repair="leave the strip at 0 V for some minutes, or say how short a test is",
         )
+    if count * _FEWEST > len(time):
+        raise _too_few()
     pieces = _pieces(time, readings, count)
     rates, shapes = zip(*(_slope(*piece) for piece in pieces), strict=True)
     factor = float(stdtrit(_NOISE_SHAPES * count, 1.0 - 0.5 * _ERROR / count))
@@ -154,13 +158,17 @@ def _pieces(time: FloatArray, readings: FloatArray, count: int) -> list[tuple[Fl
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1])
     pieces = list(zip(np.split(time, edges), np.split(readings, edges), strict=True))
     if min(len(times) for times, _ in pieces) < _FEWEST:
-        raise InputError(
-            f"a stretch as long as a test has less than {_FEWEST} readings of the displacement",
-            code="too-few-rows",
-            where="baseline",
-            repair="record more rows a second, or see why readings are missing",
-        )
+        raise _too_few()
     return pieces
+
+
+def _too_few() -> InputError:
+    return InputError(
+        f"a stretch as long as a test has less than {_FEWEST} readings of the displacement",
+        code="too-few-rows",
+        where="baseline",
+        repair="record more rows a second, or see why readings are missing",
+    )
 
 
 def _slope(time: FloatArray, readings: FloatArray) -> tuple[float, FloatArray]:

@@ -193,11 +193,16 @@ def reduce_batch(batch: Batch, reduction: Reduced) -> dict[str, FloatArray]:
             _check_finite(found, begin, batch.outputs[place])
         return reduction.made(numbers, len(batch.record.time), period)
 
-    return _joined(_in_order(batch, _BLOCK, work))
+    return _joined(_in_order(batch, _BLOCK if lanes_of(batch.part(0, 1)) else _size(batch), work))
+
+
+def _size(batch: Batch) -> int:
+    """Sets of a block whose outputs are all there at once."""
+    return max(1, min(_BLOCK, _BLOCK_VALUES // (len(batch.outputs) * len(batch.record.time))))
 
 
 def _by_function(batch: Batch, function: Reduce) -> dict[str, FloatArray]:
-    size = max(1, min(_BLOCK, _BLOCK_VALUES // (len(batch.outputs) * len(batch.record.time))))
+    size = _size(batch)
     found: list[dict[str, FloatArray]] = []
     for values in _in_order(batch, size, _values):
         given = {name: values[:, place] for place, name in enumerate(batch.outputs)}
@@ -306,7 +311,7 @@ def lanes_of(batch: Batch) -> Lanes | None:
     from ipmclab.model.numerics.lanes import MOST_STATES, Lanes
 
     actuator, structure = batch.actuator, batch.actuator.structure
-    if structure.leak or structure.laser or any(name.startswith("hydration.") for name in batch.changes):
+    if structure.leak or structure.laser or any(_changes_the_loop(batch, name) for name in batch.changes):
         return None
     chosen = choose_outputs(batch.outputs)
     own = _stacked(batch)
@@ -316,6 +321,12 @@ def lanes_of(batch: Batch) -> Lanes | None:
         return None
     like = reduced(actuator.system, chosen, seen)
     return Lanes(reduced(own, chosen, seen), like, 1.0 / batch.record.rate, batch.record.hold)
+
+
+def _changes_the_loop(batch: Batch, name: str) -> bool:
+    """Whether sets that differ in this parameter have no loop in common: other states, or water that is followed."""
+    counted = batch.actuator.structure.declarations[name].transform == "count"
+    return counted or name.startswith("hydration.")
 
 
 def _stacked(batch: Batch) -> System:

@@ -146,12 +146,19 @@ def _library() -> Callable[..., ROCrate]:
 
 def _with_tables(items: Sequence[Item], place: Path) -> list[Item]:
     """The tables of a folder, written to another place."""
-    taken = {one.name for one in items}
+    taken = {one.name: one for one in items}
     found = []
     for name, text in tables(items).items():
         path = place / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8", newline="")
+        if name in taken and checksum(taken[name].path) != checksum(path):
+            raise InputError(
+                "this table is not that of the runs beside it, and one of these runs stands there in a crate",
+                code="another-table",
+                where=str(taken[name].path),
+                repair="move it away, or give it another name",
+            )
         if name not in taken:
             found.append(Item(path, name, path.stat().st_size, checksum(path)))
     return found
@@ -316,6 +323,7 @@ def _zip(folder: Path, path: Path) -> None:
         files = [one for one in folder.rglob("*") if one.is_file()]
         for one in sorted(files, key=lambda one: one.relative_to(folder).as_posix()):
             about = zipfile.ZipInfo(one.relative_to(folder).as_posix(), _EPOCH)
+            about.file_size = one.stat().st_size  # above 2 GB its place in the archive has another form
             about.compress_type, about.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             with one.open("rb") as stream, archive.open(about, "w") as written:
                 shutil.copyfileobj(stream, written)

@@ -12,7 +12,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.check import check
 from ipmclab.quality.extreme import HOW, breaks_of, highest
 from ipmclab.quality.kept import kept
-from ipmclab.quality.period import period_of
+from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
 from ipmclab.quality.steady import settle
 from ipmclab.quality.usable import usable
@@ -100,7 +100,7 @@ def measure(run: Run) -> tuple[Metric, ...]:
 def _measured(run: Run) -> tuple[Metric, ...]:
     record = Record.of(run)
     masks = usable(run, [finding for finding in check(run) if finding.effect == "mask"])
-    period = period_of(run)
+    periodic = periodic_part(run)
     metrics: list[Metric] = []
     for channel in record.channels.values():
         values = np.where(masks[channel.name], channel.readings, np.nan)
@@ -112,8 +112,8 @@ def _measured(run: Run) -> tuple[Metric, ...]:
         metrics.append(_largest(record, response))
         if record.steps_from_rest and record.constant_after[0]:
             metrics += _first_peak(record, response)
-        if period is not None:
-            metrics += _periodic(record, response, period)
+        if periodic is not None:
+            metrics += _periodic(record, response, *periodic)
         elif len(record.edges) and record.constant_after[-1]:
             metrics += _steady(record, response)
     return tuple(metrics)
@@ -265,16 +265,16 @@ def _steady(record: Record, response: _Response) -> list[Metric]:
     ]
 
 
-def _periodic(record: Record, response: _Response, period: float) -> list[Metric]:
+def _periodic(record: Record, response: _Response, period: float, end: int) -> list[Metric]:
     channel, values = response.channel, response.values
     count = round(period / record.period)
-    if count < 4 or count > len(values):
+    if count < 4 or count > end:
         return []
-    time, last = record.run.time[-count:], values[-count:]
+    first = end - count
+    time, last = record.run.time[first:end], values[first:end]
     if not np.isfinite(last).all():
         return []
-    first = len(values) - count
-    inside = response.breaks[response.breaks > first] - first
+    inside = response.breaks[(response.breaks > first) & (response.breaks < end)] - first
     up, down = highest(channel, time, last, inside), highest(channel, time, -last, inside)
     metrics = [
         _metric(
@@ -282,12 +282,12 @@ def _periodic(record: Record, response: _Response, period: float) -> list[Metric
             "amplitude",
             0.5 * (up.value + down.value),
             0.5 * math.hypot(up.error, down.error),
-            f"Half the peak to peak value over the last whole period ({period:.6g} s) of the record. " + HOW,
+            f"Half the peak to peak value over the last whole period ({period:.6g} s) of the voltage. " + HOW,
         )
     ]
     orders = min(_HARMONICS, (count - 1) // 2)
     waves = _harmonics(time, last, period, orders)
-    drive = _harmonics(time, record.run.voltage[-count:], period, 1)
+    drive = _harmonics(time, record.run.voltage[first:end], period, 1)
     size = abs(waves[0])
     error = channel.noise * math.sqrt(2.0 / count)
     if size > 5.0 * error and abs(drive[0]) > 0.0:

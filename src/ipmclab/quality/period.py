@@ -7,9 +7,13 @@ from typing import Final
 import numpy as np
 
 from ipmclab.errors import InputError
+from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import FloatArray, Run
 
 _EQUAL: Final = 0.02
+
+_REST: Final = 0.6
+"""Part of a period for which a periodic voltage may stand at 0 V: a square of 0 and 1 V does for a half."""
 
 
 def period_of(run: Run) -> float | None:
@@ -32,34 +36,58 @@ def period_of(run: Run) -> float | None:
     >>> round(period_of(Run.from_arrays(time=time, voltage=np.sin(2 * np.pi * 0.1 * time))), 6)
     10.0
     """
-    length = float(run.time[-1] - run.time[0]) * len(run.time) / (len(run.time) - 1)
+    found = periodic_part(run)
+    return None if found is None else found[0]
+
+
+def periodic_part(run: Run) -> tuple[float, int] | None:
+    """The period of the voltage [s], and the row after its last: a rest that follows does not belong to it.
+
+    None as for ``period_of``.
+    """
+    rows = len(run.time)
+    length = float(run.time[-1] - run.time[0]) * rows / (rows - 1)
     named = _named(run.metadata.signal, length)
-    period, begin = (_seen(run.time, run.voltage), 0.0) if named is None else named
-    return period if period is not None and begin + period <= length * (1.0 + 1e-9) else None
+    if named is None:
+        period = _seen(run.time, run.voltage)
+        if period is None:
+            return None
+        begin, end = 0.0, length
+        driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
+        rest = length * (rows - 1 - int(driven[-1])) / rows
+        if rest > _REST * period:
+            end -= rest
+    else:
+        period, begin, end = named
+    if begin + period > end * (1.0 + 1e-9):
+        return None
+    return period, rows if end >= length * (1.0 - 1e-9) else round(end / length * rows)
 
 
-def _named(text: str | None, length: float) -> tuple[float, float] | None:
-    """The period that the text of a signal states, and from when on; None for free text and for signals without one.
+def _named(text: str | None, length: float) -> tuple[float, float, float] | None:
+    """The period that the text of a signal states, from when on, and until when; None where it states none.
 
-    Of several signals in sequence it is that of the last one, as long as the record ends with it.
+    Of several signals in sequence it is that of the last one, but for a rest behind it.
     """
     if text is None:
         return None
-    from ipmclab.signals import Multisine, Sequence, parse
+    from ipmclab.signals import Multisine, Sequence, Step, parse
 
     try:
         signal = parse(text)
     except InputError:
         return None
-    begin = 0.0
+    begin, end = 0.0, length
     if isinstance(signal, Sequence):
-        before = len(signal.signals) - 1
-        begin = sum(signal.durations[:before])
-        if begin + sum(signal.durations[before:]) < length * (1.0 - 1e-9) and len(signal.durations) > before:
-            return None  # rest follows
-        signal = signal.signals[-1]
+        parts, durations = [*signal.signals], [*signal.durations]
+        while len(parts) > 1 and isinstance(parts[-1], Step) and parts[-1].amplitude == 0.0:
+            del parts[-1]  # a rest
+        signal = parts[-1]
+        begin = sum(durations[: len(parts) - 1])
+        if len(durations) >= len(parts):
+            end = min(length, sum(durations[: len(parts)]))
     frequency = signal.lowest_frequency if isinstance(signal, Multisine) else getattr(signal, "frequency", None)
-    return (1.0 / frequency, begin) if frequency else None
+    return (1.0 / frequency, begin, end) if frequency else None
 
 
 def _seen(time: FloatArray, voltage: FloatArray) -> float | None:

@@ -172,6 +172,13 @@ def _range(name: str, table: _RangeTable, actuator: Actuator) -> Range:
     declarations = actuator.structure.declarations
     if name not in declarations:
         raise unknown_parameter(name, declarations)
+    if declarations[name].transform == "count":
+        raise InputError(
+            "this is a whole number, and a range is drawn from without steps",
+            code="bad-range",
+            where=f"ranges.{name}",
+            repair='give its values in a table (table = "sets.csv"), or one sweep for each',
+        )
     low, high = (_value(end, declarations[name].quantity, where=f"ranges.{name}") for end in (table.low, table.high))
     if not low < high:
         raise InputError(
@@ -226,8 +233,17 @@ def _check_corners(actuator: Actuator, ranges: Mapping[str, Range]) -> None:
 def _read_columns(path: Path, actuator: Actuator) -> dict[str, np.ndarray]:
     """The columns of a CSV file, in SI units."""
     missing = InputError("there is no such file", code="no-table", where=str(path), repair="correct the path")
-    rows = list(csv.reader(io.StringIO(read_text(path, kind="a table", missing=missing))))
-    rows = [row for row in rows if row]
+    reader = csv.reader(io.StringIO(read_text(path, kind="a table", missing=missing)), strict=True)
+    try:
+        lines = [(reader.line_num, row) for row in reader if row]
+    except csv.Error as error:
+        raise InputError(
+            f"this is no table: {error}",
+            code="bad-table",
+            where=f"{path}, line {reader.line_num}",
+            repair="write numbers with a decimal point, between commas",
+        ) from error
+    rows = [row for _, row in lines]
     if len(rows) < 2:
         raise InputError(
             "there is no parameter set", code="no-sets", where=str(path), repair="write one line for each set"
@@ -236,14 +252,14 @@ def _read_columns(path: Path, actuator: Actuator) -> dict[str, np.ndarray]:
         [_column_head(head.strip(), actuator, path) for head in rows[0]],
         np.empty((len(rows) - 1, len(rows[0]))),
     )
-    for line, row in enumerate(rows[1:]):
+    for place, (line, row) in enumerate(lines[1:]):
         try:
-            numbers[line] = [float(cell) for cell in row]
+            numbers[place] = np.array([float(cell) for cell in row]).reshape(len(columns))
         except ValueError as error:
             raise InputError(
                 f"{','.join(row)!r} is not one number for each of {len(columns)} columns",
                 code="bad-table",
-                where=f"{path}, line {line + 2}",
+                where=f"{path}, line {line}",
                 repair="write numbers with a decimal point, between commas",
             ) from error
     found = {name: numbers[:, place] * factor for place, (name, factor) in enumerate(columns)}
