@@ -32,8 +32,8 @@ class Factor:
     label : str
         On figures.
     quantity : Quantity
-    tolerance : float [SI]
-        Two values no further apart are the same level: of a regulated humidity, what it wanders.
+    tolerance : float [SI, or of the logarithm]
+        Two values no further apart along the factor are the same level: of a regulated humidity, what it wanders.
     is_ratio : bool
         Whether equal ratios count as equal steps.
     """
@@ -60,7 +60,7 @@ FACTORS: Final = {
         Factor("thickness", "membrane thickness", LENGTH, 1e-6),
         Factor("loading", "platinum loading", AREAL_MASS, 1e-3),
         Factor("voltage", "voltage", VOLTAGE, 0.02),
-        Factor("frequency", "frequency", FREQUENCY, 1e-6, is_ratio=True),
+        Factor("frequency", "frequency", FREQUENCY, 0.01, is_ratio=True),
         Factor("humidity", "relative humidity", RELATIVE_HUMIDITY, 3.0),
         Factor("temperature", "temperature", TEMPERATURE, 2.0),
         Factor("clamp_pressure", "clamp pressure", PRESSURE, 100.0),
@@ -97,12 +97,14 @@ def levels_of(factor: Factor, values: Sequence[float]) -> list[float]:
     --------
     >>> levels_of(FACTORS["humidity"], [79.0, 60.5, 81.0, 59.5])
     [80.0, 60.0, 80.0, 60.0]
+    >>> levels_of(FACTORS["frequency"], [0.1, 1.0, 0.1]), len({*levels_of(FACTORS["frequency"], [0.1, 0.100005])})
+    ([0.1, 1.0, 0.1], 1)
     """
     order = sorted(range(len(values)), key=lambda place: values[place])
     found = [0.0] * len(values)
     group: list[int] = []
     for place in order:
-        if group and values[place] - values[group[-1]] > factor.tolerance:
+        if group and factor.coordinate(values[place]) - factor.coordinate(values[group[-1]]) > factor.tolerance:
             _settle(found, group, values)
             group = []
         group.append(place)

@@ -70,8 +70,9 @@ def performances(rows: Sequence[RunRow], strips: Mapping[str, Actuator]) -> tupl
         levels = iter(levels_of(FACTORS[name], there))
         columns[name] = [next(levels) if name in row.values else None for row in rows]
     for place, row in enumerate(rows):
-        if row.waveform and row.sample:  # of a strip that nobody named, displacement and force may be of two
-            key = (row.sample, row.signal or row.waveform, *(column[place] for column in columns.values()))
+        if row.waveform:
+            own = () if row.sample else (row.run,)  # without a name, the strips of two runs may be two
+            key = (row.sample, row.signal or row.waveform, *(column[place] for column in columns.values()), *own)
             groups.setdefault(key, []).append(row)
     found = (_performance(key, members, names, strips) for key, members in groups.items())
     return tuple(one for one in found if one is not None)

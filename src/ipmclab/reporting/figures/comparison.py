@@ -326,7 +326,11 @@ def _usual(model: MetricModel) -> dict[str, float]:
 
 
 def _is_under(row: RunRow, condition: Mapping[str, float], factors: Sequence[Factor]) -> bool:
-    return all(abs(row.values[factor.name] - condition[factor.name]) <= 2.0 * factor.tolerance for factor in factors)
+    return all(
+        abs(factor.coordinate(row.values[factor.name]) - factor.coordinate(condition[factor.name]))
+        <= 2.0 * factor.tolerance
+        for factor in factors
+    )
 
 
 def _draw_strips(model: MetricModel, rows: Sequence[RunRow], interval: tuple[float, float], apart: set[str]) -> Figure:
