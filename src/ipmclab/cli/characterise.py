@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli.options import Json, answers_in
+from ipmclab.cli.options import Answer, Json, Yes, answers_in
 from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, read
 from ipmclab.cli.record_view import View, duration_text, size_text
 from ipmclab.errors import InputError
@@ -47,13 +47,8 @@ def characterise(
     plan: Annotated[
         bool, typer.Option("--plan", help="Print every run with its time and what the guard watches; do nothing.")
     ] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")
-    ] = False,
-    answer: Annotated[
-        list[str] | None,
-        typer.Option(metavar="STEP=VALUE", help="Answer what a step asks, such as clamp=kept; may be repeated."),
-    ] = None,
+    yes: Yes = False,
+    answer: Answer = None,
     template: Annotated[bool, typer.Option("--template", help="Print a campaign file to start from.")] = False,
     as_json: Json = False,
 ) -> None:

@@ -51,6 +51,51 @@ def check_output(
     target_of(path, overwrite=force)
 
 
+def write_template(
+    text: str, file: Path | None, out: Path | None, *, verb: str, then: str, force: bool, as_json: bool
+) -> None:
+    """Write or print a file to fill in.
+
+    Parameters
+    ----------
+    text : str
+    file : Path, optional
+        What the verb would read otherwise; nothing is read here.
+    out : Path, optional
+        Printed where it is left out.
+    verb : str
+        Which is also what such a file is called.
+    then : str
+        The command that reads it when it is filled in.
+    force, as_json : bool
+
+    Raises
+    ------
+    InputError
+        A file to read is named, or ``out`` cannot be written.
+    """
+    from ipmclab.cli.output import print_json
+    from ipmclab.destination import replacing
+
+    if file is not None:
+        raise InputError(
+            f"a template is written with --out, it reads no {verb}",
+            code="usage",
+            where=str(file),
+            repair=f"ipmclab {verb} --template --out {file}",
+        )
+    if out is not None:
+        check_output(out, force=force, suffixes=(".toml",), reads=())
+        with replacing(out, overwrite=force) as temporary:
+            temporary.write_text(text, encoding="utf-8", newline="\n")
+    if as_json:
+        print_json({"template": text, "out": out})
+    elif out is None:
+        print(text, end="")
+    else:
+        print(f"wrote {out}; fill it in, then: {then}")
+
+
 def actuator_files(*names: str | None) -> list[str]:
     """Where actuators come from that are named with or without further stages; of the library, no file.
 

@@ -17,6 +17,11 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document (SI 
 Details = Annotated[
     bool, typer.Option("--details", help="Print everything that is known, with every finding and its repair.")
 ]
+Yes = Annotated[bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")]
+Answer = Annotated[
+    list[str] | None,
+    typer.Option(metavar="STEP=VALUE", help="Answer what a step asks, such as clamp=kept; may be repeated."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace the output file if it exists.")]
 ActuatorName = Annotated[
     str,

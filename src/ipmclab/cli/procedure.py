@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.files import check_output
+from ipmclab.cli.files import check_output, write_template
 from ipmclab.cli.identify import fit_document
 from ipmclab.cli.options import Details, Force, Json
 from ipmclab.cli.output import (
@@ -50,7 +50,10 @@ def procedure(
     ipmclab procedure mine.toml --out fitted.toml
     """
     if template:
-        _write_template(file, out, force=force, as_json=as_json)
+        from ipmclab.procedure.template import TEMPLATE
+
+        then = f"ipmclab procedure {out}"
+        write_template(TEMPLATE, file, out, verb="procedure", then=then, force=force, as_json=as_json)
         return
     if file is None:
         raise InputError(
@@ -106,29 +109,6 @@ def _write(found: Characterisation, file: Path, out: Path, *, force: bool, as_js
         print_json(_document(found, out))
     else:
         print(f"wrote {out}")
-
-
-def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json: bool) -> None:
-    from ipmclab.destination import replacing
-    from ipmclab.procedure.template import TEMPLATE
-
-    if file is not None:
-        raise InputError(
-            "a template is written with --out, it reads no procedure",
-            code="usage",
-            where=str(file),
-            repair=f"ipmclab procedure --template --out {file}",
-        )
-    if out is not None:
-        check_output(out, force=force, suffixes=(".toml",), reads=())
-        with replacing(out, overwrite=force) as temporary:
-            temporary.write_text(TEMPLATE, encoding="utf-8", newline="\n")
-    if as_json:
-        print_json({"template": TEMPLATE, "out": out})
-    elif out is None:
-        print(TEMPLATE, end="")
-    else:
-        print(f"wrote {out}; fill it in, then: ipmclab procedure {out}")
 
 
 def _print(found: Characterisation, *, details: bool) -> None:

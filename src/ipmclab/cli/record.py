@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from ipmclab.cli.options import Json, answers_in
+from ipmclab.cli.options import Answer, Json, Yes, answers_in
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record_view import View, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
@@ -41,13 +41,8 @@ def record(
         Path | None,
         typer.Argument(metavar="EXPERIMENT", help="An experiment file (.toml).", show_default=False),
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")
-    ] = False,
-    answer: Annotated[
-        list[str] | None,
-        typer.Option(metavar="STEP=VALUE", help="Answer what a step asks, such as clamp=kept; may be repeated."),
-    ] = None,
+    yes: Yes = False,
+    answer: Answer = None,
     answers: Annotated[
         Path | None, typer.Option(metavar="FILE", help='Answers in a TOML file: a line STEP = "VALUE" each.')
     ] = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.files import check_output
+from ipmclab.cli.files import write_template
 from ipmclab.cli.options import Json
 from ipmclab.cli.output import print_json, print_table, progress, significant
 from ipmclab.errors import InputError
@@ -37,7 +37,10 @@ def sweep(
     ipmclab sweep stiffness.toml --out stiffness
     """
     if template:
-        _write_template(file, out, force=force, as_json=as_json)
+        from ipmclab.sweep.template import TEMPLATE
+
+        then = f"ipmclab sweep {out} --out {out.with_suffix('') if out else None}"
+        write_template(TEMPLATE, file, out, verb="sweep", then=then, force=force, as_json=as_json)
         return
     if file is None or out is None:
         what, where = ("sweep", "SWEEP.toml") if file is None else ("folder for the results", "--out")
@@ -59,29 +62,6 @@ def sweep(
         print_json(document)
         return
     _print(swept, document)
-
-
-def _write_template(file: Path | None, out: Path | None, *, force: bool, as_json: bool) -> None:
-    from ipmclab.destination import replacing
-    from ipmclab.sweep.template import TEMPLATE
-
-    if file is not None:
-        raise InputError(
-            "a template is written with --out, it reads no sweep",
-            code="usage",
-            where=str(file),
-            repair=f"ipmclab sweep --template --out {file}",
-        )
-    if out is not None:
-        check_output(out, force=force, suffixes=(".toml",), reads=())
-        with replacing(out, overwrite=force) as temporary:
-            temporary.write_text(TEMPLATE, encoding="utf-8", newline="\n")
-    if as_json:
-        print_json({"template": TEMPLATE, "out": out})
-    elif out is None:
-        print(TEMPLATE, end="")
-    else:
-        print(f"wrote {out}; fill it in, then: ipmclab sweep {out} --out {out.with_suffix('')}")
 
 
 def _document(swept: Swept) -> dict[str, Any]:

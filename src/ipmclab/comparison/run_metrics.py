@@ -8,11 +8,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.comparison.baseline import Drift, without_drift
 from ipmclab.confidence import NORMAL_95
-from ipmclab.quality.metrics import Metric, measure
+from ipmclab.quality.metrics import Metric, harmonics, measure
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import FloatArray, Run
@@ -137,12 +136,12 @@ def _gains(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
         return
     period, end = periodic
     last = slice(end - round(period * run.rate), end)
-    turn = np.exp(-2j * math.pi / period * run.time[last])
-    drive = abs(_fundamental(run.voltage[last], turn))
+    time = run.time[last]
+    drive = abs(harmonics(time, run.voltage[last], period, 1)[0])
     for one in metrics:
         if one.name != "phase" or one.interval is None or drive == 0.0:
             continue
-        gain = abs(_fundamental(run.channels[one.channel][last], turn)) / drive
+        gain = float(abs(harmonics(time, run.channels[one.channel][last], period, 1)[0]) / drive)
         # The phase of a fundamental in noise scatters by as much [rad] as its size does, as a share.
         half = 0.5 * (one.interval[1] - one.interval[0]) * gain
         yield Metric(
@@ -153,13 +152,6 @@ def _gains(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
             (gain - half, gain + half),
             f"Amplitude of the fundamental over that of the voltage, over the last whole period ({period:.6g} s).",
         )
-
-
-def _fundamental(values: FloatArray, turn: npt.NDArray[np.complex128]) -> complex:
-    """Complex amplitude at the frequency of ``turn``, by least squares with a constant."""
-    waves = np.column_stack([np.ones(len(turn)), turn.real, -turn.imag])
-    fitted = np.linalg.lstsq(waves.T @ waves, waves.T @ values, rcond=None)[0]
-    return complex(fitted[1], -fitted[2])
 
 
 def _exact(name: str, value: float, unit: str, definition: str) -> Metric:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
+from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 
 _SAME: Final = 1e-9
@@ -40,6 +41,38 @@ def why_changed(fit: Fit) -> str:
     ]
     verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
     return f"{listed(moved)} {verb} when its fit was made" if moved else ""
+
+
+def need_fit(fit: Any) -> None:
+    """Refuse what is no fit.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(fit, Fit):
+        raise InputError(
+            f"a {type(fit).__name__} is no fit",
+            code="not-a-fit",
+            where="fit",
+            repair="give what identify returned, or read_fit(path) of what write_fit wrote",
+        )
+
+
+def need_as_fitted(fit: Fit) -> None:
+    """Refuse a fit whose actuator is no longer the one that it found.
+
+    Raises
+    ------
+    InputError
+    """
+    if why := why_changed(fit):
+        raise InputError(
+            f"{why}: how sure it was says nothing of this actuator",
+            code="changed-since-fit",
+            where="fit",
+            repair="identify again with these values, or take the file as identify wrote it",
+        )
 
 
 def listed(names: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from typing import Final, get_args
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.errors import InputError, suggest
-from ipmclab.fit.as_fitted import why_changed
+from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.model import Actuator
@@ -272,20 +272,8 @@ def _nothing(questions: _Questions, minutes: float, offers: Sequence[_Offer]) ->
 
 
 def _check(fit: Fit, goal: str, minutes: float) -> None:
-    if not isinstance(fit, Fit):
-        raise InputError(
-            f"a {type(fit).__name__} is no fit",
-            code="not-a-fit",
-            where="fit",
-            repair="give what identify returned, or read_fit(path) of what write_fit wrote",
-        )
-    if why := why_changed(fit):
-        raise InputError(
-            f"{why}: how sure it was says nothing of this actuator",
-            code="changed-since-fit",
-            where="fit",
-            repair="identify again with these values, or take the file as identify wrote it",
-        )
+    need_fit(fit)
+    need_as_fitted(fit)
     if not any(name in fit.parameters for name in FittedStrip(fit).names):
         raise InputError(
             "the fit has no parameter that the next run shares",

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.errors import InputError
-from ipmclab.fit.as_fitted import why_changed
+from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.run_state import RunState
@@ -374,19 +374,6 @@ def noise_between(fit: Fit, output: str, otherwise: FloatArray) -> FloatArray:
 
 
 def _need(fit: Fit, run: Run) -> None:
-
-    if not isinstance(fit, Fit):
-        raise InputError(
-            f"a {type(fit).__name__} is no fit",
-            code="not-a-fit",
-            where="fit",
-            repair="give what identify returned, or read_fit(path) of what write_fit wrote",
-        )
+    need_fit(fit)
     need_run(run, where="run")
-    if why := why_changed(fit):
-        raise InputError(
-            f"{why}: how sure it was says nothing of this actuator",
-            code="changed-since-fit",
-            where="fit",
-            repair="identify again with these values, or take the file as identify wrote it",
-        )
+    need_as_fitted(fit)

@@ -286,8 +286,8 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
         )
     ]
     orders = min(_HARMONICS, (count - 1) // 2)
-    waves = _harmonics(time, last, period, orders)
-    drive = _harmonics(time, record.run.voltage[first:end], period, 1)
+    waves = harmonics(time, last, period, orders)
+    drive = harmonics(time, record.run.voltage[first:end], period, 1)
     size = abs(waves[0])
     error = channel.noise * math.sqrt(2.0 / count)
     if size > 5.0 * error and abs(drive[0]) > 0.0:
@@ -321,7 +321,7 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
     return metrics
 
 
-def _harmonics(
+def harmonics(
     time: FloatArray, values: FloatArray, period: float, orders: int
 ) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
     """Complex amplitudes of the harmonics 1 to ``orders``, by least squares with a constant."""
