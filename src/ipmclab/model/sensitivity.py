@@ -112,11 +112,13 @@ def sensitivities(
     state = state_vector(actuator.state_names, initial_state)
     line = divided(line, kept.parts(actuator.system, line.durations, times))
     point = kept.point(actuator, tuple(names), tuple(chosen))
-    system, stepped, seen = point.system, point.stepped, point.seen
+    seen = point.seen
     found = _by_modes(point, line, state[seen], asked)
     if found is None:
-        solve = _linear if system.law_ports is None else _with_laws
-        found = solve(system, stepped, point.moves_over(line.durations), line, state[seen], len(times), asked)
+        solve = _linear if point.system.law_ports is None else _with_laws
+        found = solve(
+            point.system, point.stepped, point.moves_over(line.durations), line, state[seen], len(times), asked
+        )
     if len(seen) < len(state):
         states = np.zeros((*found.values.shape, len(state)))
         states[:, :, seen] = found.states
@@ -169,10 +171,24 @@ class Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """The system at some parameters, one more for each derivative, and the transitions worked out so far."""
+    """The system at some parameters, those of the derivatives, and the transitions worked out so far.
+
+    Parameters
+    ----------
+    system : System
+    others : tuple of System
+        Each parameter's complex step: one system with an axis of parameters first, or one for each.
+    count : int
+        How many parameters.
+    seen : int array
+        The states that are left.
+    moves : dict
+        By the durations of intervals.
+    """
 
     system: System
-    stepped: tuple[System, ...]
+    others: tuple[System, ...]
+    count: int
     seen: npt.NDArray[np.int64]
     moves: dict[bytes, _Moves]
 
@@ -184,30 +200,38 @@ class _Point:
             for place, name in enumerate(names):
                 values[name] = np.full(len(names), complex(actuator[name]))
                 values[name][place] = complex(actuator[name], _COMPLEX_STEP)
-            stepped = [actuator.assembled(values)]
+            others = [actuator.assembled(values)]
         else:
-            stepped = [actuator.assembled({**values, name: complex(actuator[name], _COMPLEX_STEP)}) for name in names]
-        seen = seen_states([system, *stepped], chosen)
-        own, *others = (reduced(each, chosen, seen) for each in (system, *stepped))
-        if actuator.structure.takes_arrays:
-            others = [*one_by_one(others[0], len(names))]
-        return cls(own, tuple(others), seen, {})
+            others = [actuator.assembled({**values, name: complex(actuator[name], _COMPLEX_STEP)}) for name in names]
+        seen = seen_states([system, *others], chosen)
+        own, *rest = (reduced(each, chosen, seen) for each in (system, *others))
+        return cls(own, tuple(rest), len(names), seen, {})
+
+    @cached_property
+    def stepped(self) -> tuple[System, ...]:
+        """The system of each parameter's complex step."""
+        return one_by_one(self.others[0], self.count) if len(self.others) == 1 else self.others
 
     @cached_property
     def modes(self) -> Modes | None:
         """The modes; None with laws at ports, and where poles lie too close together."""
         if self.system.law_ports is not None:
             return None
-        at, every = self.system, self.stepped or (self.system,)
-        stacked = {name: np.stack([getattr(one, name) for one in every]) for name in ("a", "b", "c", "d")}
-        by = {name: matrix[: len(self.stepped)].imag / _COMPLEX_STEP for name, matrix in stacked.items()}
-        return Modes.of(Slopes(at.a, at.b[:, 0], at.c, at.d[:, 0], by["a"], by["b"][..., 0], by["c"], by["d"][..., 0]))
+        at = self.system
+        a, b, c, d = (self._slopes(name) for name in ("a", "b", "c", "d"))
+        return Modes.of(Slopes(at.a, at.b[:, 0], at.c, at.d[:, 0], a, b[..., 0], c, d[..., 0]))
+
+    def _slopes(self, name: str) -> FloatArray:
+        """The derivatives of a matrix, one parameter after another."""
+        matrices = [getattr(one, name) for one in self.others]
+        joined = np.stack(matrices) if len(matrices) > 1 else matrices[0] if matrices else getattr(self.system, name)
+        return np.imag(np.broadcast_to(joined, (self.count, *joined.shape[-2:]))) / _COMPLEX_STEP
 
     def moves_over(self, durations: FloatArray) -> _Moves:
         key = durations.tobytes()
         if key not in self.moves:
             self.moves.clear()
-            self.moves[key] = _Moves(self.system, self.stepped, durations)
+            self.moves[key] = _Moves(self, durations)
         return self.moves[key]
 
 
@@ -229,23 +253,24 @@ def _before_laser(found: Sensitivities, actuator: Actuator, names: Sequence[str]
 class _Moves:
     """What intervals of some durations do, and its derivatives."""
 
-    system: System
-    stepped: tuple[System, ...]
+    point: _Point
     durations: FloatArray
 
     @cached_property
     def at(self) -> tuple[FloatArray, ...]:
         """The matrices of the transitions, one kind of interval after another."""
-        return tuple(np.ascontiguousarray(matrix[0]) for matrix in _parts(transitions([self.system], self.durations)))
+        return tuple(
+            np.ascontiguousarray(matrix[0]) for matrix in _parts(transitions([self.point.system], self.durations))
+        )
 
     @cached_property
     def by(self) -> tuple[FloatArray, ...]:
         """Their derivatives by each parameter, along a last axis."""
-        by = tuple(np.empty((*matrix.shape, len(self.stepped))) for matrix in self.at)
+        by = tuple(np.empty((*matrix.shape, len(self.point.stepped))) for matrix in self.at)
         at_once = max(1, _MOST_EXPONENTIALS // len(self.durations))
-        for first in range(0, len(self.stepped), at_once):
+        for first in range(0, len(self.point.stepped), at_once):
             some = slice(first, first + at_once)
-            moves = _parts(transitions(self.stepped[some], self.durations))
+            moves = _parts(transitions(self.point.stepped[some], self.durations))
             for target, matrix in zip(by, moves, strict=True):
                 target[..., some] = np.moveaxis(matrix.imag, 0, -1) / _COMPLEX_STEP
         return by
