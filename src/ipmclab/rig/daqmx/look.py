@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 from ipmclab.errors import InputError
 from ipmclab.rig.bench import BenchError
@@ -83,6 +86,24 @@ class Watcher:
     def clock_terminal(self, rate: float) -> str:
         """The terminal of the sample clock that the inputs get."""
         constants = self._driver.client.constants
+        with self._clocked(rate, constants.AcquisitionType.CONTINUOUS, 1000) as task:
+            task.control(constants.TaskMode.TASK_RESERVE)
+            return str(task.timing.samp_clk_term)
+
+    def waited(self, rate: float, rows: int) -> float:
+        """How long [s] this computer waits for so many rows from their start: on a real clock never less than they are.
+
+        A busy computer only adds to it, so that the shortest of a few tells a clock that runs ahead.
+        """
+        with self._clocked(rate, self._driver.client.constants.AcquisitionType.FINITE, rows) as task:
+            began = time.monotonic()
+            task.start()
+            task.wait_until_done(timeout=_ANSWER + rows / rate)
+            return time.monotonic() - began
+
+    @contextmanager
+    def _clocked(self, rate: float, mode: object, rows: int) -> Iterator[Any]:
+        """A task that reads the inputs by a sample clock."""
         self.release()
         self._driver.reset(self._inputs)
         task = self._driver.task("clock")
@@ -90,9 +111,8 @@ class Watcher:
             with self._driver.translated():
                 for name in self._names:
                     self._driver.add_input(task, self._rig[name])
-                task.timing.cfg_samp_clk_timing(rate, sample_mode=constants.AcquisitionType.CONTINUOUS)
-                task.control(constants.TaskMode.TASK_RESERVE)
-                return str(task.timing.samp_clk_term)
+                task.timing.cfg_samp_clk_timing(rate, sample_mode=mode, samps_per_chan=rows)
+                yield task
         finally:
             self._driver.clear(task)
 
