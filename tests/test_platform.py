@@ -136,7 +136,7 @@ def test_rights_are_given_by_the_number_of_the_user(tmp_path: Path, monkeypatch:
         ("icacls.exe", subprocess.CalledProcessError(1332, ""), "icacls failed with 1332"),
         ("icacls.exe", FileNotFoundError("no such file"), "icacls could not be run: no such file"),
         ("whoami.exe", PermissionError("refused"), "whoami could not be run: refused"),
-        ("whoami.exe", None, "whoami did not tell the number of the user"),
+        ("whoami.exe", None, "whoami did not give the number of the user"),
     ],
 )  # fmt: skip
 def test_rights_that_cannot_be_given_are_told(

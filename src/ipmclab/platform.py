@@ -98,7 +98,7 @@ def _leave_to_owner(path: Path) -> str:
         said = (error.stderr or b"").decode(errors="replace").strip()
         return f"{asked} failed with {error.returncode}" + (f": {said}" if said else "")
     except IndexError:
-        return "whoami did not tell the number of the user"
+        return "whoami did not give the number of the user"
     except (OSError, subprocess.SubprocessError) as error:
         return f"{asked} could not be run: {error}"
     return ""

@@ -56,7 +56,7 @@ def test_the_thesis_three_humidities_tell_no_law_from_another() -> None:
     found = trend_of("displacement.largest", "step", rows, FACTORS["humidity"])
     assert found is not None
     assert set(found.told) == {law.name for law in LAWS}
-    assert str(found) == "3 runs at 3 levels tell no law from another"
+    assert str(found) == "3 runs at 3 levels do not distinguish the laws"
 
 
 def test_only_runs_that_differ_in_the_factor_alone_are_held_against_each_other() -> None:

@@ -247,7 +247,7 @@ def test_an_edited_table_is_read_or_refused_in_plain_words(
         (lambda t: t["parameters"][1].update(unit=""), "parameters[1].unit", "is in ohm m, not in none"),
         (lambda t: t["parameters"][1].update(determined="yes"), "parameters[1].determined", "neither true nor false"),
         (lambda t: t["parameters"][1].update(eror=1.0), "parameters[1].eror", "unknown key 'eror'"),
-        (lambda t: t["parameters"][1].update(t["parameters"][0]), "parameters[1].name", "stands there twice"),
+        (lambda t: t["parameters"][1].update(t["parameters"][0]), "parameters[1].name", "is there twice"),
         (lambda t: t.update(rank=-3), "rank", "-3 is not a whole number from 0 to 6, the number of parameters"),
         (lambda t: t.update(rank=7), "rank", "7 is not"),
         (lambda t: t.update(rank=5.0), "rank", "5 is not a whole number"),

@@ -305,7 +305,7 @@ def test_one_reading_of_a_push_that_hides_the_modulus_is_named() -> None:
     assert error.repair == "write it again; is its unit right?"
     assert "the slope, " in error.message
     assert "is not known" in error.message
-    said = '"57 mN" at "0.2 mm", number 3 of 9, lies apart from the line through the others, which has 0.57'
+    said = '"57 mN" at "0.2 mm", number 3 of 9, is far from the line through the others, which has 0.57'
     assert said in error.message
 
 

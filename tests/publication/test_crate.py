@@ -209,5 +209,5 @@ def test_a_table_of_other_runs_is_not_published_as_theirs(folder: Path, tmp_path
     (place / "tables").mkdir(parents=True)
     (place / "step.nc").write_bytes((folder / "step.nc").read_bytes())
     (place / "tables" / "runs.csv").write_text("run\nanother\n")
-    with pytest.raises(InputError, match="not that of the runs beside it"):
+    with pytest.raises(InputError, match="not that of the runs in its folder"):
         export_crate(place, tmp_path / "crate.zip", title="Steps")

@@ -72,9 +72,9 @@ def test_the_report_shows_it_where_the_strip_bends_far() -> None:
     [
         ("info", (0.4, 0.6), None),
         ("warning", (1.2, 1.6), "The force relaxes back by as much as the coupling gives, or more"),
-        ("warning", (0.8, 1.6), "These runs do not tell whether a set point of the force can be held"),
-        ("warning", (None, None), "These runs do not tell whether a set point of the force can be held"),
-        ("warning", (0.8, None), "These runs do not tell whether a set point of the force can be held"),
+        ("warning", (0.8, 1.6), "These runs do not show whether a set point of the force can be held"),
+        ("warning", (None, None), "These runs do not show whether a set point of the force can be held"),
+        ("warning", (0.8, None), "These runs do not show whether a set point of the force can be held"),
         ("warning", (1.2, None), "The force relaxes back by as much as the coupling gives, or more"),
     ],
 )

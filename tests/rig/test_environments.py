@@ -117,7 +117,7 @@ def test_the_plan_tells_conditions_and_times() -> None:
 def test_a_plan_says_what_it_cannot_tell_apart_and_when_a_run_is_too_long_to_be_still() -> None:
     humidities = [{"relative_humidity": f"{value} percent"} for value in (40, 60, 80)]
     told = planned(environments=humidities, environment=AIR | {"order": "listed", "longest_still": "5 s"}).remarks
-    assert any("what age does cannot be told apart" in remark for remark in told)
+    assert any("what age does cannot be separated" in remark for remark in told)
     assert any("the chamber may be still for 5 s" in remark for remark in told)
     with pytest.raises(InputError, match="no temperature is stated"):
         planned(environment={"relative_humidity": "50 percent"})

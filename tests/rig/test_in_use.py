@@ -71,7 +71,7 @@ def test_another_user_s_lock_is_respected_also_where_it_cannot_be_written(monkey
         Hold(None, [module]).release()
     with monkeypatch.context() as patch:
         patch.setattr(os, "open", refusing(os.O_RDWR, os.O_RDONLY))
-        with pytest.raises(BenchError, match=r"nobody can tell whether another run .* cannot be opened") as caught:
+        with pytest.raises(BenchError, match=r"it is not known whether another run .* cannot be opened") as caught:
             Hold(None, [module])
         assert "ask the user" in caught.value.repair
     made.unlink()

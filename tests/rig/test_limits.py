@@ -168,7 +168,7 @@ def test_a_table_of_limits_comes_back_as_it_was(voltage: Limit, other: Limit | N
         ({"temperature": {"most": "0 degC"}}, "limits.temperature.most: the limit is 0 degC, it must be above 0"),
         ({"current": {"duration": "-1 s"}}, "limits.current.duration: the duration is -1 s; give 0 s or more"),
         ({"current": {"action": "zro"}}, "limits.current.action: unknown action 'zro'; did you mean 'zero'?"),
-        ({"voltage": "off"}, "limits.voltage: the voltage is never without a limit; give what this strip stands"),
+        ({"voltage": "off"}, "limits.voltage: the voltage is never without a limit; give what this strip withstands"),
         ({"voltage": "35 V"}, "limits.voltage: the limit is 35 V, no strip is given more than 10 V"),
         ({"voltage": {"action": "warn"}}, "limits.voltage.action: a voltage beyond its limit always ends the run"),
         ({"slew": "0 V/s"}, "limits.slew: the limit is 0 V/s, it must be above 0"),
@@ -190,7 +190,7 @@ def test_a_plan_says_what_is_electrolysed_and_what_nothing_watches() -> None:
     blind = limits.unwatched(THESIS_RIG, ["force"])
     assert list(blind) == ["current"]
     assert blind["current"] == (
-        "the limit of the current, 500 mA, is beyond what its channel reads, 200 mA: it is not seen to be passed"
+        "the limit of the current, 500 mA, is beyond what its channel reads, 200 mA: nothing shows when it is exceeded"
     )
     # A load cell of 0 to 98.07 mN that is zeroed at a preload of 20 mN has 78.07 mN left, on one side.
     pressed = replace(THESIS_RIG["force"], rest=20e-3, zeroed=True)

@@ -123,7 +123,7 @@ def test_a_run_is_as_it_was_recorded(strip: Actuator) -> None:
     assert run.metadata.recorded_at is not None
     assert (run.metadata.rig, run.metadata.operator) == (THESIS_RIG.name, "NN")
     assert run.metadata.limits["voltage"] == "3.5 V for 0.02 s, then zero"
-    assert "not seen to be passed" in run.metadata.limits["current"]
+    assert "nothing shows when it is exceeded" in run.metadata.limits["current"]
     # Raw volts beside each quantity, and what the output was told.
     assert set(run.raw) == {"voltage", "current", "force", "relative_humidity", "output"}
     assert run.raw["output"].tolist() == [0.0] * 51 + [1.0] * 200 + [0.0] * 49

@@ -138,7 +138,7 @@ def test_what_flows_beyond_the_range_ends_by_its_mean(chassis: StandIn) -> None:
     assert outcome.alarm is not None
     assert outcome.alarm.limit == "mean_current"
     assert 0.5 < outcome.alarm.time < 1.0
-    assert "not seen to be passed" in outcome.metadata.limits["current"]
+    assert "nothing shows when it is exceeded" in outcome.metadata.limits["current"]
 
 
 RECORDER = """

@@ -130,7 +130,7 @@ class TestTextTables:
             ('U,I\n0,1\n0,"1,5"\n', """line 3: '1,5' in column 'I' is not a number; write decimal = "," under"""),
             (
                 'U,I\n0,1\n0,"1,000.5"\n',
-                "line 3: '1,000.5' .* seems to have a thousands mark beside the decimal '.' of the",
+                "line 3: '1,000.5' .* seems to have a thousands mark as well as the decimal '.' of the",
             ),
             ("U,I\n0,1\n0,1'000\n", "it seems to have a thousands mark"),
             ("U,J\n0,1\n0,1\n", "channels.current.column: .* has no column 'I'; known: 'U', 'J'"),
@@ -150,7 +150,9 @@ class TestTextTables:
     def test_a_thousands_mark_beside_a_decimal_comma(self, number: str, tmp_path: Path) -> None:
         path = tmp_path / "record.csv"
         path.write_text(f"U;I\n0;1,5\n0;{number}\n")
-        with pytest.raises(InputError, match=r"line 3: .* it seems to have a thousands mark beside the decimal ','"):
+        with pytest.raises(
+            InputError, match=r"line 3: .* it seems to have a thousands mark as well as the decimal ','"
+        ):
             import_run(path, make_map({"format": "csv", "separator": ";", "decimal": ","}))
 
     def test_a_file_of_another_kind_is_named_by_its_first_bytes(self, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ class Difference:
     standard_error : float [nat]
         From the scatter of the paired differences, block by block.
     limit : float
-        Standard errors beyond which the two are told apart: the two-sided 95 % point of Student's
+        Standard errors beyond which the two are distinguished: the two-sided 95 % point of Student's
         distribution, about 2.
     blocks : int
     """
@@ -69,7 +69,7 @@ class Difference:
         """One sentence."""
         size = f"{abs(self.value):.3g} nats, standard error {self.standard_error:.3g}"
         if not self.is_told:
-            return f"These records cannot tell {self.model} from {self.other} (difference {size})."
+            return f"These records cannot distinguish {self.model} from {self.other} (difference {size})."
         better, worse = (self.model, self.other) if self.value > 0.0 else (self.other, self.model)
         return f"{better} predicts better than {worse} (by {size})."
 

@@ -73,7 +73,7 @@ def in_words(found: Curl) -> str:
             rate
             + f"Not in this air: test in a higher humidity, or make each test shorter{shorter} and hydrate between."
         )
-    return rate + f"This record does not tell: record it longer, or make each test shorter{shorter}."
+    return rate + f"This record does not decide: record it longer, or make each test shorter{shorter}."
 
 
 def _document(path: Path, found: Curl) -> dict[str, Any]:

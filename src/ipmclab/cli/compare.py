@@ -175,7 +175,7 @@ def _print(found: Comparison) -> None:
         if effect.reason
     )
     together = dict.fromkeys(
-        f"{name} changes together with {' and '.join(others)}: what either does cannot be told apart"
+        f"{name} changes together with {' and '.join(others)}: their effects cannot be separated"
         for model in found.models
         for name, others in model.together.items()
     )

@@ -148,7 +148,7 @@ def demo(
             }
         )
         return
-    say("\n6. The model beside what the thesis measured on this strip")
+    say("\n6. The model next to what the thesis measured on this strip")
     _print_comparison(comparisons)
     for paragraph in paragraphs:
         print()

@@ -125,7 +125,7 @@ def _print(proposal: Proposal, minutes: float) -> None:
 _AIMS = {
     "parameters": "narrows the joint interval of the parameters",
     "prediction": "lowers the error of the prediction",
-    "model": "tells the model from its rival",
+    "model": "distinguishes the model from its rival",
 }
 
 
@@ -170,7 +170,7 @@ def _about_rivals(proposal: Proposal) -> list[str]:
             said.append(f"These runs would show a stage {name} from {amounts} on, at two standard errors.")
         elif name not in proposal.shows:
             said.append(
-                f"If {name} is true, the first run tells it by {significant(first, 2)} standard errors, all of them by "
+                f"If {name} is true, the first run shows it by {significant(first, 2)} standard errors, all of them by "
                 f"{significant(last, 2)}."
             )
     return said

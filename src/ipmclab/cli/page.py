@@ -35,7 +35,7 @@ def page(
     ] = None,
     certificate: Annotated[Path | None, typer.Option(metavar="FILE", help="Certificate for HTTPS (PEM).")] = None,
     key: Annotated[Path | None, typer.Option(metavar="FILE", help="Its key (PEM).")] = None,
-    proxy: Annotated[bool, typer.Option("--proxy", help="A proxy in front of it speaks HTTPS.")] = False,
+    proxy: Annotated[bool, typer.Option("--proxy", help="A proxy in front of it uses HTTPS.")] = False,
     as_json: Json = False,
 ) -> None:
     """Serve the page of a folder: record, look at runs, identify, simulate, report.

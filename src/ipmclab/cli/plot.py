@@ -22,7 +22,7 @@ def plot(
         bool, typer.Option("--characteristic", help="Current over voltage, instead of channels over time.")
     ] = False,
     before: Annotated[
-        str | None, typer.Option(metavar="ACTUATOR", help="A model before its estimation, beside the one of --after.")
+        str | None, typer.Option(metavar="ACTUATOR", help="A model before its estimation, next to the one of --after.")
     ] = None,
     after: Annotated[str | None, typer.Option(metavar="ACTUATOR", help="The model after its estimation.")] = None,
     force: Force = False,

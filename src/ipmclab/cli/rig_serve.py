@@ -100,7 +100,7 @@ def need_client() -> None:
         import virtual_cdaq.server  # noqa: F401
     except ImportError as error:
         raise IpmclabError(
-            f"{error.name} is not installed: the stand-in speaks NI's protocol through NI's client",
+            f"{error.name} is not installed: the stand-in uses NI's protocol through NI's client",
             code="no-nidaqmx",
             where="the stand-in chassis",
             repair='install ipmclab with its extra ni, such as: uv tool install ".[ni]"',

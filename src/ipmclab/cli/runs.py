@@ -62,7 +62,7 @@ def runs(
             "catalogue.db in the folder.",
         ),
     ] = None,
-    rebuild: Annotated[bool, typer.Option("--rebuild", help="Make the catalogue anew from the run files.")] = False,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Make the catalogue again from the run files.")] = False,
     as_json: Json = False,
 ) -> None:
     """List the runs of a folder, or those that answer a question; the life of a sample.

@@ -85,7 +85,7 @@ def simulate(
     told = [sentence(finding) for finding in run.metadata.findings]
     if changes and model.fit_table is not None:
         told.append(
-            "how sure this answer is, is told of environments that stand; simulate one of them for its interval"
+            "how sure this answer is, is known for constant environments only; simulate one of them for its interval"
         )
     peaks = {name: _peak(run, name) for name in run.channels if name != "voltage"}
     if as_json:

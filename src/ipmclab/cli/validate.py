@@ -30,7 +30,7 @@ def validate(
     actuator: ActuatorName,
     runs: RunFiles,
     also: Annotated[
-        list[str] | None, typer.Option(metavar="ACTUATOR", help="Another actuator beside it; may be repeated.")
+        list[str] | None, typer.Option(metavar="ACTUATOR", help="Another actuator to compare with; may be repeated.")
     ] = None,
     details: Details = False,
     as_json: Json = False,

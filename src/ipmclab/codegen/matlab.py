@@ -77,7 +77,7 @@ def _parameters(actuator: Actuator) -> dict[str, tuple[float, str]]:
     for k in range(branches):
         named[f"p{k + 1}"] = (values[f"circuit.branches.{k}.resistivity"], f"Ohm m, resistivity of branch {k + 1}")
     named["pdc"] = (values["circuit.dc_resistivity"], "Ohm m, dc resistivity")
-    named["Re"] = (_real(elements.electrode), "Ohm, of one electrode: it stands twice in series")
+    named["Re"] = (_real(elements.electrode), "Ohm, of one electrode: it is there twice, in series")
     named["R1"] = (_real(elements.dc), "Ohm, dc resistance")
     for k, (resistance, capacitance) in enumerate(
         zip(elements.branch_resistances, elements.branch_capacitances, strict=True), start=1

@@ -35,7 +35,7 @@ _LEAST: Final = 1e-6
 """Share of the scatter of the repeats that the covariance has in every direction."""
 
 _SINGULAR: Final = 1e-10
-"""Share of an eigenvalue of the information below which a grouping cannot be told from the others."""
+"""Share of an eigenvalue of the information below which a grouping cannot be distinguished from the others."""
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ class Trend:
     def __str__(self) -> str:
         """One sentence."""
         if len(self.told) == len(self.laws):
-            return f"{self.runs} runs at {len(self.levels)} levels tell no law from another"
+            return f"{self.runs} runs at {len(self.levels)} levels do not distinguish the laws"
         if len(self.told) == 1:
             return f"{self.told[0]}: every other law is excluded"
         excluded = [one.law for one in self.laws if one.law not in self.told]

@@ -166,7 +166,7 @@ def _told(fit: Fit, moved: Mapping[str, float], scatter: float) -> list[Finding]
             f"answer: this is noise of the voltage's own measurement, which the fit takes for voltage that was "
             f"applied; it moves {told}",
             "give the voltage that was commanded (the signal) in place of the measured one, or average it where it is "
-            "held; its scatter then no longer stands in the fit",
+            "held; the fit then has no longer its scatter",
             values={"scatter": scatter, **parts},
         )
     ]

@@ -42,7 +42,7 @@ def thickness_against_membrane(known: Known) -> list[Finding]:
             f"sheet, which soaked and plated makes {low.number} to {high.number}: {how_sure(sigmas)}"
             + known.taken(["geometry.thickness"]),
             "measure the strip with a micrometer, dry and wet; a scanning electron micrograph of its cross-section "
-            "shows membrane and metal apart",
+            "shows membrane and metal separately",
             found=has,
             expected=sheet,
             sigmas=sigmas,

@@ -53,7 +53,7 @@ def check_fit_table(table: Mapping[str, Any], actuator: Actuator) -> None:
     names = [entry["name"] for entry in entries]
     for place, name in enumerate(names):
         if name in names[:place]:
-            raise BadTable(f"fit.parameters[{place}].name", f"{name} stands there twice")
+            raise BadTable(f"fit.parameters[{place}].name", f"{name} is there twice")
     rank = _at(table, "rank", "fit")
     if not _is_whole(rank) or not 0 <= rank <= len(entries):
         raise BadTable(
@@ -155,7 +155,7 @@ def _check_covariance(table: Mapping[str, Any]) -> None:
     key = "fit.covariance"
     names = [_is_text(one, place) for place, one in _each(table, "names", key)]
     if len(set(names)) != len(names):
-        raise BadTable(f"{key}.names", "a name stands there twice")
+        raise BadTable(f"{key}.names", "a name is there twice")
     rows = _square(table, "rows", key, len(names), "names")
     for i, row in enumerate(rows):
         if not 0.0 <= row[i] < math.inf:

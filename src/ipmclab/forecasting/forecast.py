@@ -151,7 +151,7 @@ def _too_soon(past: Past, horizon: float) -> InputError:
     soonest = past.edge + SETTLE + LEARNT + FEWEST_ORIGINS * past.step + horizon / LEADS
     return InputError(
         f"the origin {past.origin:.6g} s is too soon after the voltage came on at {past.edge:.6g} s, or too few "
-        "readings lie between them: nothing tells yet how a forecast would miss",
+        "readings lie between them: it is not known yet how large the error of a forecast would be",
         code="origin-too-soon",
         where="origin",
         repair=f"give an origin from {soonest:.4g} s on, or a shorter horizon",

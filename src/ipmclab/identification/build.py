@@ -368,7 +368,7 @@ def _fit_findings(
                     "at-bound",
                     "warning",
                     f"{parameter.name} went to its bound, {parameter.value:.6g} {parameter.unit}".rstrip(),
-                    "the model lacks something that the readings show, or the parameter is not seen: fix it",
+                    "the model lacks something that the readings show, or the parameter has no effect on them: fix it",
                 )
             )
     return [*findings, *leaning_findings(found, fitted, stated, exact, asked, order)]

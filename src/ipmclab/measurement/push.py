@@ -107,7 +107,7 @@ def stiffness(push: Push) -> tuple[Uncertain, tuple[Finding, ...]]:
             Finding(
                 "push-one-way",
                 "info",
-                "the push goes one way only: friction and creep cannot be told from stiffness",
+                "the push goes one way only: friction and creep cannot be separated from stiffness",
                 "read it on the way back too",
             )
         )

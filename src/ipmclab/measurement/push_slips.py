@@ -42,7 +42,7 @@ class Apart:
         where = f"{(displacement if self.in_displacement else force).where}[{self.place}]"
         told = (
             f'"{force.texts[self.place]}" at "{displacement.texts[self.place]}", number {self.place + 1} of '
-            f"{len(force.texts)}, lies apart from the line through the others, which has {1e3 * self.expected:.3g} mN "
+            f"{len(force.texts)}, is far from the line through the others, which has {1e3 * self.expected:.3g} mN "
             "there"
         )
         return where, told

@@ -57,7 +57,7 @@ def curvature(actuator: Actuator, run: Run, positions: npt.ArrayLike) -> FloatAr
     """
     if actuator.structure.load:
         raise InputError(
-            "a load bends the strip beside its own curvature",
+            "a load bends the strip in addition to its own curvature",
             code="loaded",
             where="load.stiffness",
             repair="take the curvature of the strip without its load",

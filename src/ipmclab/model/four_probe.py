@@ -46,7 +46,7 @@ def point_factor(spacing: float, width: float, length: float = math.inf) -> floa
             f"{1e3 * width:g} mm",
             code="out-of-range",
             where="spacing",
-            repair="give the distance from one contact to the next; the outer two are three of it apart",
+            repair="give the distance from one contact to the next; the outer two are three times as far",
         )
     step = math.pi * spacing / width
     total = step + math.log1p(math.exp(-2.0 * step))

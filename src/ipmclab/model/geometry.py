@@ -35,7 +35,7 @@ DECLARATIONS: Final = (
     Declaration(
         *("geometry.sensing_length", LENGTH, "L_s", 1e-4, 1.0),
         typical=20e-3,
-        measured=Measurement("measure where the sensor stands", 6),
+        measured=Measurement("measure where the sensor is mounted", 6),
     ),
 )
 

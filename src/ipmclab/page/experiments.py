@@ -67,7 +67,7 @@ _MEASURED: Final = {
 }
 
 FIELDS: Final = (
-    FormField("title", "Title", "stands in every run", "new experiment"),
+    FormField("title", "Title", "is written in every run", "new experiment"),
     FormField("sample", "Sample", "the strip's id", ""),
     FormField("operator", "Operator", "your name", ""),
     FormField("signals", "Signals, one a line", "step 1 V, sine 1 V 0.1 Hz, chirp...", "step 1 V", "lines"),
@@ -132,7 +132,7 @@ _IN_A_FORM: Final = {
 the field and the code."""
 
 _DAMAGED: Final = "a letter in it is damaged, so that no file can hold it"
-_ANEW: Final = "type it anew"
+_ANEW: Final = "type it again"
 
 Values = dict[str, str | bool]
 

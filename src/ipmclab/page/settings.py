@@ -131,7 +131,7 @@ def checked(settings: Settings, *, proxy: bool) -> Settings:
     if settings.origin is None:
         missing.append("--origin https://NAME")
     if settings.certificate is None and not proxy:
-        missing.append("--certificate FILE --key FILE (or --proxy, where a proxy in front of it speaks HTTPS)")
+        missing.append("--certificate FILE --key FILE (or --proxy, where a proxy in front of it uses HTTPS)")
     if missing:
         option = "--host" if settings.origin is None else "--origin"
         raise InputError(

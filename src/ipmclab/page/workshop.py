@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ipmclab.store.catalogue.query import CatalogueRow
 
 MOST_COMPARED: Final = 8
-"""Runs on one plot: so many can be told apart."""
+"""Runs on one plot: so many can be distinguished."""
 
 _MOST_FITS: Final = 20
 """Fits of a session that are kept; then the oldest that is over goes."""

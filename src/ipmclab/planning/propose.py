@@ -245,7 +245,7 @@ def _remarks(fit: Fit, goal: GoalName) -> Iterator[str]:
         yield "a record of the fit is wrong, as its findings say: record it again before anything else"
     if open_ones:
         yield (
-            f"the fit does not determine {', '.join(open_ones)}, and the plan hangs on the values: record the first "
+            f"the fit does not determine {', '.join(open_ones)}, and the plan depends on them: record the first "
             "run, identify again with it, and ask once more"
         )
     if goal != "model" and codes & {"stage-missing", "model-incomplete"}:

@@ -67,7 +67,7 @@ def rivals_of(strip: FittedStrip, rival: str | Actuator | Fit | None, voltage: f
     stage = rival or next((str(one.values["stage"]) for one in strip.fit.findings if one.code == "stage-missing"), "")
     if not stage:
         raise InputError(
-            "the fit misses no stage, so nothing says from which model it is to be told",
+            "the fit misses no stage, so there is no other model to distinguish it from",
             code="no-rival",
             where="rival",
             repair="name a stage such as 'leak.exponential', or give another model of this strip",

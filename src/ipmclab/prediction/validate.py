@@ -223,7 +223,7 @@ def _fit_of(actuator: Actuator) -> tuple[Fit | None, InputError | None]:
 def run_labels(runs: Sequence[Run]) -> list[str]:
     """A short name for each run, no two alike: its source file, its signal, or its place.
 
-    Runs of one signal are told apart by what was measured, else by their place.
+    Runs of one signal are distinguished by what was measured, else by their place.
 
     Examples
     --------

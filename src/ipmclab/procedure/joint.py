@@ -135,7 +135,7 @@ def _compared(staged: Mapping[str, Uncertain], amounts: Mapping[str, Uncertain])
                     "steps-against-joint",
                     "warning",
                     f"{name}: step by step {alone.value:.4g}, all together {together.value:.4g}, "
-                    f"{gap / alone.uncertainty:.2g} standard uncertainties of the step apart",
+                    f"{gap / alone.uncertainty:.2g} standard uncertainties of the step",
                     "one step is wrong, or the model lacks something that a run shows: look at the findings, and "
                     "repeat the step whose number moved",
                     values={"staged": alone.value, "joint": together.value},

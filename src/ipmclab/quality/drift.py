@@ -67,8 +67,8 @@ def _drift(record: Record, channel: Channel, slope: float, error: float, stop: i
             f"record that would be {channel.show(slope * remaining)}, {100 * share:.3g} % of its range"
         ),
         repair=(
-            "identification fits a drift of this channel beside the parameters; better, wait until the strip is at "
-            "rest before the step"
+            "identification fits a drift of this channel together with the parameters; better, wait until the strip is "
+            "at rest before the step"
         ),
         samples=((0, stop),),
         values={"slope": slope, "standard_error": error, "share_of_range": share},
@@ -85,8 +85,8 @@ def _offset(channel: Channel, mean: float, error: float, stop: int) -> Finding:
             f"{channel.show(NORMAL_95 * error)} (95 %) instead of zero"
         ),
         repair=(
-            "identification fits an offset of this run beside the parameters; better, set the zero of the current in "
-            "the import map or the rig file"
+            "identification fits an offset of this run together with the parameters; better, set the zero of the "
+            "current in the import map or the rig file"
         ),
         samples=((0, stop),),
         values={"offset": mean, "standard_error": error},

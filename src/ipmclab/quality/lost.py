@@ -56,7 +56,7 @@ def _lost(record: Record, channel: Channel) -> Finding:
     if channel.beyond:
         far = ", ".join(channel.show(value) for value in channel.beyond[:3])
         more = ", ..." if len(channel.beyond) > 3 else ""
-        parts.append(f"{len(channel.beyond)} beside them are far out of any plausible range ({far}{more})")
+        parts.append(f"{len(channel.beyond)} more are far out of any plausible range ({far}{more})")
     what = "the laser lost its target" if laser else f"the {channel.name} has no reading"
     return Finding(
         code="laser-lost" if laser else "reading-missing",

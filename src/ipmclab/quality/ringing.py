@@ -59,7 +59,7 @@ def seen_ringing(record: Record) -> list[Finding]:
                 f"{channel.show(channel.noise)}) at an apparent {apparent:.4g} Hz; at {rate:.4g} samples per second "
                 f"the true frequency may as well be {rate - apparent:.4g} Hz or higher"
             ),
-            repair=f"record the step once at {4 * math.ceil(rate):d} samples per second or more to tell which it is",
+            repair=f"record the step once at {4 * math.ceil(rate):d} samples per second or more to decide which it is",
             values={"apparent_frequency": apparent, "image_frequency": rate - apparent, "amplitude": amplitude},
         )
     ]

@@ -204,7 +204,11 @@ def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
         with suppress(InputError):  # shorter than a test
             found = curl(one.results[0].record, abs(expected[0]))
             low, high = (plain(1e6 * end, 2) for end in found.interval)
-            can = {"yes": "tests are possible", "no": "no test is possible", "open": "the record is too short to tell"}
+            can = {
+                "yes": "tests are possible",
+                "no": "no test is possible",
+                "open": "the record is too short to decide",
+            }
             yield f"curl, {one.condition}", f"{low} to {high}{NO_BREAK}µm/s (95 %): {can[found.verdict]}"
 
 

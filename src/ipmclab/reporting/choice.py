@@ -118,7 +118,7 @@ def choice_html(choice: Choice, runs: Sequence[Run] = (), *, command: str = "") 
 def _row(choice: Choice, place: int) -> ModelRow:
     one = choice.ranked[place]
     apart = choice.to_best(one.name)
-    words = "best prediction" if apart is None else "worse" if apart.is_told else "cannot be told from the best"
+    words = "best prediction" if apart is None else "worse" if apart.is_told else "not distinguishable from the best"
     return ModelRow(
         name=one.name,
         parameters=str(one.parameters),

@@ -253,7 +253,7 @@ def _holding(fit: Fit) -> Iterator[str]:
             low, high = finding.values.get("low"), finding.values.get("high")
             reaches = (low is None or float(low) < 1.0) and (high is None or float(high) > 1.0)
             yield (
-                f"These runs do not tell whether a set point of the {finding.channel} can be held: the interval of r "
+                f"These runs do not show whether a set point of the {finding.channel} can be held: the interval of r "
                 "reaches over 1."
                 if reaches
                 else f"The {finding.channel} relaxes back by as much as the coupling gives, or more: integral action "
@@ -337,7 +337,7 @@ def _validation_part(validations: Sequence[Validation]) -> dict[str, Any] | None
                 "What the errors remember",
                 inline_svg(autocorrelation_figure(lags), "memory", "Autocorrelation of each prediction error"),
                 f"Autocorrelation of the prediction errors of {names[0]}. White noise stays within the band in "
-                f"95{NO_BREAK}% of the lags; what stands out is something that the model does not know.",
+                f"95{NO_BREAK}% of the lags; what is outside is something that the model does not know.",
             )
         )
     rows = tables.score_rows(validations, names)

@@ -47,7 +47,7 @@ CHOICES: Final = {"harmonics": ("all", "odd"), "phases": ("schroeder", "random")
 
 _LEAST: Final = 1e-9
 _MOST: Final = 1e9
-"""Frequencies [Hz] and times [s] whose edges and periods can be told apart: only a slip falls outside."""
+"""Frequencies [Hz] and times [s] whose edges and periods can be distinguished: only a slip falls outside."""
 
 _FROM_ZERO: Final = ("delay", "time")
 _INTEGERS: Final = {"order": (2, 16), "seed": (0, 2**32 - 1), "left_out": (0, 100)}

@@ -36,7 +36,7 @@ def refuse_endless_heap(path: Path) -> None:
         while at >= 0:
             if _is_endless(content, at):
                 raise InputError(
-                    f"the file is damaged: its texts cannot be told apart (heap at byte {at})",
+                    f"the file is damaged: the ends of its texts are lost (heap at byte {at})",
                     code="damaged-file",
                     where=str(path),
                     repair="copy it again from where it was recorded",

@@ -76,7 +76,7 @@ def test_where_a_drift_would_leave_nothing_known_the_fit_says_that_it_rests_on_t
     # From the row of the edge on: neither a zero nor a drift has anything to show against.
     fit = identify(FRIEND, runs("white", np.random.default_rng(SEED), (0,), begin=250))
     (told,) = (finding for finding in fit.findings if finding.code == "drift-not-excluded")
-    assert "rest on there being none" in told.message
+    assert "assume that there is none" in told.message
     assert not fit.observations[0].noise_model
     assert fit.parameters["circuit.dc_resistivity"].determined
 

@@ -44,7 +44,7 @@ def test_the_fit_says_whether_a_set_point_can_be_held(ratio: float, severity: st
     vague = {**fit.parameters, RATIO: replace(parameter, interval=(0.5, 1.5))}
     (finding,) = relaxing.set_point_findings(replace(fit, parameters=vague))
     assert finding.severity == "warning"
-    assert finding.message.startswith("these runs do not tell whether a set point of the displacement can be held")
+    assert finding.message.startswith("these runs do not show whether a set point of the displacement can be held")
 
 
 @pytest.mark.parametrize("interval", [(-math.inf, math.inf), (0.2, math.inf), (-math.inf, 3.0), (math.nan, math.nan)])
@@ -53,7 +53,7 @@ def test_an_interval_without_bounds_gives_no_verdict(interval: tuple[float, floa
     vague = {**fit.parameters, RATIO: replace(fit.parameters[RATIO], interval=interval, determined=False)}
     (finding,) = relaxing.set_point_findings(replace(fit, parameters=vague))
     assert finding.severity == "warning"
-    assert finding.message.startswith("these runs do not tell whether a set point of the displacement can be held")
+    assert finding.message.startswith("these runs do not show whether a set point of the displacement can be held")
     assert "keeps" not in finding.message  # what the point value would mean, it does not
     for which, bound in zip(("low", "high"), interval, strict=True):
         assert finding.values[which] == (bound if math.isfinite(bound) else None)
@@ -73,7 +73,7 @@ def test_the_interval_of_a_sum_uses_the_correlation() -> None:
     reach = 1.96 * np.sqrt(0.3**2 + 0.4**2 - 2 * 0.9 * 0.3 * 0.4)
     assert finding.values["low"] == pytest.approx(0.9 - reach, abs=1e-3)
     assert finding.values["high"] == pytest.approx(0.9 + reach, abs=1e-3)
-    assert "do not tell" in finding.message
+    assert "do not show" in finding.message
 
 
 def test_without_a_fitted_slow_mode_nothing_is_said() -> None:

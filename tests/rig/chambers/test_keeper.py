@@ -35,7 +35,7 @@ def test_it_tries_until_the_chamber_hears_it() -> None:
 
     assert watch(["hold"], reach, told.append, pause=0.0) == 0
     assert chamber.read().mode == "standby"
-    assert len([text for text in told if "could not be told" in text]) == 2
+    assert len([text for text in told if "could not be asked for" in text]) == 2
 
 
 def test_no_failure_of_any_kind_ends_it() -> None:

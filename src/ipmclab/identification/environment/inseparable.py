@@ -72,7 +72,7 @@ def _finding(age: str, laws: Sequence[str], ratio: float, states: Sequence[RunSt
     return Finding(
         CODE,
         "warning",
-        f"{age} and {listed} cannot be told apart: a later run was also one in another environment, so ageing is known "
+        f"{age} and {listed} cannot be separated: a later run was also one in another environment, so ageing is known "
         f"{ratio:.2g} times worse than it would be if the laws were known",
         f"go back: repeat the condition of the first run{there} at the end, and between others on the way",
         values={"ratio": ratio},

@@ -107,7 +107,7 @@ def _finding(
     return Finding(
         NEXT,
         "info",
-        f"of the laws {name} is known worst{told}",
+        f"{name} is the law that is known least{told}",
         f"one more run at {there} would leave {100.0 * left:.2g} % of that error",
         values=values,
     )

@@ -141,6 +141,6 @@ def _unseen(name: str, unknowns: Sequence[Unknown], off: Mapping[str, float], ch
     plural = "are" if len(unknowns) > 1 else "is"
     sentence = (
         f"{listed} {plural} not determined: these runs are met as well without {stage} (p = {chance:.2g}), and "
-        f"everything else stands where it does without it; {cure}"
+        f"all other values are as they are without it; {cure}"
     )
     return Unseen(tuple(unknowns), off, sentence)

@@ -133,7 +133,7 @@ def parse_free(
     of_mountings = names_of(names, per_mounting, "per_mounting")
     for name in sorted(one for one in own | of_mountings if one.startswith(AGE)):
         raise InputError(
-            f"{name!r} is what runs at different doses tell together",
+            f"{name!r} is what runs at different doses determine together",
             code="age-of-one-run",
             where="per_run" if name in own else "per_mounting",
             repair="name it in free",

@@ -182,7 +182,7 @@ class Problem:
 
     @cached_property
     def floors(self) -> dict[tuple[int, str], float]:
-        """Noise below which readings cannot be told from the rounding of the model [SI]."""
+        """Noise below which readings cannot be distinguished from the rounding of the model [SI]."""
         return {
             (record.place, output): max(ROUNDING * float(np.abs(reading.values).max(initial=0.0)), LEAST_NOISE)
             for record in self.records

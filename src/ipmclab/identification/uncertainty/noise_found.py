@@ -136,7 +136,7 @@ def _hum(label: str, output: str, hum: Hum) -> Finding:
         "warning",
         f"{label}: the {output} holds a hum of {hum.frequency:.3g} Hz with an amplitude of "
         f"{channel.to_display(hum.amplitude):.2g} {channel.display_unit}, which no noise here describes: errors and "
-        "intervals, of what an edge tells above all, may be too small",
+        "intervals, above all of what an edge determines, may be too small",
         "find its source; at a rate below twice its frequency the mains shows itself at another one: read faster, or "
         "average over a period of the mains",
         channel=output,
@@ -151,13 +151,13 @@ def _drift_not_excluded(output: str, blind: Blind) -> Finding:
             f"{blind.wider:.2g} times as wide"
         )
     else:
-        what = "Values and intervals rest on there being none: beside a drift some of these parameters would be open"
+        what = "Values and intervals assume that there is none: with a drift some parameters would be undetermined"
     return Finding(
         "drift-not-excluded",
         "info",
         f"no run here would show a drift of the {output} by three times its noise: the slow answer of the strip looks "
         f"the same. {what}",
-        "add a run that turns back, such as a sine or a step that ends at 0 V: it shows a drift apart from the strip",
+        "add a run that turns back, such as a sine or a step that ends at 0 V: a drift does not",
         channel=output,
         values={"wider": blind.wider},
     )

@@ -41,7 +41,7 @@ def _finding(fit: Fit, drive: Drive, names: Sequence[str]) -> Finding:
         return Finding(
             "set-point",
             "warning",
-            f"these runs do not tell whether a set point of the {drive} can be held: the 95 % interval of r is "
+            f"these runs do not show whether a set point of the {drive} can be held: the 95 % interval of r is "
             f"{known}, 1 in it; the fit took r = {point.ratio:.4g}",
             "record a step for several times the slowest time constant, and a second polarity against drift",
             channel=drive,

@@ -220,13 +220,13 @@ def _cure(moved: set[str], records: Sequence[PreparedRun]) -> str:
     if series and circuit - series:
         have = "current alone" if outputs == {"current"} else "these runs"
         return (
-            f"{have} cannot tell the series resistance from the branches (two branches show five numbers, not six): "
-            f"fix {min(series)} at a measured value, or add runs with force or displacement if the coupling is known "
-            "from elsewhere"
+            f"{have} cannot separate the series resistance from the branches (two branches show five numbers, not "
+            f"six): fix {min(series)} at a measured value, or add runs with force or displacement if the coupling "
+            "is known from elsewhere"
         )
     if "beam.modulus" in moved and "coupling.gain" in moved:
         missing = "displacement" if "displacement" not in outputs else "force"
-        return f"only the product of d and Young's modulus is seen: add runs with {missing}, or fix beam.modulus"
+        return f"only the product of d and Young's modulus is determined: add runs with {missing}, or fix beam.modulus"
     if moved & {"beam.density", "beam.modulus", "beam.damping_ratio"}:
         return "record displacement fast enough to see the beam ring, or fix the beam at measured values"
     if moved & {"coupling.gain", "coupling.zero"} == {"coupling.gain", "coupling.zero"}:

@@ -109,7 +109,7 @@ class EnvironmentHistory:
         """
         if run.temperature is None or run.relative_humidity is None:
             raise InputError(
-                "temperature and humidity were not both read beside this run",
+                "temperature and humidity were not both read during this run",
                 code="no-environment",
                 where="environment",
                 repair="give the environment yourself, such as '20 degC, 80 %RH'",

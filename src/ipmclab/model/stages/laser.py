@@ -156,6 +156,6 @@ KIND = StageKind(
     "laser.",
     outputs=("displacement",),
     held=("range",),
-    shows="a strip that bends far before a laser that stands still",
+    shows="a strip that bends far in front of a fixed laser",
     trials=_trials,
 )

@@ -204,7 +204,7 @@ KINDS: Final = (
         follows="leak",
         off=("growth",),
         held=(),
-        shows="a leak that changes while the voltage stands",
+        shows="a leak that changes while the voltage is constant",
         to_show="record for longer at a voltage that leaks",
         trials=_slow_trials,
     ),

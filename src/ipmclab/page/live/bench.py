@@ -52,7 +52,7 @@ class Bench:
         follower = self.follower
         if not again and self.seats.is_new and time.monotonic() < self._until and follower.may_drive:
             raise IpmclabError(
-                "the page was begun anew: who held the bench may take it again first",
+                "the page was started again: who held the bench may take it again first",
                 code="bench-kept",
                 where="bench",
                 repair=f"try again in {RIGHT:g} s; STOP and ZERO work for everybody",

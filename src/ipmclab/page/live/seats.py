@@ -73,7 +73,7 @@ class Seats:
         """
         if not seat:
             raise IpmclabError(
-                "this browser keeps no cookies, so it cannot be told from others",
+                "this browser keeps no cookies, so it cannot be distinguished from others",
                 code="no-seat",
                 where="bench",
                 repair="allow cookies for this page, and reload it",

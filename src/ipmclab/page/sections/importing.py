@@ -35,7 +35,7 @@ _IN_A_FORM: Final = {
     "no-time": "say which column is the time, or fill in the sampling period",
     "period-mismatch": "empty the sampling period",
     "missing-key": "say above a column that it is the voltage: every run has one",
-    "ragged-row": "see that the file is whole, what stands between columns, and the lines before the table",
+    "ragged-row": "see that the file is complete, what separates the columns, and the lines before the table",
     "unit-mismatch": "choose “as in the file”, or write the factor 1 where the file is wrong",
 }
 """What to do about a mistake where a form stands in place of the map: of each code."""

@@ -20,7 +20,7 @@ from ipmclab.page.sections.parts import card, finding_list, plain_table, step_vi
 from ipmclab.page.workshop import FitCard, Workshop
 
 MOST_MODELS: Final = 6
-"""On one plot: so many can be told apart."""
+"""On one plot: so many can be distinguished."""
 
 _SCORES: Final = {
     "output": "output",

@@ -172,7 +172,7 @@ class _View:
         with self._chosen:
             if len(keys) > MOST_COMPARED:
                 with card("Compared runs"):
-                    text(f"{len(keys)} runs are chosen; {MOST_COMPARED} can be told apart on one plot.")
+                    text(f"{len(keys)} runs are chosen; {MOST_COMPARED} can be distinguished on one plot.")
                 return
         try:
             runs = {

@@ -68,7 +68,7 @@ def choice_figure(choice: Choice) -> Figure:
         panel.tick_params(axis="y", length=0)
         panel.set_xlabel("log predictive likelihood, less that of the best (nat)")
         panel.set_title(
-            "diamond: preferred · blue: cannot be told from the best · orange: worse · bars: 95 %",
+            "diamond: preferred · blue: not distinguishable from the best · orange: worse · bars: 95 %",
             fontsize=7.5,
             fontweight="normal",
         )

@@ -238,7 +238,7 @@ def effects_figure(comparison: Comparison) -> ComparedFigure | None:
         name="effects",
         title="Effects, the others held",
         caption="By what factor a magnitude grows from the lowest level to the highest, with its 95 % interval. A "
-        "circle without a line: these runs cannot tell how sure it is.",
+        "circle without a line: these runs do not show how sure it is.",
         draw=lambda: _draw_effects(by),
         columns=("factor", "metric", "low [SI]", "high [SI]", "ratio", "ratio_low", "ratio_high"),
         data=data,

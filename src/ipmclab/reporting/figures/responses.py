@@ -51,8 +51,8 @@ def response_figures(comparison: Comparison) -> list[ComparedFigure]:
                 name=f"response-{len(found)}",
                 title=f"Frequency response, {run}",
                 caption="Above: the best linear approximation with its 95 % interval, by noise and distortion. Below: "
-                "the output at the driven lines, its noise, and what stands at lines that are not driven (even and odd "
-                "distortion).",
+                "the output at the driven lines, its noise, and what appears at lines that are not driven (even and "
+                "odd distortion).",
                 draw=lambda responses=responses: _draw_responses(responses),  # type: ignore[misc]
                 columns=("channel", "lines", "frequency [Hz]", "gain or level [SI]", "phase [rad]", "standard_error"),
                 data=tuple(data),

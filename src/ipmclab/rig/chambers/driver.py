@@ -160,7 +160,7 @@ class Driver(ABC):
             stated = self._state(deadline)
             if not asked.is_met_by(stated):
                 raise ChamberError(
-                    f"it was told {asked}, and states {stated}{self._guess(asked, stated)}",
+                    f"{asked} was asked for, and it states {stated}{self._guess(asked, stated)}",
                     code="chamber-refused",
                     where=self.where,
                     repair="look at the limits and the unit that are set at its panel, and that nobody else sets it",
@@ -215,7 +215,7 @@ class Driver(ABC):
         while (mode := self._does(deadline)) not in (*modes, "unknown"):
             if deadline.left < 2.0 * _SETTLE:
                 raise ChamberError(
-                    f"it was told {modes[0]}, and goes on with {mode}",
+                    f"{modes[0]} was asked for, and it goes on with {mode}",
                     code="chamber-refused",
                     where=self.where,
                     repair="look at its panel: it may be locked, or stopped by an alarm",

@@ -58,7 +58,7 @@ class Espec(Driver):
         most = self._ask("TYPE?", _type, deadline)
         if most > _MOST:
             raise ChamberError(
-                f"it says that it goes up to {most:g} degrees: it speaks in degrees Fahrenheit",
+                f"its upper limit is {most:g} degrees: it uses degrees Fahrenheit",
                 code="chamber-unit",
                 where=self.where,
                 repair="set it to degC at its panel",

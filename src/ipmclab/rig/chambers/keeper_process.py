@@ -52,7 +52,7 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
         regulates = word == "hold"
     if not regulates:
         return 0
-    log("chamber: the recorder is gone, it is told to stand by")
+    log("chamber: the recorder is gone, standby is asked for")
     until = time.monotonic() + GIVE_UP
     while True:
         try:
@@ -63,7 +63,7 @@ def watch(words: Iterable[str], reach: Callable[[], Chamber], log: Callable[[str
                 chamber.close()
         except Exception as error:  # whatever it is, nobody else is left to try again
             said = str(error) if isinstance(error, IpmclabError) else f"{type(error).__name__}: {error}"
-            log(f"chamber: it could not be told: {said}")
+            log(f"chamber: standby could not be asked for: {said}")
             if time.monotonic() >= until:
                 log("chamber: IT MAY STILL HOLD ITS SET POINTS: bring it to standby at its panel")
                 return 1

@@ -76,7 +76,7 @@ class ScpiTable(Driver):
         told = self._dialogue.ask(unit.ask, _words, deadline)
         if told != unit.celsius:
             raise ChamberError(
-                f"it answers {told!r} to {unit.ask}, and {unit.celsius!r} where it speaks in degC",
+                f"it answers {told!r} to {unit.ask}, and {unit.celsius!r} where it uses degC",
                 code="chamber-unit",
                 where=self.where,
                 repair="set it to degC",

@@ -149,7 +149,7 @@ def _check_command(command: str, where: str) -> None:
         holds = False
     if not holds:
         raise InputError(
-            f"{command!r} does not tell the value",
+            f"{command!r} does not give the value",
             code="bad-value",
             where=where,
             repair='write it with {value} in it, such as ":SOURCE:CLOOP1:SPOINT {value:.1f}"',

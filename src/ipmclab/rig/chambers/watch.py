@@ -302,7 +302,7 @@ def _as_chamber_error(error: Exception) -> ChamberError:
     """What went wrong beside a chamber, as an error that everybody here knows."""
     if isinstance(error, ChamberError):
         return error
-    where, repair = "chamber", "record again; if it happens again, tell the developers this message"
+    where, repair = "chamber", "record again; if it happens again, report this message to the developers"
     if isinstance(error, IpmclabError):
         return ChamberError(error.message, code=error.code, where=error.where, repair=error.repair)
     return ChamberError(

@@ -55,7 +55,7 @@ def chamber_items(chamber: Chamber) -> Iterator[Item]:
         yield Item(name, what, "failed", error.message, error.repair)
         return
     yield Item(name, what, "passed", str(read))
-    name, what = "chamber-standby", "the chamber after it was told to stand by"
+    name, what = "chamber-standby", "the chamber after standby was asked for"
     if read.mode == "program":
         yield Item(name, what, "not done", "it follows a program", "end that at its panel, and prove the rig again")
         return

@@ -55,7 +55,7 @@ MEANINGS: Final[Mapping[int, Meaning]] = {
     -200284: Meaning(
         "SAMPLES_NOT_YET_AVAILABLE",
         "the chassis gives no readings",
-        "its sample clock stands still: check its power and its cable; then start again",
+        "its sample clock has stopped: check its power and its cable; then start again",
         code="bench-frozen",
     ),
     -200290: Meaning(
@@ -65,7 +65,7 @@ MEANINGS: Final[Mapping[int, Meaning]] = {
     ),
     -200292: Meaning(
         "SAMPLES_CAN_NOT_YET_BE_WRITTEN",
-        "the output takes no more samples: its clock stands still",
+        "the output takes no more samples: its clock has stopped",
         "check the power and the cable of the chassis; then start again",
         code="bench-frozen",
     ),
@@ -209,7 +209,7 @@ MEANINGS: Final[Mapping[int, Meaning]] = {
     -200560: Meaning(
         "WAIT_UNTIL_DONE_DOES_NOT_INDICATE_DONE",
         "the chassis did not end in time",
-        "its sample clock stands still: check its power and its cable; then start again",
+        "its sample clock has stopped: check its power and its cable; then start again",
         code="bench-frozen",
     ),
 }
@@ -229,7 +229,7 @@ STATUSES: Final[Mapping[str, tuple[str, str, str]]] = {
     "DEADLINE_EXCEEDED": (
         "bench-frozen",
         "the server of the chassis does not answer",
-        "it hangs, or its computer does: switch the amplifier off, restart the server, then start again",
+        "its program or its computer is stuck: switch the amplifier off, restart the server, then start again",
     ),
     "UNIMPLEMENTED": (
         "server-too-old",

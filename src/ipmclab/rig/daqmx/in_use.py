@@ -48,7 +48,7 @@ class Hold:
             except OSError as error:
                 self.release()
                 raise InUse(
-                    f"nobody can tell whether another run is being recorded on it: its lock {path} cannot be opened "
+                    f"it is not known whether another run is being recorded on it: its lock {path} cannot be opened "
                     f"({error.strerror or error})",
                     code="bench-in-use",
                     where=module,

@@ -25,7 +25,7 @@ def read_output(driver: Driver) -> float:
     names = channels_at_output(driver.rig)
     if not names:
         raise BenchError(
-            "no channels of this rig tell what the output gives",
+            "no channels of this rig show what the output gives",
             code="output-unread",
             where="output",
             repair="wire the channel voltage (and current, where a resistance lies between it and the output)",

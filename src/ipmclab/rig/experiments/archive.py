@@ -151,7 +151,7 @@ class Archive:
         try:
             found = pair(read_run(first), read_run(path))
         except (InputError, MemoryError) as error:
-            self._note(f"the pair tells nothing: {error}")
+            self._note(f"the pair shows nothing: {error}")
             return
         for text in found.texts():
             self._note(text)

@@ -222,7 +222,7 @@ class Conditioning:
         try:
             self._chamber.safe()
         except ChamberError as error:
-            text = f"the chamber may still hold its set points, it could not be told to stand by: {error.message}"
+            text = f"the chamber may still hold its set points, standby could not be asked for: {error.message}"
             self._desk.note(text)
             raise ChamberError(
                 text, code=error.code, where=error.where, repair="bring it to standby at its panel"

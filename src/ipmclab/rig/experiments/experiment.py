@@ -65,7 +65,7 @@ _EXAMPLES: Final = {
 TEMPLATE: Final = """\
 title = "step and sine, 1 V"
 sample = "strip-1"               # or a table [sample] with id, membrane, counter_ion...
-rig = "rig.toml"                 # beside this file; "virtual" needs no hardware
+rig = "rig.toml"                 # in the folder of this file; "virtual" needs no hardware
 folder = "runs"                  # the laboratory folder: every run of every sample
 signals = ["step 1 V", "sine 1 V 0.1 Hz"]
 duration = "40 s"                # of each signal; 5 s at 0 V come before and after it
@@ -473,7 +473,7 @@ def _steps(names: Sequence[str] | None, where: str) -> tuple[str, ...] | None:
     for name in names:
         if name not in order[at:]:
             raise InputError(
-                f"{name!r} stands too late or twice",
+                f"{name!r} comes too late or twice",
                 code="bad-order",
                 where=where,
                 repair=f"keep to the order {', '.join(order)}",

@@ -238,7 +238,7 @@ def _environment_remarks(experiment: Experiment, rig: Rig, steps: Sequence[Plann
     if experiment.order == "listed" and experiment.reference is None and len(experiment.environments) > 2:
         found.append(
             "the conditions are visited once and no reference is visited again: what the environment does and what age "
-            'does cannot be told apart; order = "palindromic" or a [reference] cures that'
+            'does cannot be separated; order = "palindromic" or a [reference] cures that'
         )
     return found
 

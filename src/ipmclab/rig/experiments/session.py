@@ -185,7 +185,7 @@ class Session:
             return
         answer = self._ask(step.question) if step.question is not None else ""
         if step.name == "zero" and answer == "skip":
-            self.note("no tare is read: a tip that does not touch is told from the end of the sensor only")
+            self.note("no tare is read: that the tip does not touch is known from the sensor's end stop only")
         if self._requests.is_over():
             return
         if answer == UNKNOWN:
@@ -286,7 +286,7 @@ class Session:
                 return
             found = self._archive.fingerprint
             if found is None:
-                self.note("the fingerprint tells nothing: no step of the current, or a strip still discharging")
+                self.note("the fingerprint shows nothing: no step of the current, or a strip still discharging")
                 return
             self.note(f"fingerprint: {found}")
             told = fingerprint.differences(found, known)

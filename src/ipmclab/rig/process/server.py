@@ -209,7 +209,7 @@ def end_on_signals(operator: ClientOperator) -> None:
     """Let every signal that ends a process end the run first, with the output at 0 V. Of the main thread."""
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
-        reason = f"the recorder was told to end ({signal.Signals(number).name})"
+        reason = f"the recorder was asked to end ({signal.Signals(number).name})"
         # Not here: the main thread may hold a lock that this needs.
         threading.Thread(target=operator.end, args=("abort", reason), daemon=True).start()
 

@@ -282,7 +282,7 @@ class Guardian:
         """Why there was no beat: this program waited for its next rows, or was itself held up."""
         why = "the chassis gave no readings" if waited else "this computer held the recording up"
         wait = "see that the chassis, its cable and its server answer without a pause, then record again"
-        busy = "give this computer less to do beside the recording, and record again"
+        busy = "give this computer less to do during the recording, and record again"
         return IpmclabError(
             f"the guardian {_DEEDS[self._outcome]}: {self._text}; {why} for {silent:.1f} s",
             code="guardian-acted",

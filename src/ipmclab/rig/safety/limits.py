@@ -197,7 +197,7 @@ class Limits:
                 f"the limit is {self.voltage.most:g} V, no strip is given more than {MOST_VOLTAGE:g} V",
                 code="bad-limit",
                 where="limits.voltage",
-                repair="give what this strip stands, such as 3.5 V",
+                repair="give what this strip withstands, such as 3.5 V",
             )
         if self.voltage.action != "zero":
             raise InputError(
@@ -256,7 +256,7 @@ class Limits:
                         "the voltage is never without a limit",
                         code="bad-limit",
                         where=place,
-                        repair="give what this strip stands, such as '3.5 V'",
+                        repair="give what this strip withstands, such as '3.5 V'",
                     )
                 values[key] = None
             else:
@@ -409,7 +409,7 @@ class Limits:
             if limit.most > max(-low, high):
                 found[name] = (
                     f"the limit of the {words(name)}, {shown(name, limit.most)}, is beyond what its channel reads, "
-                    f"{shown(name, max(-low, high))}: it is not seen to be passed"
+                    f"{shown(name, max(-low, high))}: nothing shows when it is exceeded"
                 )
         return found
 

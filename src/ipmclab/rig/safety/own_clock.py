@@ -112,7 +112,7 @@ def own_pauses_told(doing: str) -> Iterator[OwnClock]:
         if held_up and failure.code in _CONSEQUENCES:
             failure.message = f"this computer held the recording up for {held_up:.1f} s {doing}"
             failure.code, failure.where = "held-up", ""
-            failure.repair = "give this computer less to do beside the recording, and record again"
+            failure.repair = "give this computer less to do during the recording, and record again"
         raise
     finally:
         clock.end()

@@ -208,7 +208,7 @@ class Catalogue:
         return found
 
     def rebuild(self, inspect: Inspect | None = None, on_progress: Progress | None = None) -> Sweep:
-        """Make the catalogue anew from the files of its folder.
+        """Make the catalogue again from the files of its folder.
 
         A damaged catalogue beside the runs is kept under another name. Runs of the folder whose files are gone are
         forgotten; those of other folders stay, unless the tables are of another version.

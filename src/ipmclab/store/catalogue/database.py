@@ -176,7 +176,7 @@ class Database:
                     found = _make_tables(connection)
         if found != tables.VERSION:
             newer = found > tables.VERSION
-            first = "update ipmclab, or let this version make it anew" if newer else "let this version make it anew"
+            first = "update ipmclab, or let this version make it again" if newer else "let this version make it again"
             raise IpmclabError(
                 f"the catalogue is of version {found}, this ipmclab reads version {tables.VERSION}",
                 code="catalogue-newer" if newer else "catalogue-older",
@@ -233,7 +233,7 @@ class Database:
             "SQLITE_BUSY": (
                 "catalogue-busy",
                 f"another program has held the catalogue for {self._patience:g} s",
-                "see which other ipmclab hangs, end it and try again",
+                "see which other ipmclab does not answer, end it and try again",
             ),
             "SQLITE_READONLY": (
                 "catalogue-unwritable",
@@ -262,14 +262,14 @@ class Database:
                 code="catalogue-unreachable",
                 where=self.where,
                 repair="see that the server runs and that the address, the user and the password are right; "
-                "without --catalogue and IPMCLAB_CATALOGUE the catalogue beside the runs is used",
+                "without --catalogue and IPMCLAB_CATALOGUE the catalogue in the folder of the runs is used",
             )
         if state in _HELD:
             return IpmclabError(
                 f"another program has held the catalogue for {self._patience:g} s ({reason})",
                 code="catalogue-busy",
                 where=self.where,
-                repair="see which other ipmclab hangs, end it and try again",
+                repair="see which other ipmclab does not answer, end it and try again",
             )
         if str(state).startswith(("28", "3D", "42501")):
             return IpmclabError(
@@ -285,7 +285,7 @@ class Database:
             f"the catalogue is damaged: {' '.join(str(error).split())}",
             code="catalogue-broken",
             where=self.where,
-            repair="nothing is lost, the runs are in their files; make it anew: ipmclab runs FOLDER --rebuild",
+            repair="nothing is lost, the runs are in their files; make it again: ipmclab runs FOLDER --rebuild",
         )
 
 

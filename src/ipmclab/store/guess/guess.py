@@ -103,7 +103,7 @@ class Guess:
             for question in self.questions
         )
         told = "".join(f"# {line}\n" for line in (*self.taken, *self.left_out))
-        head = f"# {title}: what was seen in it. Correct here what is wrong.\n#\n"
+        head = f"# {title}: what was found in it. Correct here what is wrong.\n#\n"
         return f"{head}{told}{asked}\n{tomli_w.dumps(self.table)}"
 
 
@@ -217,7 +217,7 @@ class _Guesser:
                 file |= {"decimal": ","} if answer == "," else {}
         marks = {"\t": "tabs", " ": "blanks"}
         self._take(
-            f"text table: columns apart by {marks.get(file['separator'], repr(file['separator']))}, "
+            f"text table: columns separated by {marks.get(file['separator'], repr(file['separator']))}, "
             f"decimal {'comma' if file.get('decimal') == ',' else 'point'}, {file.get('encoding', 'utf-8')}"
             + (f", after {file['skip_lines']} lines" if file.get("skip_lines") else "")
         )

@@ -175,7 +175,7 @@ class Columns:
                     row,
                     column,
                     "thousands-mark",
-                    f"it seems to have a thousands mark beside the decimal {self.decimal!r} of the map: "
+                    f"it seems to have a thousands mark as well as the decimal {self.decimal!r} of the map: "
                     "save the record without thousands marks, or correct decimal in the map",
                 )
             if self.decimal == "." and _NUMBER.fullmatch(text.replace(",", ".", 1)):

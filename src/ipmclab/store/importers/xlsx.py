@@ -73,7 +73,7 @@ def _refuse_wide(cells: int, path: Path) -> None:
             f"its rows and columns make more than {_MOST_CELLS} cells",
             code="too-large",
             where=str(path),
-            repair="delete what stands far to the right or below of the table, or save the table as .csv",
+            repair="delete what is far to the right or below of the table, or save the table as .csv",
         )
 
 

@@ -179,7 +179,7 @@ def _header(stream: BinaryIO, where: str) -> JournalHeader:
         "it is empty (0 bytes)" if is_empty else "its first frame is no header of a journal",
         code="empty-file" if is_empty else "not-a-journal",
         where=where,
-        repair="what is in it cannot be told",
+        repair="what is in it cannot be read",
     )
 
 

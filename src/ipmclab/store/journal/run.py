@@ -151,7 +151,7 @@ def _marks(record: JournalRecord, known: tuple[Mark, ...]) -> tuple[Mark, ...]:
         count = sum(stop - start for start, stop in more)
         marks.append(Mark(more[0][0] / rate, f"{len(more)} more gaps from here on, {count} rows", "gap"))
     if record.unread_voltages:
-        text = f"the voltage could not be read in {record.unread_voltages} rows: what was commanded stands there"
+        text = f"the voltage could not be read in {record.unread_voltages} rows: what was commanded is there"
         marks.append(Mark(0.0, text, "bench"))
     return tuple(sorted(dict.fromkeys(marks), key=lambda mark: mark.time))
 

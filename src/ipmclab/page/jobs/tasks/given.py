@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ipmclab.run import Finding, Run
 
 _SHOWN_APART: Final = 400
-"""Parts of a record that can be told apart on a plot."""
+"""Parts of a record that can be distinguished on a plot."""
 
 _WHOLE: Final = 0.9
 """Of a record: what covers so much of it is said in words alone."""
