@@ -63,7 +63,7 @@ def test_models_that_say_the_same_are_not_told_apart() -> None:
     nearly = difference(("A", said(noise)), ("B", said(noise * (1.0 + 1e-9))), BLOCK_OF, ONE_RUN)
     assert not same.is_told
     assert not nearly.is_told
-    assert str(nearly).startswith("These records cannot tell A from B")
+    assert str(nearly).startswith("These records cannot distinguish A from B")
 
 
 def test_a_wide_and_a_narrow_model_are_told_apart() -> None:

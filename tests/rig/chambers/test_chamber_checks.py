@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from ipmclab.cli.app import app
@@ -43,6 +44,7 @@ def test_a_check_leaves_the_chamber_as_it_is(tmp_path: Path) -> None:
     assert (read, finding.code, finding.severity) == (None, "chamber-unreachable", "error")
 
 
+@pytest.mark.real_time
 def test_a_proof_brings_the_chamber_to_standby(tmp_path: Path, quick: None) -> None:
     with paired(KINDS[0], tmp_path) as pair:
         pair.chamber.set(*WANTED)

@@ -115,6 +115,7 @@ def test_a_chamber_that_follows_a_program_is_left_to_it(tmp_path: Path) -> None:
         assert (caught.value.code, pair.room.mode) == ("chamber-in-use", "RUN")
 
 
+@pytest.mark.real_time
 def test_an_alarm_is_told_and_nothing_is_set_over_it(tmp_path: Path, quick: None) -> None:
     def trip(kind: Kind) -> None:
         with paired(kind, tmp_path) as pair:
@@ -131,6 +132,7 @@ def test_an_alarm_is_told_and_nothing_is_set_over_it(tmp_path: Path, quick: None
     at_once(trip, KINDS)
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("trouble", ["deaf", "locked"])
 def test_a_chamber_that_does_not_do_what_it_is_told(trouble: str, tmp_path: Path, quick: None) -> None:
     def tell(kind: Kind) -> None:
