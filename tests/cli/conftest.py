@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from ipmclab.cli.app import run
+from tests.waiting import patient_calls as patient_calls
 
 
 @dataclass(frozen=True)

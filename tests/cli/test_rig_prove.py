@@ -74,6 +74,7 @@ def test_the_list_is_gone_through_with_the_dummy_load(tmp_path: Path, command: C
     assert "not proven on this hardware: proved against a stand-in on 20" in outcome.document["cited"]
 
 
+@pytest.mark.real_time
 def test_a_strip_is_not_put_through_it(tmp_path: Path, command: Command) -> None:
     path = tmp_path / "rig.toml"
     with served(path, load="strip"):

@@ -8,7 +8,6 @@ import os
 import shutil
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from ipmclab.store.journal.journal import Journal, JournalError, JournalHeader, 
 from ipmclab.store.journal.laboratory import Laboratory, free_space_needed
 from ipmclab.store.journal.recover import recover
 from ipmclab.store.run_file import read_run
+from tests.waiting import until
 
 COLUMNS = ("voltage", "current", "current_quality", "current_raw", "output_raw")
 
@@ -44,13 +44,6 @@ def rows(first: int, count: int) -> np.ndarray:
 def stored(path: Path) -> np.ndarray:
     pieces = [values for _, values in read_journal(path).rows()]
     return np.concatenate(pieces) if pieces else np.empty((0, len(COLUMNS)))
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def settled(journal: Journal, sent: int) -> None:

@@ -25,6 +25,7 @@ from ipmclab.store.journal.finalise import finalise, finish_here
 from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.recover import recover
+from tests.waiting import HANGS
 
 WRITER = Path(__file__).with_name("writer.py")
 
@@ -100,7 +101,7 @@ def test_kill_9_of_a_recording_loses_nothing_that_was_acknowledged(tmp_path: Pat
 
 def recover_all(root: Path) -> None:
     """Recover, again where a killed recorder's finishing process still has a journal: it goes on alone."""
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + HANGS
     while True:
         recovery = recover(root)
         assert recovery.failed == ()

@@ -8,12 +8,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks.page import CHANNELS, JUMP, measure
 
 MINUTES = 1.0 / 3.0
 
 
+@pytest.mark.real_time
 def test_half_an_hour_and_some_seconds_more(tmp_path: Path, chromium) -> None:
     found = measure(tmp_path, MINUTES, chromium, paints=0, others=False)
     assert found.points_behind > 1_000_000

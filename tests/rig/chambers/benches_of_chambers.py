@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from ipmclab.rig.chambers.chamber import Chamber
 from ipmclab.rig.chambers.drivers import open_chamber
-from ipmclab.rig.chambers.settings import ChamberSettings
+from ipmclab.rig.chambers.settings import MOST_PATIENCE, ChamberSettings
 from tests.rig.chambers.devices import (
     MODBUS_TABLE,
     SCPI_TABLE,
@@ -77,8 +77,11 @@ class Pair:
 
 
 @contextmanager
-def paired(kind: Kind, folder: Path, *, patience: float = 0.5, seed: int = 0) -> Iterator[Pair]:
-    """A driver that speaks with an emulated instrument."""
+def paired(kind: Kind, folder: Path, *, patience: float = MOST_PATIENCE, seed: int = 0) -> Iterator[Pair]:
+    """A driver that speaks with an emulated instrument, and waits for its answers however busy the machine is.
+
+    Where answers fail to come, ``patience`` [s] says how long it waits for each.
+    """
     device = kind.device()
     with (at_terminal if kind.serial else at_socket)(device, seed) as emulator:
         table = None

@@ -167,6 +167,7 @@ def test_an_old_controller_without_modes_and_alarms(tmp_path: Path) -> None:
         assert pair.room.mode == "STANDBY"
 
 
+@pytest.mark.real_time
 def test_a_chamber_that_is_not_there(tmp_path: Path) -> None:
     for kind in KINDS:
         with paired(kind, tmp_path) as pair:

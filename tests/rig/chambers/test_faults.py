@@ -14,6 +14,8 @@ from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, at
 from tests.rig.chambers.wire import LINE_FAULTS, Fault
 from tests.rig.chambers.wire import Kind as FaultKind
 
+pytestmark = pytest.mark.real_time
+
 SLACK = 1.0
 """A busy machine may take so much longer [s]."""
 
@@ -84,7 +86,7 @@ def test_a_line_that_fails(place: int, tmp_path: Path, quicker: None) -> None:
 def test_one_answer_that_fails_costs_a_question_and_nothing_else(tmp_path: Path) -> None:
     def fail(what: FaultKind) -> None:
         for kind in (KINDS[1], KINDS[-1]):
-            with paired(kind, tmp_path) as pair:
+            with paired(kind, tmp_path, patience=0.5) as pair:
                 pair.chamber.set(*WANTED)
                 pair.emulator.fault = Fault(what, after=1, lasts=1, seconds=0.8)
                 assert pair.chamber.read().temperature == WANTED[0]

@@ -12,18 +12,21 @@ import pytest
 
 from ipmclab.rig.chambers import driver, watch
 from ipmclab.rig.chambers.chamber import ChamberError, Conditions
-from ipmclab.rig.chambers.settings import OTHERS_PATIENCE
+from ipmclab.rig.chambers.settings import MOST_PATIENCE, OTHERS_PATIENCE
 from ipmclab.rig.chambers.virtual import VirtualChamber
 from ipmclab.rig.chambers.watch import ChamberWatch
 from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, Pair, paired, set_by_another
 from tests.rig.chambers.test_faults import tried
 from tests.rig.chambers.wire import Fault
+from tests.waiting import HANGS, until
 
 pytestmark = pytest.mark.usefixtures("often")
 
 
 @contextmanager
-def watched(kind: Kind, folder: Path, patience: float = 0.5) -> Iterator[tuple[ChamberWatch, Pair, list[ChamberError]]]:
+def watched(
+    kind: Kind, folder: Path, patience: float = MOST_PATIENCE
+) -> Iterator[tuple[ChamberWatch, Pair, list[ChamberError]]]:
     with paired(kind, folder, patience=patience) as pair:
         held = ChamberWatch(pair.chamber)
         problems: list[ChamberError] = []
@@ -35,12 +38,16 @@ def watched(kind: Kind, folder: Path, patience: float = 0.5) -> Iterator[tuple[C
             held.close()
 
 
-def wait_for(problems: list[ChamberError], seconds: float = 10.0) -> ChamberError:
-    until = time.monotonic() + seconds
-    while not problems:
-        assert time.monotonic() < until, "nothing was told"
-        time.sleep(0.05)
+def wait_for(problems: list[ChamberError]) -> ChamberError:
+    until(lambda: problems)
     return problems[0]
+
+
+def further_readings(held: ChamberWatch) -> None:
+    """Wait until two more have come: the first may have been asked for before."""
+    for _ in range(2):
+        last = held.latest
+        until(lambda last=last: held.latest is not last)
 
 
 @pytest.mark.parametrize(
@@ -68,21 +75,30 @@ def test_what_nobody_asked_for_ends_an_experiment(
 def test_a_program_that_starts_while_the_chamber_is_still(tmp_path: Path) -> None:
     with watched(KINDS[0], tmp_path) as (held, pair, problems):
         held.still(60.0)
-        time.sleep(0.7)
+        further_readings(held)
         assert problems == []
         pair.room.mode = "RUN"
         assert "program" in wait_for(problems).message
 
 
-def test_silence_is_borne_for_a_while_and_then_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silence_is_borne_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with watched(KINDS[-1], tmp_path) as (held, pair, problems):
+        further_readings(held)
+        with monkeypatch.context() as patch:
+            patch.setattr(driver, "READ_TIME", 0.5)
+            pair.emulator.fault = Fault("silence")
+            until(lambda: held._failure is not None)
+        pair.emulator.fault = None
+        further_readings(held)
+        assert (held._failure, problems) == (None, [])
+
+
+@pytest.mark.real_time
+def test_silence_is_told_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(driver, "READ_TIME", 0.5)
     monkeypatch.setattr(watch, "SILENT", 1.5)
-    with watched(KINDS[-1], tmp_path, patience=0.2) as (_, pair, problems):
-        pair.emulator.fault = Fault("silence", lasts=2)
-        time.sleep(1.0)
-        pair.emulator.fault = None
-        time.sleep(1.0)
-        assert problems == []
+    with watched(KINDS[-1], tmp_path, patience=0.2) as (held, pair, problems):
+        further_readings(held)
         pair.emulator.fault = Fault("silence")
         began = time.monotonic()
         assert wait_for(problems).code == "chamber-silent"
@@ -101,10 +117,11 @@ def test_a_humidity_that_the_chamber_rounds_is_nobody_elses(tmp_path: Path) -> N
         pytest.skip("no pseudo-terminals")
     with watched(kind, tmp_path) as (held, _, problems):
         held.set(25.0, 60.4)
-        time.sleep(0.7)
+        further_readings(held)
         assert problems == []
 
 
+@pytest.mark.real_time
 def test_safe_does_not_wait_for_a_reading_that_is_under_way(tmp_path: Path) -> None:
     with paired(KINDS[0], tmp_path, patience=0.3) as pair:
         pair.chamber.set(*WANTED)
@@ -119,6 +136,7 @@ def test_safe_does_not_wait_for_a_reading_that_is_under_way(tmp_path: Path) -> N
         reading.join()
 
 
+@pytest.mark.real_time
 def test_safe_cuts_the_standby_of_a_call_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, seconds in (("READ_TIME", 0.5), ("SET_TIME", 0.3), ("_POLITE", 0.2)):
         monkeypatch.setattr(driver, name, seconds)
@@ -162,7 +180,7 @@ def test_a_fault_of_the_driver_is_told_and_ends_no_watch(monkeypatch: pytest.Mon
     chamber.act = lambda: None
     heard = threading.Event()
     held.on_reading = lambda _: heard.set()
-    assert heard.wait(5.0)
+    assert heard.wait(HANGS)
     held.close()
 
 
@@ -180,11 +198,11 @@ def test_what_hears_of_readings_and_fails_is_a_problem_of_the_watch(monkeypatch:
 
 
 def test_a_reading_that_hangs_is_noticed_by_whoever_asks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watch, "SILENT", 0.2)
     hangs = threading.Event()
-    held = ChamberWatch(Broken(lambda: bool(hangs.wait(10.0)) and None))
+    held = ChamberWatch(Broken(lambda: bool(hangs.wait(HANGS)) and None))
     held.set(*WANTED)
     held.check()
+    monkeypatch.setattr(watch, "SILENT", 0.2)
     time.sleep(0.3)
     with pytest.raises(ChamberError) as caught:
         held.check()
@@ -197,15 +215,15 @@ def test_a_reading_that_hangs_is_noticed_by_whoever_asks(monkeypatch: pytest.Mon
 def test_a_chamber_that_does_not_answer_is_resumed_once_it_does(
     monkeypatch: pytest.MonkeyPatch, *, answers_again: bool
 ) -> None:
-    monkeypatch.setattr(watch, "SILENT", 1.0)
+    monkeypatch.setattr(watch, "SILENT", HANGS if answers_again else 1.0)
     chamber = VirtualChamber()
     held = ChamberWatch(chamber)
     held.set(*WANTED)
     held.still(60.0)
     chamber.silent = True
-    time.sleep(0.4)
-    asked: list[float] = []
-    monkeypatch.setattr(chamber, "resume", lambda: asked.append(time.monotonic()))
+    until(lambda: held._failure is not None)
+    asked: list[bool] = []
+    monkeypatch.setattr(chamber, "resume", lambda: asked.append(True))
     if answers_again:
         threading.Timer(0.3, lambda: setattr(chamber, "silent", False)).start()
         held.resume()

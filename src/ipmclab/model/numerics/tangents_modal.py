@@ -148,13 +148,16 @@ def modal_tangents(
     rows, n = len(line.reading), len(modes.poles)
     is_pair = modes.poles[kept].imag > 0.0
     times = np.where(is_pair, 2.0, 1.0)
-    every = [(0.0, given.b, given.d_b)]
-    if by_states or np.any(state):
-        every.append((1.0, state, np.zeros((len(given.d_b), n))))
+    voltage = _answers(modes.poles[kept], line, 0.0)
+    drives = [(voltage, given.b, given.d_b)]
+    moves = bool(np.any(state))
+    if moves or by_states:
+        free = _answers(modes.poles[kept], line, 1.0)
+    if moves:  # at rest it stays out of the sum below: with more terms, though they are 0, that rounds otherwise
+        drives.append((free, state, np.zeros((len(given.d_b), n))))
     columns: list[FloatArray] = [line.reading[:, None]]
     weights: list[FloatArray] = [given.d_d.T[:, None, :]]
-    for first, drive, d_drive in every:
-        answers = _answers(modes.poles[kept], line, first)
+    for answers, drive, d_drive in drives:
         of_all = modes.weights(modes.left @ drive, d_drive @ modes.left.T)
         of_kept = of_all[:, np.concatenate([kept, n + kept])] * np.tile(times, 2)[:, None]
         columns += [answers.real, answers.imag[:, np.tile(is_pair, 2)]]
@@ -163,7 +166,7 @@ def modal_tangents(
     states = np.zeros((len(given.c), rows, n))
     if by_states:
         sees = modes.read[:, kept, None] * modes.left[kept] * times[:, None]
-        states = answers.real[:, : len(kept)] @ sees.real - answers.imag[:, : len(kept)] @ sees.imag
+        states = free.real[:, : len(kept)] @ sees.real - free.imag[:, : len(kept)] @ sees.imag
     return parameters, states
 
 

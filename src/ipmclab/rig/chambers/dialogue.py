@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 
 from ipmclab.rig.chambers.chamber import ChamberError
 from ipmclab.rig.chambers.deadline import Deadline
-from ipmclab.rig.chambers.line import Line, garbled
+from ipmclab.rig.chambers.line import LONGEST_QUIET, Line, garbled
 
 Meaning = TypeVar("Meaning")
 
@@ -117,7 +117,7 @@ class Dialogue:
         """Go on only where the next answer is that to the next question."""
         self.line.drop()
         # Where no answer is like no other, one that is late has to be waited for.
-        quiet = self._patience if self._landmark is None else min(_QUIET, self._patience)
+        quiet = min(LONGEST_QUIET if self._landmark is None else _QUIET, self._patience)
         self.line.quieten(quiet, deadline.within(2.0 * self._patience))
         if self._landmark is not None:
             question, is_answer = self._landmark

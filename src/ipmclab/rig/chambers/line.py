@@ -18,6 +18,9 @@ LONGEST_ANSWER: Final = 4096
 CONNECT_TIME: Final = 3.0
 """A chamber in the same building takes a connection sooner [s]."""
 
+LONGEST_QUIET: Final = 3.0
+"""A line that has lost its place is listened to at most so long [s]: half the time of a reading is left to ask."""
+
 _GLANCE: Final = 0.1
 """So long [s] a connection is listened to before the deadline is looked at again."""
 

@@ -17,6 +17,7 @@ from ipmclab.rig.chambers.deadline import Deadline
 from ipmclab.rig.chambers.dialogue import ATTEMPTS
 from ipmclab.rig.chambers.line import (
     CONNECT_TIME,
+    LONGEST_QUIET,
     Parity,
     address_of,
     garbled,
@@ -190,7 +191,7 @@ class Registers:
     def _find_place(self, deadline: Deadline) -> None:
         port = self._client.socket
         if hasattr(port, "reset_input_buffer"):  # a serial port
-            quiet = self._patience if self._landmark is None else min(0.1, self._patience)
+            quiet = min(LONGEST_QUIET if self._landmark is None else 0.1, self._patience)
             self._quieten(port, quiet, deadline)
             landmark = self._landmark
             while landmark is not None:
