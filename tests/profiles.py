@@ -36,6 +36,6 @@ def load() -> None:
     settings.load_profile("ci" if os.environ.get("CI") else "suite")
 
 
-def costly() -> settings:
-    """A tenth of the examples: for a property that fits or simulates at length in each."""
-    return settings(max_examples=settings.default.max_examples // 10)
+def costly(part: int = 10) -> settings:
+    """A tenth of the examples, or another part: for a property that fits or simulates at length in each."""
+    return settings(max_examples=max(1, settings.default.max_examples // part))

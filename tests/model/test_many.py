@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.signal
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, signals, simulate, simulate_many
 from ipmclab.model import OUTPUTS, Actuator, many, with_stages
 from ipmclab.model.many import Responses
 from ipmclab.model.reductions import REDUCTIONS
+from tests.profiles import costly
 
 RATE, ROWS = 50.0, 300
 METRICS = [f"{output}.{name}" for output in OUTPUTS for name in REDUCTIONS]
@@ -85,7 +86,7 @@ def test_poles_that_meet_are_poles_like_others() -> None:
         assert_same(found["displacement"][k], run.displacement)
 
 
-@settings(deadline=None, max_examples=15)
+@costly(6)
 @given(
     sets=st.integers(1, 70),
     rate=st.sampled_from([0.05, 3.0, 200.0, 2_000.0]),

@@ -271,7 +271,7 @@ def test_a_run_that_goes_on_is_kept_for_who_held_it_when_the_page_is_begun_anew(
             with pytest.raises(IpmclabError, match="who held the bench may take it again first") as refused:
                 bench.ask("watcher", what)
             assert refused.value.code == "bench-kept"
-        with pytest.raises(IpmclabError, match="begun anew"):
+        with pytest.raises(IpmclabError, match="started again"):
             bench.take("watcher")
         bench.take("operator", again=True)
         assert bench.seats.holds("operator")
@@ -306,7 +306,7 @@ def test_the_time_to_come_back_counts_from_when_the_page_listens(
     until(lambda: bench.follower.is_joined)
     for later in (0.0, 29.0):
         now[0] += later
-        with pytest.raises(IpmclabError, match="begun anew"):
+        with pytest.raises(IpmclabError, match="started again"):
             bench.take("watcher")
     now[0] += 2.0
     bench.take("watcher")
@@ -686,7 +686,7 @@ def test_zero_reaches_the_recorder_while_a_fit_holds_the_worker(
     }
     with Jobs() as jobs:
         job = jobs.submit("identify", {**arguments, "free": ["electrical"], "out": str(tmp_path / "out.toml")})
-        until(lambda: job.state == "running" and "reading" not in job.sentence)
+        until(lambda: job.state == "running" and jobs._lanes["work"]._child is not None)
         worker = jobs._lanes["work"]._child
         assert worker is not None
         if hasattr(signal, "SIGSTOP"):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, IpmclabError, load_actuator, read_sweep, run_sweep, simulate
@@ -16,13 +16,14 @@ from ipmclab.sweep.design import KINDS, Range, Sampled
 from ipmclab.sweep.indices import sobol_indices
 from ipmclab.sweep.sweep_file import _read_columns, sweep_from_text
 from ipmclab.sweep.template import TEMPLATE
+from tests.profiles import costly
 
 RANGES = {"beam.modulus": Range(8e8, 2e9, log=True), "coupling.gain": Range(5e-9, 9e-9), "coupling.p1": Range(10, 20)}
 SMALL = TEMPLATE.replace("base = 512", "base = 8").replace("\n[design]", "\nsets_per_file = 7\n[design]")
 FILES = 6  # of its 40 sets
 
 
-@settings(deadline=None, max_examples=25)
+@costly(4)
 @given(kind=st.sampled_from(KINDS), cuts=st.lists(st.integers(0, 80), max_size=4), seed=st.integers(0, 99))
 def test_a_design_in_parts_is_the_whole_design(kind: str, cuts: list[int], seed: int) -> None:
     design = Sampled(kind, RANGES, 16, seed)
