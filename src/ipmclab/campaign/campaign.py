@@ -119,6 +119,8 @@ class Campaign:
         The least severity of a finding with which a run fails.
     facts : tuple of str
         What is measured of each strip without a run.
+    identify : bool
+        Whether the model of each sample is identified from its runs.
     checksum : str
         Of what the file says.
     where : str
@@ -138,6 +140,7 @@ class Campaign:
     attempts: int = 2
     fails_at: Severity | Literal["never"] = "error"
     facts: tuple[Fact, ...] = ()
+    identify: bool = True
     checksum: str = ""
     where: str = "campaign"
     text: str = ""

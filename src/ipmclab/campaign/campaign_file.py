@@ -55,6 +55,7 @@ class _Table(Strict):
     attempts: Annotated[int, Field(ge=1)] = 2
     fails_at: Literal["error", "warning", "never"] = "error"
     measure: Annotated[tuple[Fact, ...], Field(strict=False)] = ()
+    identify: bool = True
     method: dict[str, Any] = Field(default_factory=dict)
     samples: Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
     experiments: Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
@@ -175,6 +176,7 @@ def _campaign(table: Mapping[str, Any], folder: Path, name: str, text: str, wher
         attempts=read.attempts,
         fails_at=read.fails_at,
         facts=read.measure,
+        identify=read.identify,
         checksum=_checksum(table, _named_files(table, rig_file, strips, folder)),
         where=where,
         text=text,

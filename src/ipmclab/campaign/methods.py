@@ -8,6 +8,7 @@ from typing import Any
 
 from ipmclab.campaign.blocks import Block
 from ipmclab.campaign.campaign import ROOM, Campaign
+from ipmclab.campaign.identified import SampleModel
 from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.safety.limits import Limits
@@ -138,6 +139,21 @@ def _checks(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
         if verdicts[verdict]
     ]
     return text + (f" {_listed(parts)[0].upper()}{_listed(parts)[1:]}." if parts else "")
+
+
+def identification(models: Sequence[SampleModel]) -> tuple[str, ...]:
+    """The paragraph on how the models of the samples were identified; none where there are no models."""
+    if not any(one.fit is not None for one in models):
+        return ()
+    modulus = any(one.fit is not None and one.choice is not None and one.choice.is_of_modulus for one in models)
+    also = " The modulus was then identified from the step of the lowest voltage with the force." if modulus else ""
+    return (
+        "The model of each sample was identified from the first repeat of one step of a voltage, the lowest one under the "
+        "condition under which most signals were applied: the circuit from its current, the coupling from its displacement, or "
+        "from its force where no displacement was recorded. The leak is in the model where that voltage passes its threshold."
+        f"{also} All other parameters have the values of the actuator that the campaign names, and the sheet resistance "
+        "that of the four probes where it was read. Every other run under that condition was predicted from its voltage alone.",
+    )
 
 
 def _listed(names: Sequence[str]) -> str:

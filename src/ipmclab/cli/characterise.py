@@ -219,6 +219,7 @@ def _ask_facts(campaign: Campaign, state: State, say: Any) -> None:
 
 def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: State, *, as_json: bool) -> None:
     """Measure what was recorded, write tables and report, and say what came of it."""
+    from ipmclab.campaign.identified import identify_samples
     from ipmclab.campaign.published import reproduced
     from ipmclab.campaign.results import by_repeat, comparable, read_results, write_metrics
     from ipmclab.comparison.compare import compare
@@ -229,6 +230,8 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
         results = read_results(folder, planned.blocks, state.recorded)
         metrics = write_metrics(results, folder / METRICS)
         printed = reproduced(by_repeat(results))
+    with progress("identifying the samples") as tell:
+        models = identify_samples(campaign, folder, results, state, tell=tell)
     comparison = None
     with progress("holding the runs side by side"):
         if kept := comparable(results):
@@ -238,7 +241,14 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
             )
     with progress("writing the report"):
         report = report_campaign(
-            campaign, planned.blocks, results, state.events, folder / REPORT, comparison=comparison, overwrite=True
+            campaign,
+            planned.blocks,
+            results,
+            state.events,
+            folder / REPORT,
+            comparison=comparison,
+            models=models,
+            overwrite=True,
         )
     flagged = [one.run.id for one in results if one.verdict == "flagged"]
     again = sum(one["verdict"] == "repeat" for one in state.of("recorded"))
@@ -253,6 +263,10 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
                 "metrics": metrics,
                 "report": report,
                 "comparison": folder / COMPARISON if comparison is not None else None,
+                "models": [
+                    {"sample": one.sample, "fit": one.path, "scores": one.scores, "failure": one.failure or None}
+                    for one in models
+                ],
                 "published": {"numbers": len(printed), "within_tolerance": agree},
             }
         )
@@ -266,4 +280,6 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
             if not one.agrees:
                 told = f"{read(one.mean, one.quantity)} against {read(one.number, one.quantity)}"
                 print(f"  outside: figure {one.published.figure}, {one.published.metric}: {told}")
+    for one_model in models:
+        print_paragraph(str(one_model))
     print(f"{metrics}\n{report}")

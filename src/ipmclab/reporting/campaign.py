@@ -15,7 +15,8 @@ from markupsafe import Markup
 
 from ipmclab.campaign.blocks import BASELINE, Block
 from ipmclab.campaign.campaign import Campaign, Strip
-from ipmclab.campaign.methods import methods
+from ipmclab.campaign.identified import SampleModel
+from ipmclab.campaign.methods import identification, methods
 from ipmclab.campaign.published import Reproduced, reproduced, unprinted
 from ipmclab.campaign.results import Repeated, RunResult, by_repeat
 from ipmclab.comparison.compare import Comparison
@@ -24,6 +25,7 @@ from ipmclab.measurement.curl import curl
 from ipmclab.reporting.comparison import comparison_figures
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, records_figure
 from ipmclab.reporting.page_file import render, write_page
+from ipmclab.reporting.sample_models import ModelPart, model_part
 from ipmclab.reporting.svg import inline_svg
 from ipmclab.reporting.wording import NO_BREAK, plain, spelled_unit, with_error, with_unit
 from ipmclab.units import AREAL_MASS, CHANNELS, LENGTH, MASS, Quantity
@@ -66,6 +68,7 @@ class SamplePart:
     head: tuple[str, ...]
     rows: tuple[Row, ...]
     pictures: tuple[tuple[Markup, str], ...]
+    models: tuple[ModelPart, ...]
 
 
 def report_campaign(
@@ -76,6 +79,7 @@ def report_campaign(
     path: str | Path,
     *,
     comparison: Comparison | None = None,
+    models: Sequence[SampleModel] = (),
     overwrite: bool = False,
 ) -> Path:
     """Write one self-contained HTML file about a campaign.
@@ -91,6 +95,8 @@ def report_campaign(
         Ending in .html.
     comparison : Comparison, optional
         Of the runs that were kept: its figures stand in the report.
+    models : sequence of SampleModel
+        What was identified of the samples.
     overwrite : bool
         Whether an existing file may be replaced.
     """
@@ -102,14 +108,14 @@ def report_campaign(
             "campaign.html.j2",
             title=campaign.title,
             subtitle=f"{len(results)} runs of {len(campaign.strips)} samples on {campaign.rig.name}",
-            sentences=_sentences(results, printed, blocks),
+            sentences=[*_sentences(results, printed, blocks), *_of_models(models)],
             doubt=any(one.verdict == "flagged" for one in results) or not all(one.agrees for one in printed),
             printed=[_printed_row(one) for one in printed],
             unprinted=unprinted(repeated, printed),
-            samples=list(_samples(campaign, repeated, events)),
+            samples=list(_samples(campaign, repeated, events, models)),
             comparisons=[] if comparison is None else list(_comparisons(comparison)),
             flagged=[one for one in results if one.verdict == "flagged"],
-            methods=methods(campaign, blocks, events),
+            methods=(*methods(campaign, blocks, events), *identification(models)),
             file=campaign.text,
         )
 
@@ -128,6 +134,15 @@ def _sentences(results: Sequence[RunResult], printed: Sequence[Reproduced], bloc
             f"Of {len(printed)} numbers that chapter 5 prints of these runs, {agree} are met within their tolerance."
         )
     return told
+
+
+def _of_models(models: Sequence[SampleModel]) -> Iterator[str]:
+    samples = dict.fromkeys(one.sample for one in models)
+    without = {one.sample for one in models if one.fit is None}
+    if samples:
+        yield f"A model of {len(samples) - len(without)} of {len(samples)} samples was identified from its own runs."
+    if without:
+        yield f"Not so of {', '.join(name for name in samples if name in without)}: its section says why."
 
 
 def _printed_row(one: Reproduced) -> dict[str, Any]:
@@ -154,7 +169,10 @@ def _comparisons(comparison: Comparison) -> Iterator[tuple[str, str, Markup]]:
 
 
 def _samples(
-    campaign: Campaign, repeated: Sequence[Repeated], events: Sequence[Mapping[str, Any]]
+    campaign: Campaign,
+    repeated: Sequence[Repeated],
+    events: Sequence[Mapping[str, Any]],
+    models: Sequence[SampleModel],
 ) -> Iterator[SamplePart]:
     for strip in campaign.strips:
         ours = [one for one in repeated if one.sample == strip.sample.id and one.results]
@@ -165,7 +183,9 @@ def _samples(
             for one in ours
         )
         about = (*_about(strip), *_facts(facts), *_curls(ours))
-        yield SamplePart(strip.sample.id, about, tuple(shown), rows, tuple(_pictures(strip.sample.id, ours)))
+        identified = tuple(model_part(one) for one in models if one.sample == strip.sample.id)
+        pictures = tuple(_pictures(strip.sample.id, ours))
+        yield SamplePart(strip.sample.id, about, tuple(shown), rows, pictures, identified)
 
 
 def _about(strip: Strip) -> Iterator[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The records of one experiment of a campaign: a column for each signal and condition, every repeat over the others."""
+"""Runs of a campaign side by side: the records of one experiment with every repeat, and runs that a model predicts."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from ipmclab.campaign.results import Repeated
+from ipmclab.prediction.validate import RunValidation
 from ipmclab.reporting.figures.layout import Margins, panel_grid
-from ipmclab.reporting.figures.panels import curve, name_panel, series
+from ipmclab.reporting.figures.panels import MEASURED, band, curve, legend_above, model_series, name_panel, series
 from ipmclab.reporting.style import label_text, style
+from ipmclab.reporting.wording import percent
 from ipmclab.units import CHANNELS
 
 MOST_COLUMNS = 5
@@ -40,4 +42,36 @@ def records_figure(groups: Sequence[Repeated]) -> Figure:
                 if column == 0:
                     name_panel(panel, CHANNELS[channel].name, CHANNELS[channel])
             grid[-1, column].set_xlabel(f"time (s)\n{label_text(group.label)}\n{label_text(group.condition)}")
+        return figure
+
+
+def predicted_figure(runs: Sequence[RunValidation], outputs: Sequence[str]) -> Figure:
+    """Draw what was measured of some runs and what a model says from the voltage alone: a column for each run.
+
+    Parameters
+    ----------
+    runs : sequence of RunValidation
+        ``MOST_COLUMNS`` at most.
+    outputs : sequence of str
+        A row of panels for each.
+    """
+    with style():
+        margins = Margins(bottom=0.58, column_gap=0.2, row_gap=0.36)
+        figure, grid = panel_grid([1.05] * len(outputs), len(runs), margins, sharex="col", sharey="row")
+        for column, one in enumerate(runs):
+            for row, output in enumerate(outputs):
+                panel = grid[row, column]
+                panel.margins(x=0.01)
+                pair = one.comparisons.get(output)
+                if pair is None:
+                    continue
+                curve(panel, output, pair.time, pair.measured, label="measured", **MEASURED)
+                if pair.reach is not None:
+                    band(panel, output, pair.time, pair.predicted, pair.reach, label="95 % band")
+                curve(panel, output, pair.time, pair.predicted, label="predicted", **model_series(0))
+                panel.set_title(percent(one.scores[output].fit_percent), loc="right")
+                if column == 0:
+                    name_panel(panel, CHANNELS[output].name, CHANNELS[output])
+            grid[-1, column].set_xlabel(f"time (s)\n{label_text(one.label)}")
+        legend_above(grid[0, -1])
         return figure
