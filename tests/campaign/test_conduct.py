@@ -101,6 +101,43 @@ def test_a_run_that_fails_is_repeated_and_then_flagged(tmp_path, monkeypatch):
     assert sorted(verdicts) == [("friend-1", "flagged"), ("friend-1", "repeat"), ("friend-3", "kept")]
 
 
+def test_a_run_whose_file_cannot_be_read_is_recorded_as_often_as_the_campaign_allows(tmp_path, monkeypatch):
+    from ipmclab.campaign import conduct as module
+    from ipmclab.campaign.results import read_results
+
+    def unreadable(path):
+        if "friend-1" in path.name:
+            path.write_bytes(b"no run")
+        return read_run(path)
+
+    monkeypatch.setattr(module, "read_run", unreadable)
+    with State(tmp_path) as state:
+        one = conduct(ONE, tmp_path, state=state)
+        with pytest.raises(IpmclabError, match="cannot be read") as told:
+            one.run()
+        assert "goes on with the next run" in told.value.repair
+    with State(tmp_path) as state:
+        one = conduct(ONE, tmp_path, state=state)
+        one.run()
+        verdicts = [(event["run"].partition("/")[0], event["verdict"]) for event in state.of("recorded")]
+        kept = read_results(tmp_path, blocks_of(campaign_from_text(ONE)), state.recorded)
+    assert sorted(verdicts) == [("friend-1", "flagged"), ("friend-1", "repeat"), ("friend-3", "kept")]
+    assert [result.run.sample for result in kept] == ["friend-3"]
+
+
+def test_a_run_that_always_ends_early_is_not_recorded_without_end(tmp_path, monkeypatch):
+    from ipmclab.campaign import conduct as module
+
+    def half(path):
+        run = read_run(path)
+        return replace(run, metadata=replace(run.metadata, state="recovered"))
+
+    monkeypatch.setattr(module, "read_run", half)
+    with State(tmp_path) as state:
+        conduct(ONE, tmp_path, state=state).run()
+        assert sorted(event["verdict"] for event in state.of("recorded")) == ["flagged", "flagged", "repeat", "repeat"]
+
+
 def test_what_the_guard_ends_is_flagged_and_ends_the_campaign(tmp_path):
     limited = ONE.replace("[method]", '[method]\nlimits = { charge = "1 C", current = "1 A", energy = "5 mJ" }')
     limited = limited.replace('"5 mJ"', '{ most = "5 mJ", action = "zero" }')

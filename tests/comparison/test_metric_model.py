@@ -167,3 +167,16 @@ def test_strips_that_all_read_0_tell_nothing_of_another() -> None:
             one.metrics["displacement.largest"] = replace(one.metrics["displacement.largest"], value=0.0)
     model = model_metric("displacement.largest", "step", rows, EVERY)
     assert model is None or rows[0].sample not in {one.sample for one in model.strips_apart()}
+
+
+def test_runs_of_strips_without_a_name_are_strips_of_their_own() -> None:
+    """They would be one strip with many runs, which no campaign had; nor do they say what the next strip reads."""
+    rows = [
+        replace(one, sample="", mounting="", run=str(place))
+        for place, one in enumerate(campaign(np.random.default_rng(3)))
+    ]
+    model = modelled(rows)
+    assert model.samples == ()
+    assert model.fit.unseen == ("mounting", "strip")
+    assert model.next_strip(model.conditions()[0]) is None
+    assert model.strips_apart() == ()

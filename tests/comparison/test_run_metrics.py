@@ -102,6 +102,17 @@ def test_the_baseline_of_the_mounting_that_came_last_before_the_run_counts() -> 
     assert baseline_for(nameless, drifts) is None
 
 
+def test_times_of_baselines_are_moments_in_whatever_zone() -> None:
+    """09:30 in Johannesburg is before 08:00 in London; of baselines that all came later the first one counts."""
+    early, late = "2026-03-01T09:30:00+02:00", "2026-03-01T08:15:00+00:00"
+    drifts = [drift_of(curling(rate, 0.0, recorded_at=when)) for rate, when in ((1e-6, early), (2e-6, late))]
+    found = [
+        baseline_for(curling(0.0, 1e-4, recorded_at=when), [one for one in drifts if one is not None])
+        for when in ("2026-03-01T08:00:00+00:00", "2026-03-01T08:30:00+00:00", "2026-03-01T07:00:00+00:00", "yesterday")
+    ]
+    assert [round(1e6 * one.rate) for one in found if one is not None] == [1, 2, 1, 1]
+
+
 def test_gains_of_sines_are_the_models_own_and_have_its_bandwidth() -> None:
     """Friend's figure 5.25, by the model of sample 2: 0.05 Hz to 1 Hz."""
     strip = load_actuator("friend-2")

@@ -211,3 +211,13 @@ def test_a_table_of_other_runs_is_not_published_as_theirs(folder: Path, tmp_path
     (place / "tables" / "runs.csv").write_text("run\nanother\n")
     with pytest.raises(InputError, match="not that of the runs in its folder"):
         export_crate(place, tmp_path / "crate.zip", title="Steps")
+
+
+def test_it_is_made_where_it_goes_and_nothing_else_is_left_there(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder of the system for temporary files may be too small for it, or on another disk."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
+    (tmp_path / "here").mkdir()
+    export_crate(folder, tmp_path / "here" / "crate.zip", title="Here")
+    assert [one.name for one in (tmp_path / "here").iterdir()] == ["crate.zip"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 
@@ -39,6 +39,8 @@ class Board:
     squares : mapping of (sample, experiment) to Square
     following : str, optional
         The run that comes next; None where nothing is left.
+    models : mapping of sample to str
+        How well what was identified of it predicts runs that it had not seen, or why nothing was; empty before.
     """
 
     title: str
@@ -46,6 +48,7 @@ class Board:
     parts: tuple[str, ...]
     squares: Mapping[tuple[str, str], Square]
     following: str | None
+    models: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def done(self) -> int:
@@ -98,7 +101,16 @@ def board_of(events: Sequence[Mapping[str, Any]]) -> Board | None:
         _once(part for _, part in places),
         squares,
         following,
+        _models(events),
     )
+
+
+def _models(events: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    found: dict[str, list[str]] = {}
+    for one in {one["model"]: one for one in events if one["event"] == "model"}.values():
+        scores = ", ".join(f"{name} {score:.0f} %" for name, score in one["scores"].items())
+        found.setdefault(one["sample"], []).append(one["failure"] or scores or "no other run")
+    return {sample: "; ".join(parts) for sample, parts in found.items()}
 
 
 def _once(names: Iterable[str]) -> tuple[str, ...]:

@@ -20,6 +20,9 @@ from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.run_file import read_run
 from ipmclab.version import __version__
 
+UNREADABLE: Final = "unreadable"
+"""The finding of a run whose file cannot be read."""
+
 _SEVERITIES: Final = ("info", "warning", "error")
 
 
@@ -178,9 +181,10 @@ class Conduct:
             if path is None:
                 absent.append(uuid)
             else:
-                self._judge(run, uuid, path)
+                self._judge(run, uuid, path, undisturbed=sat.ended == "done")
         if absent:
             self._state.add("absent", uuids=absent)
+        self._ask_about_unreadable(one)
         if sat.ended != "done":
             flagged = any(
                 self._state.recorded[run.id]["verdict"] == "flagged"
@@ -197,9 +201,24 @@ class Conduct:
                 repair="see what the recorder said; the same command goes on",
             )
 
-    def _judge(self, run: CampaignRun, uuid: str, path: Path) -> None:
-        """Say what a recorded run is good for."""
-        verdict, told = self._verdict(run, path)
+    def _ask_about_unreadable(self, one: Sitting) -> None:
+        """End the campaign where a run was flagged because its files cannot be read: nobody but a person knows why."""
+        for run in one.runs:
+            told = self._state.recorded.get(run.id)
+            if told is None or told["verdict"] != "flagged":
+                continue
+            if UNREADABLE in [finding["code"] for finding in told["findings"]]:
+                raise IpmclabError(
+                    f"the file of {run.id} cannot be read; the run was recorded {self._state.failures[run.id]} times",
+                    code=UNREADABLE,
+                    where=str(self._laboratory.root / told["path"]),
+                    repair="see that the disk is sound and that no other program changes its files; the run is "
+                    "flagged, and the same command goes on with the next run",
+                )
+
+    def _judge(self, run: CampaignRun, uuid: str, path: Path, *, undisturbed: bool = False) -> None:
+        """Say what a recorded run is good for; ``undisturbed`` where its sitting came to its own end."""
+        verdict, told = self._verdict(run, path, undisturbed=undisturbed)
         failing = [one.code for one in told if self._fails(one)]
         findings = [{"code": one.code, "severity": one.severity, "channel": one.channel} for one in told]
         place = path.relative_to(self._laboratory.root).as_posix()
@@ -208,20 +227,30 @@ class Conduct:
         left = f"{len(self._runs) - self.left} of {len(self._runs)}"
         self._tell(f"  {left}: {run.id}: {verdict}{why}")
 
-    def _verdict(self, run: CampaignRun, path: Path) -> tuple[Verdict, Sequence[Finding]]:
+    def _verdict(self, run: CampaignRun, path: Path, *, undisturbed: bool) -> tuple[Verdict, Sequence[Finding]]:
         try:
             read = read_run(path)
         except InputError as error:
             self._tell(f"  {path} cannot be read: {error}")
-            return "interrupted", ()
+            return self._failed(run), (Finding(UNREADABLE, "error", error.message),)
         if read.metadata.state != "complete" or len(read) < run.planned.rows:
             # What a limit ended is not begun again: the strip, or the signal, is not what it was thought to be.
-            return ("flagged" if _by_guard(read) else "interrupted"), ()
+            if _by_guard(read):
+                return "flagged", ()
+            if not undisturbed:
+                return "interrupted", ()
+            # Nobody ended it: it would end like this without end.
+            rows = f"{len(read)} of {run.planned.rows} rows were recorded, and nobody interrupted the run"
+            return self._failed(run), (Finding("incomplete", "error", rows),)
         told = check(read)
         if not any(self._fails(one) for one in told):
             return "kept", told
+        return self._failed(run), told
+
+    def _failed(self, run: CampaignRun) -> Verdict:
+        """What becomes of a run that fails: it is recorded again, as often as the campaign allows."""
         failed = self._state.failures.get(run.id, 0) + 1
-        return ("flagged" if failed >= self._campaign.attempts else "repeat"), told
+        return "flagged" if failed >= self._campaign.attempts else "repeat"
 
     def _fails(self, finding: Finding) -> bool:
         least = self._campaign.fails_at

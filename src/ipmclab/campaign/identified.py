@@ -1,8 +1,8 @@
 """The model of each sample, identified from some of its own runs and held against those that were not used.
 
-Which runs (``choose_runs`` has the code): the steps of a campaign at the condition under which most signals were applied.
-The lowest one with the displacement shows circuit and coupling, and the lowest one with the force shows the modulus, as in
-the thesis's procedure; each is the first repeat. Sines, squares, higher steps and further repeats remain to be predicted.
+Which runs (``choose_runs``): the steps at the condition under which most signals were applied. The lowest one with the
+displacement shows circuit and coupling, and the lowest one with the force shows the modulus, as in the thesis's
+procedure; each is the first repeat. Sines, squares, higher steps and further repeats remain to be predicted.
 """
 
 from __future__ import annotations
@@ -106,16 +106,19 @@ class SampleModel:
 
     @property
     def scores(self) -> dict[str, float]:
-        """Fit percentage of each output over the runs that it had not seen."""
+        """Fit percentage of each output that it is a model of, over the runs that it had not seen."""
+        outputs = ("force",) if self.choice is not None and self.choice.is_of_modulus else _CHANNELS[::-1]
         found = {} if self.validation is None else self.validation.scores
-        return {name: one.fit_percent for name, one in found.items() if one.fit_percent is not None}
+        scores = {name: found[name].fit_percent for name in outputs if name in found}
+        return {name: score for name, score in scores.items() if score is not None}
 
     def __str__(self) -> str:
         """In one line, as a terminal shows it."""
         if self.choice is None or self.fit is None:
             return f"{self.sample}: no model: {self.failure}"
-        told = ", ".join(f"{name} {score:.0f} %" for name, score in self.scores.items()) or "there are none"
-        return f"{self.sample}: model from {label_of(self.choice.source)}; runs that it had not seen: {told}"
+        what = "modulus" if self.choice.is_of_modulus else "model"
+        scores = ", ".join(f"{name} {score:.0f} %" for name, score in self.scores.items()) or "there are none"
+        return f"{self.sample}: {what} from {label_of(self.choice.source)}; unseen runs: {scores}"
 
 
 def label_of(result: RunResult) -> str:
@@ -217,7 +220,9 @@ def identify_samples(
 def _of_sample(strip: Strip, folder: Path, results: Sequence[RunResult], state: State) -> Iterator[SampleModel]:
     sample = strip.sample.id
     if strip.actuator is None:
-        yield SampleModel(sample, failure="the campaign names no actuator for this sample, which says what its model is")
+        yield SampleModel(
+            sample, failure="the campaign names no actuator for this sample, which says what its model is"
+        )
         return
     stated = _as_measured(strip, load_actuator(strip.actuator), state)
     choices = choose_runs(results, stated)

@@ -148,11 +148,12 @@ def identification(models: Sequence[SampleModel]) -> tuple[str, ...]:
     modulus = any(one.fit is not None and one.choice is not None and one.choice.is_of_modulus for one in models)
     also = " The modulus was then identified from the step of the lowest voltage with the force." if modulus else ""
     return (
-        "The model of each sample was identified from the first repeat of one step of a voltage, the lowest one under the "
-        "condition under which most signals were applied: the circuit from its current, the coupling from its displacement, or "
-        "from its force where no displacement was recorded. The leak is in the model where that voltage passes its threshold."
-        f"{also} All other parameters have the values of the actuator that the campaign names, and the sheet resistance "
-        "that of the four probes where it was read. Every other run under that condition was predicted from its voltage alone.",
+        "The model of each sample was identified from the first repeat of one step of a voltage, the lowest one under "
+        "the condition under which most signals were applied: the circuit from its current, the coupling from its "
+        "displacement, or from its force where no displacement was recorded. The leak is in the model where that "
+        f"voltage passes its threshold.{also} All other parameters have the values of the actuator that the campaign "
+        "names, and the sheet resistance that of the four probes where it was read. Every other run under that "
+        "condition was predicted from its voltage alone.",
     )
 
 

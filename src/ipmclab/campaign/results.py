@@ -13,6 +13,7 @@ import numpy as np
 
 from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
 from ipmclab.destination import replacing
+from ipmclab.errors import InputError
 from ipmclab.quality.metrics import Metric, measure
 from ipmclab.run import Run
 from ipmclab.store.run_file import read_run
@@ -81,6 +82,8 @@ def read_results(
 ) -> tuple[RunResult, ...]:
     """Read and measure every run of a campaign that is done, in the order of the campaign.
 
+    One that is flagged and cannot be read is left out.
+
     Parameters
     ----------
     folder : Path
@@ -94,7 +97,12 @@ def read_results(
         told = recorded.get(run.id)
         if told is None or told["verdict"] not in ("kept", "flagged"):
             continue
-        record = read_run(folder / told["path"])
+        try:
+            record = read_run(folder / told["path"])
+        except InputError:
+            if told["verdict"] == "flagged":  # perhaps for this very reason
+                continue
+            raise
         codes = tuple(dict.fromkeys(one["code"] for one in told["findings"] if one["severity"] != "info"))
         found.append(RunResult(run, record, told["path"], told["verdict"], codes, measure(record)))
     return tuple(found)

@@ -250,7 +250,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
             models=models,
             overwrite=True,
         )
-    flagged = [one.run.id for one in results if one.verdict == "flagged"]
+    flagged = [name for name, one in state.recorded.items() if one["verdict"] == "flagged"]
     again = sum(one["verdict"] == "repeat" for one in state.of("recorded"))
     agree = sum(one.agrees for one in printed)
     if as_json:
@@ -271,7 +271,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
             }
         )
         return
-    print(f"{len(results)} runs are recorded, {again} were repeated, {len(flagged)} are flagged")
+    print(f"{len(state.done)} runs are recorded, {again} were repeated, {len(flagged)} are flagged")
     for name in flagged:
         print(f"  flagged: {name}")
     if printed:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from ipmclab.comparison.compare import Comparison
     from ipmclab.comparison.metric_model import Effect, MetricModel
 
+NAMELESS = "{count} of the runs name no sample: in effects each counts as a strip of its own"
+"""What a terminal says of runs whose strip may be any."""
+
 _LISTED = 40
 """Effects that a terminal shows; the page and --json have all."""
 
@@ -143,7 +146,7 @@ def _write(
 
 
 def _print(found: Comparison) -> None:
-    strips = len(found.samples)
+    strips = len({row.strip for row in found.rows})
     print(f"{len(found.rows)} runs of {strips} strip{'' if strips == 1 else 's'}")
     rows = [
         _effect_cells(model, effect)
@@ -163,6 +166,8 @@ def _print(found: Comparison) -> None:
         if unlike:
             print_paragraph(f"{name}: {', '.join(unlike)} unlike the other strips.")
     remarks = [f"{one.run} is left out: {one.message}" for one in found.unread]
+    if found.nameless:
+        remarks.append(NAMELESS.format(count=found.nameless))
     if found.doubtful:
         remarks.append(
             f"{len(found.doubtful)} of the runs have findings of severity error, and count nevertheless: "
@@ -226,7 +231,7 @@ def _document(found: Comparison) -> dict[str, Any]:
                 "unit": model.metric.unit,
                 "is_ratio": model.is_ratio,
                 "runs": len(model.rows),
-                "strips": len(model.samples),
+                "strips": len({row.strip for row in model.rows}),
                 "variances": model.fit.variances,
                 "factor": effect.factor.name,
                 "low": effect.low,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -103,6 +104,9 @@ def _line(time: FloatArray, values: FloatArray) -> tuple[float, float]:
 def baseline_for(run: Run, drifts: Sequence[Drift]) -> Drift | None:
     """The baseline of the same strip that tells most of a run: of its mounting, and the last one before it.
 
+    Times are compared as moments, whatever time zone they are written in; one without a zone is taken as local. Where
+    every baseline came after the run it is the first of them.
+
     Parameters
     ----------
     run : Run
@@ -114,11 +118,21 @@ def baseline_for(run: Run, drifts: Sequence[Drift]) -> Drift | None:
         None where no baseline is of the same sample.
     """
     sample = None if run.metadata.sample is None else run.metadata.sample.id
-    when = run.metadata.recorded_at or ""
+    when = _moment(run.metadata.recorded_at or "")
     own = [one for one in drifts if one.sample == sample and sample is not None]
     own = [one for one in own if one.mounting == run.metadata.mounting_id] or own
-    before = [one for one in own if one.recorded_at <= when] or own
-    return max(before, key=lambda one: one.recorded_at, default=None)
+    before = [one for one in own if _moment(one.recorded_at) <= when]
+    if before:
+        return max(before, key=lambda one: _moment(one.recorded_at))
+    return min(own, key=lambda one: _moment(one.recorded_at), default=None)
+
+
+def _moment(recorded_at: str) -> float:
+    """Seconds since 1970; minus infinity where the time is not known, or is none."""
+    try:
+        return datetime.fromisoformat(recorded_at).timestamp()
+    except (ValueError, OverflowError, OSError):
+        return -math.inf
 
 
 def without_drift(run: Run, drift: Drift) -> Run:

@@ -103,6 +103,11 @@ class Comparison:
         return tuple(dict.fromkeys(row.sample for row in self.rows))
 
     @property
+    def nameless(self) -> int:
+        """How many runs name no sample: in effects each counts as a strip of its own."""
+        return sum(not row.sample for row in self.rows)
+
+    @property
     def waveforms(self) -> tuple[str, ...]:
         """The waveforms that were applied, the most frequent first."""
         words = [row.waveform for row in self.rows if row.waveform]

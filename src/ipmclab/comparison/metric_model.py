@@ -136,8 +136,8 @@ class MetricModel:
 
     @property
     def samples(self) -> tuple[str, ...]:
-        """The strips, in the order of the rows."""
-        return tuple(dict.fromkeys(row.sample for row in self.rows))
+        """The strips that have a name, in the order of the rows; a run without one counts as a strip of its own."""
+        return tuple(dict.fromkeys(row.sample for row in self.rows if row.sample))
 
     def effects(self) -> tuple[Effect, ...]:
         """The effect of each factor, from its lowest level to its highest."""
@@ -159,7 +159,7 @@ class MetricModel:
         One that differs between strips only has no more than there are strips, whatever runs each has. In an
         unbalanced campaign whose strips come out more alike than repeats, the approximation alone would say more.
         """
-        strips, mountings = [row.sample for row in self.rows], _mountings(self.rows)
+        strips, mountings = [row.strip for row in self.rows], _mountings(self.rows)
         columns = self.design[:, 1:].T
         of_strips = sum(_is_constant_within(column, strips) for column in columns)
         if _is_constant_within(self.design[:, place], strips):
@@ -178,7 +178,7 @@ class MetricModel:
     def _why_open(self, place: int) -> str:
         """Why the scatter that an effect must be held against is not known; empty where it is."""
         column = self.design[:, place]
-        if _is_constant_within(column, [row.sample for row in self.rows]):
+        if _is_constant_within(column, [row.strip for row in self.rows]):
             if self._strips_are_known:
                 return ""
             return (
@@ -196,7 +196,7 @@ class MetricModel:
     @property
     def _strips_are_known(self) -> bool:
         """Whether the runs tell how far strips of one make differ; with one run each, the repeats have it."""
-        return STRIP not in self.fit.unseen or not _repeats([row.sample for row in self.rows])
+        return STRIP not in self.fit.unseen or not _repeats([row.strip for row in self.rows])
 
     def next_strip(self, condition: Mapping[str, float]) -> tuple[float, tuple[float, float]] | None:
         """What a strip that was not measured will read, once, in a mounting of its own.
@@ -239,7 +239,7 @@ class MetricModel:
             if float(np.ptp(self.values[~own])) == 0.0:
                 continue  # the others read the same everywhere, as a channel does that is not connected
             fit = fit_mixed(self.values[~own], x, _groups(others))
-            if STRIP in fit.unseen and _repeats([row.sample for row in others]):
+            if STRIP in fit.unseen and _repeats([row.strip for row in others]):
                 continue
             mine = [row for row in self.rows if row.sample == sample]
             expected = fit.new_reading(self.design[own].mean(axis=0), _shares(mine))
@@ -324,12 +324,12 @@ def _told_apart(
 
 
 def _groups(rows: Sequence[RunRow]) -> dict[str, list[str]]:
-    return {STRIP: [row.sample for row in rows], MOUNTING: _mountings(rows)}
+    return {STRIP: [row.strip for row in rows], MOUNTING: _mountings(rows)}
 
 
 def _mountings(rows: Sequence[RunRow]) -> list[str]:
     """The mounting of each run; a number may be used again for another strip."""
-    return [f"{row.sample}\0{row.mounting}" for row in rows]
+    return [f"{row.strip}\0{row.mounting}" for row in rows]
 
 
 def _shares(rows: Sequence[RunRow]) -> dict[str, float]:

@@ -19,12 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import qr
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 from scipy.special import stdtr, stdtrit
 
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.comparison.mixed_blocks import FloatArray, blocks_of, padded, rotated, turned
 
 RESIDUAL: Final = "repeats"
 """What the scatter within the finest group is called."""
@@ -198,6 +195,19 @@ def _spread_of(information: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=np.float64)
 
 
+def _step(information: FloatArray, score: FloatArray) -> FloatArray:
+    """Where the score leads, and nowhere along a direction of which the readings say nothing.
+
+    Where the covariance is nearly singular along a direction that two components share, as a strip with one mounting
+    has, both have the same information to the last digit: only their sum can move. Eigenvalues of a symmetric matrix
+    exist always, and their scale is that of information about one component alone.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    size, ways = np.linalg.eigh(information * np.outer(scale, scale))
+    known = size > _SINGULAR * size[-1]
+    return np.asarray(scale * (ways[:, known] @ (ways[:, known].T @ (scale * score) / size[known])), dtype=np.float64)
+
+
 def _inverse(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
@@ -249,14 +259,14 @@ class _Problem:
 
     @classmethod
     def of(cls, y: FloatArray, x: FloatArray, groups: list[FloatArray]) -> _Problem:
-        blocks = [_rotated(y[rows], x[rows], [z[rows] for z in groups]) for rows in _blocks(len(y), groups)]
+        blocks = [rotated(y[rows], x[rows], [z[rows] for z in groups]) for rows in blocks_of(len(y), groups)]
         most = max(len(block.y) for block in blocks)
-        padded = [[_padded(part, most) for part in (block.y[:, None], block.x, *block.inside)] for block in blocks]
-        inside = [np.stack([block[2 + place] for block in padded]) for place in range(len(groups))]
+        filled = [[padded(part, most) for part in (block.y[:, None], block.x, *block.inside)] for block in blocks]
+        inside = [np.stack([block[2 + place] for block in filled]) for place in range(len(groups))]
         return cls(
-            y=np.stack([block[0][:, 0] for block in padded]),
-            x=np.stack([block[1] for block in padded]),
-            kernels=[np.broadcast_to(np.eye(most), (len(blocks), most, most)), *(z @ _turned(z) for z in inside)],
+            y=np.stack([block[0][:, 0] for block in filled]),
+            x=np.stack([block[1] for block in filled]),
+            kernels=[np.broadcast_to(np.eye(most), (len(blocks), most, most)), *(z @ turned(z) for z in inside)],
             rest=len(y) - len(blocks) * most,
             xx=sum((block.xx for block in blocks), np.zeros((x.shape[1], x.shape[1]))),
             xy=sum((block.xy for block in blocks), np.zeros(x.shape[1])),
@@ -294,11 +304,7 @@ class _Problem:
         now = self.at(self.start())
         least = _LEAST**2 * float(now.components[0])  # simulated repeats do not scatter at all
         for _ in range(_STEPS):
-            try:
-                step = np.linalg.solve(now.information, now.score)
-            except np.linalg.LinAlgError:  # nothing tells two components apart: along that direction none moves
-                step = np.linalg.lstsq(now.information, now.score, rcond=None)[0]
-            length = 1.0
+            step, length = _step(now.information, now.score), 1.0
             while length > 1e-6:
                 there = now.components + length * step
                 if self._is_positive(there, least):
@@ -316,11 +322,7 @@ class _Problem:
     def _is_positive(self, components: FloatArray, least: float) -> bool:
         if components[0] < least:
             return False
-        try:
-            np.linalg.cholesky(self._covariance(components) - _LEAST * components[0] * self.kernels[0])
-        except np.linalg.LinAlgError:
-            return False
-        return True
+        return bool(np.all(np.linalg.eigvalsh(self._covariance(components)) > _LEAST * components[0]))
 
     def _covariance(self, components: FloatArray) -> FloatArray:
         covariance: FloatArray = np.einsum("k,kbij->bij", components, np.stack(self.kernels))
@@ -351,52 +353,9 @@ class _Problem:
         information = np.empty((len(wk), len(wk)))
         for i, first in enumerate(wk):
             for j, second in enumerate(wk):
-                both = float(np.sum(first * _turned(second))) + (self.rest / size**2 if i == j == 0 else 0.0)
+                both = float(np.sum(first * turned(second))) + (self.rest / size**2 if i == j == 0 else 0.0)
                 both -= 2.0 * float(np.sum(phi * twice[i][j].T))
                 information[i, j] = 0.5 * (both + float(np.sum((phi @ bent[i]) * (phi @ bent[j]).T)))
         loss = float(np.sum(np.linalg.slogdet(v)[1])) + self.rest * math.log(size)
         loss += float(np.linalg.slogdet(a)[1]) + float(np.sum(left * we)) + beyond / size
         return _At(components, beta, phi, bent, twice, score, 0.5 * (information + information.T), loss)
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Readings, design and groups in the space of the groups, and sums of what is orthogonal to it."""
-
-    y: FloatArray
-    x: FloatArray
-    inside: list[FloatArray]
-    xx: FloatArray
-    xy: FloatArray
-    yy: float
-
-
-def _rotated(y: FloatArray, x: FloatArray, groups: list[FloatArray]) -> _Block:
-    if groups:
-        indicators = np.hstack([z[:, z.any(axis=0)] for z in groups])
-        q, r, _ = qr(indicators, mode="economic", pivoting=True)
-        diagonal = np.abs(np.diag(r))
-        q = q[:, : len(diagonal)][:, diagonal > 1e-9 * diagonal[0]]
-    else:
-        q = np.zeros((len(y), 0))
-    y1, x1 = q.T @ y, q.T @ x
-    y2, x2 = y - q @ y1, x - q @ x1
-    return _Block(y1, x1, [q.T @ z for z in groups], x2.T @ x2, x2.T @ y2, float(y2 @ y2))
-
-
-def _blocks(count: int, groups: list[FloatArray]) -> list[npt.NDArray[np.intp]]:
-    """The rows that share groups, directly or by way of others."""
-    if not groups:
-        return [np.arange(count)]
-    shared = csr_array(np.hstack(groups))
-    label = connected_components(shared @ shared.T, directed=False)[1]
-    order = np.argsort(label, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-
-
-def _padded(part: FloatArray, rows: int) -> FloatArray:
-    return np.vstack([part, np.zeros((rows - len(part), part.shape[1]))])
-
-
-def _turned(blocks: FloatArray) -> FloatArray:
-    return np.swapaxes(blocks, -1, -2)

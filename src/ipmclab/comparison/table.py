@@ -52,6 +52,11 @@ class RunRow:
     metrics: Mapping[str, Metric]
     baseline: str = ""
 
+    @property
+    def strip(self) -> str:
+        """What tells its strip from others: the sample; where none is named, the run, whose strip may be any."""
+        return self.sample or f"\0{self.run}"
+
 
 def row_of(run: Run, *, strip: Actuator | None = None, drift: Drift | None = None) -> RunRow:
     """The row of a run.

@@ -115,7 +115,12 @@ def export_crate(
     items = [one for one in inventory(Path(folder)) if one.path.resolve() != target.resolve()]
     keep_what_is_read(target, [one.path for one in items])
     make = _library()
-    with tempfile.TemporaryDirectory(prefix="ipmclab-crate-") as made:
+    # Beside its destination: a crate of many runs may be larger than what the system has for temporary files.
+    hidden = f".{target.name}."
+    with (
+        replacing(target, overwrite=overwrite) as temporary,
+        tempfile.TemporaryDirectory(prefix=hidden, suffix=".part", dir=target.parent) as made,
+    ):
         place = Path(made)
         crate = make(version=_VERSION, gen_preview=False)
         crate.metadata.extra_terms.update(_TERMS)
@@ -127,8 +132,7 @@ def export_crate(
         _fill(crate, every, _people(crate, every, persons, house))
         crate.add_file(_checksums(every, place / "made"), dest_path=CHECKSUMS, properties=_ABOUT_CHECKSUMS)
         crate.write(place / "crate")
-        with replacing(target, overwrite=overwrite) as temporary:
-            _zip(place / "crate", temporary)
+        _zip(place / "crate", temporary)
 
 
 def _library() -> Callable[..., ROCrate]:

@@ -102,19 +102,21 @@ def report_campaign(
     """
     repeated = by_repeat(results)
     printed = reproduced(repeated)
+    last = {one["run"]: one for one in events if one["event"] == "recorded"}
+    flagged = [one for one in last.values() if one["verdict"] == "flagged"]
 
     def page() -> str:
         return render(
             "campaign.html.j2",
             title=campaign.title,
             subtitle=f"{len(results)} runs of {len(campaign.strips)} samples on {campaign.rig.name}",
-            sentences=[*_sentences(results, printed, blocks), *_of_models(models)],
-            doubt=any(one.verdict == "flagged" for one in results) or not all(one.agrees for one in printed),
+            sentences=[*_sentences(results, len(flagged), printed, blocks), *_of_models(models)],
+            doubt=bool(flagged) or not all(one.agrees for one in printed),
             printed=[_printed_row(one) for one in printed],
             unprinted=unprinted(repeated, printed),
             samples=list(_samples(campaign, repeated, events, models)),
             comparisons=[] if comparison is None else list(_comparisons(comparison)),
-            flagged=[one for one in results if one.verdict == "flagged"],
+            flagged=flagged,
             methods=(*methods(campaign, blocks, events), *identification(models)),
             file=campaign.text,
         )
@@ -122,12 +124,14 @@ def report_campaign(
     return write_page(page, path, overwrite=overwrite)
 
 
-def _sentences(results: Sequence[RunResult], printed: Sequence[Reproduced], blocks: Sequence[Block]) -> list[str]:
+def _sentences(
+    results: Sequence[RunResult], flagged: int, printed: Sequence[Reproduced], blocks: Sequence[Block]
+) -> list[str]:
     asked = sum(len(block.runs) for block in blocks)
     kept = sum(one.verdict == "kept" for one in results)
     told = [f"{kept} of {asked} runs were recorded and passed their checks."]
-    if kept < len(results):
-        told.append(f"{len(results) - kept} are flagged and count in no table.")
+    if flagged:
+        told.append(f"{flagged} {'is' if flagged == 1 else 'are'} flagged and count in no table.")
     if printed:
         agree = sum(one.agrees for one in printed)
         told.append(

@@ -137,8 +137,9 @@ def comparison_html(comparison: Comparison, *, command: str = "") -> str:
     return render(
         "comparison.html.j2",
         runs=len(rows),
-        strips=len({row.sample for row in rows}),
-        mountings=len({(row.sample, row.mounting) for row in rows}),
+        strips=len({row.strip for row in rows}),
+        nameless=comparison.nameless,
+        mountings=len({(row.strip, row.mounting) for row in rows}),
         factors=[factor.label for factor in comparison.by],
         figures=shown,
         effects=[_effect_rows(model, comparison) for model in comparison.models if model.factors],
@@ -208,7 +209,7 @@ def _effect_rows(model: MetricModel, comparison: Comparison) -> dict[str, object
     return {
         "label": f"{model.waveform}: {model.label}",
         "runs": len(model.rows),
-        "strips": len(model.samples),
+        "strips": len({row.strip for row in model.rows}),
         "scatter": ", ".join(f"{word} {size}" for word, size in scatter.items()),
         "rows": told,
         "together": [f"{name} changes together with {' and '.join(others)}" for name, others in model.together.items()],

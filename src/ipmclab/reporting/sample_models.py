@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from markupsafe import Markup
 
 from ipmclab.campaign.identified import MODELS, SampleModel, label_of
-from ipmclab.fit.in_brief import in_brief
+from ipmclab.fit.in_brief import Brief, in_brief
 from ipmclab.prediction.validate import RunValidation
 from ipmclab.reporting.figures.campaign import MOST_COLUMNS, predicted_figure
 from ipmclab.reporting.svg import inline_svg
@@ -17,6 +18,12 @@ from ipmclab.reporting.tables import ParameterRow, known_rows, parameter_rows
 from ipmclab.reporting.wording import percent
 from ipmclab.run import Finding
 from ipmclab.units import CHANNELS
+
+_ANOTHER: Final = 80.0
+"""Fit of the current [percent] below which the strip, or its contact, is not as it was."""
+
+_MOUNTING: Final = "another-mounting"
+"""A campaign that mounts the strip for each run has this finding for each of them."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +40,10 @@ class ModelPart:
     head, scores : tuple of str, tuple of (str, tuple of str)
         The channels; each run that it had not seen with the score of each.
     picture : Markup, optional
-    findings : tuple of str
+    findings : tuple of Brief
         One line each.
+    more : str
+        How many others there are, and where.
     """
 
     sentences: tuple[str, ...]
@@ -43,7 +52,8 @@ class ModelPart:
     head: tuple[str, ...] = ()
     scores: tuple[tuple[str, tuple[str, ...]], ...] = ()
     picture: Markup | None = None
-    findings: tuple[str, ...] = ()
+    findings: tuple[Brief, ...] = ()
+    more: str = ""
 
 
 def model_part(model: SampleModel) -> ModelPart:
@@ -70,7 +80,8 @@ def model_part(model: SampleModel) -> ModelPart:
         )
         if shown
         else None,
-        findings=(*map(str, (*lines, *new)), *([_more(more, model.path.name)] if more else [])),
+        findings=(*lines, *new),
+        more=_more(more, model.path.name) if more else "",
     )
 
 
@@ -86,9 +97,21 @@ def _sentences(model: SampleModel) -> Iterator[str]:
     if model.validation is None:
         yield "No other run is there that it could predict."
         return
-    told = [f"{CHANNELS[name].name} {percent(score)}" for name, score in model.scores.items()]
-    count = len(model.validation.runs)
-    yield f"From the voltage alone it predicts {count} run{'s' * (count > 1)} that it had not seen: {', '.join(told)}."
+    runs = f"{len(model.validation.runs)} run{'s' * (len(model.validation.runs) > 1)}"
+    good = [f"{name} with a fit of {percent(score)}" for name, score in model.scores.items() if score > 0.0]
+    bad = [f"{name} ({percent(score)})" for name, score in model.scores.items() if score <= 0.0]
+    if good:
+        yield f"From the voltage alone it predicts {runs} that it had not seen: {', '.join(good)}."
+    if bad:
+        yield f"It does not predict {', '.join(bad)} of {runs}: a constant would have been nearer."
+    if any(one.code == _MOUNTING and one.severity == "warning" for one in model.validation.findings):
+        yield "They are of other mountings of the strip: how far these differ is not in the 95 % band."
+    current = model.validation.scores.get("current")
+    if current is not None and current.fit_percent is not None and current.fit_percent < _ANOTHER:
+        yield (
+            f"The current of these runs is not the one that the model has (fit {percent(current.fit_percent)}): the "
+            "contact at the clamp, or the state of the strip, was another one."
+        )
 
 
 def _score(one: RunValidation, output: str) -> str:
@@ -109,7 +132,7 @@ def _kinds(runs: Sequence[RunValidation]) -> list[RunValidation]:
 
 def _fresh(findings: Sequence[Finding], before: Sequence[Finding]) -> list[Finding]:
     """What the prediction found that the fit did not say already."""
-    said = {one.code for one in before}
+    said = {_MOUNTING, *(one.code for one in before)}
     return [one for one in findings if one.code not in said]
 
 

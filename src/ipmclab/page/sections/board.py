@@ -48,7 +48,11 @@ def _fill(board: Board) -> None:
         {
             "sample": sample,
             **{part: str(board.squares[sample, part]) for part in board.parts if (sample, part) in board.squares},
+            **({"model": board.models.get(sample, "")} if board.models else {}),
         }
         for sample in board.samples
     ]
-    plain_table({"sample": "sample", **{part: part for part in board.parts}}, rows, caption="Runs of the campaign")
+    head = {"sample": "sample", **{part: part for part in board.parts}}
+    if board.models:
+        head["model"] = "model: fit of runs that it had not seen"
+    plain_table(head, rows, caption="Runs of the campaign")

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ipmclab.campaign.results import Repeated
 from ipmclab.prediction.validate import RunValidation
 from ipmclab.reporting.figures.layout import Margins, panel_grid
-from ipmclab.reporting.figures.panels import MEASURED, band, curve, legend_above, model_series, name_panel, series
+from ipmclab.reporting.figures.panels import MEASURED, band, curve, model_series, name_panel, series
 from ipmclab.reporting.style import label_text, style
 from ipmclab.reporting.wording import percent
 from ipmclab.units import CHANNELS
@@ -56,7 +56,7 @@ def predicted_figure(runs: Sequence[RunValidation], outputs: Sequence[str]) -> F
         A row of panels for each.
     """
     with style():
-        margins = Margins(bottom=0.58, column_gap=0.2, row_gap=0.36)
+        margins = Margins(top=0.52, bottom=0.58, column_gap=0.2, row_gap=0.36)
         figure, grid = panel_grid([1.05] * len(outputs), len(runs), margins, sharex="col", sharey="row")
         for column, one in enumerate(runs):
             for row, output in enumerate(outputs):
@@ -73,5 +73,5 @@ def predicted_figure(runs: Sequence[RunValidation], outputs: Sequence[str]) -> F
                 if column == 0:
                     name_panel(panel, CHANNELS[output].name, CHANNELS[output])
             grid[-1, column].set_xlabel(f"time (s)\n{label_text(one.label)}")
-        legend_above(grid[0, -1])
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="upper right", ncols=3, borderaxespad=0.2)
         return figure

@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from ipmclab.comparison.compare import Comparison
 from ipmclab.comparison.display import metric_label, quantity_of
 from ipmclab.comparison.factors import FACTORS, Factor, levels_of
-from ipmclab.comparison.metric_model import MetricModel
+from ipmclab.comparison.metric_model import Effect, MetricModel
 from ipmclab.comparison.table import RunRow
 from ipmclab.reporting.figures.layout import Margins, panel_grid
 from ipmclab.reporting.figures.panels import series
@@ -258,10 +258,11 @@ def _draw_effects(by: Mapping[str, list[tuple[str, Any]]]) -> Figure:
                     panel.plot(effect.interval, [place, place], color=COLOURS["blue"], linewidth=1.4)
                 face = COLOURS["blue"] if is_known else "none"
                 panel.plot([effect.value], [place], "o", markersize=4, color=COLOURS["blue"], markerfacecolor=face)
-            factor = rows[0][1].factor
-            high, low = (with_unit(end, factor.quantity, trim=True) for end in (rows[0][1].high, rows[0][1].low))
-            panel.set_title(f"{factor.label}: {high} over {low}")
-            panel.set_yticks(range(len(rows)), [label_text(label, longest=46) for label, _ in rows])
+            levels = [_levels(effect) for _, effect in rows]
+            common = levels[0] if len(set(levels)) == 1 else ""  # metrics need not have been measured at the same ones
+            panel.set_title(f"{rows[0][1].factor.label}: {common or 'highest level over lowest'}")
+            names = [label if common else f"{label}, {own}" for (label, _), own in zip(rows, levels, strict=True)]
+            panel.set_yticks(range(len(rows)), [label_text(name, longest=46) for name in names])
             panel.set_ylim(len(rows) - 0.4, -0.6)
             _bound(panel, [one.value for _, one in rows], [end for _, one in rows for end in one.interval or ()])
             panel.grid(visible=True, axis="x")
@@ -269,6 +270,12 @@ def _draw_effects(by: Mapping[str, list[tuple[str, Any]]]) -> Figure:
             panel.tick_params(axis="y", length=0)
         grid[-1, 0].set_xlabel("ratio")
     return figure
+
+
+def _levels(effect: Effect) -> str:
+    """The levels between which an effect is, such as "3 V over 1 V"."""
+    high, low = (with_unit(end, effect.factor.quantity, trim=True) for end in (effect.high, effect.low))
+    return f"{high} over {low}"
 
 
 def _bound(panel: Axes, values: Sequence[float], ends: Sequence[float]) -> None:
