@@ -232,7 +232,7 @@ def _of_sample(strip: Strip, folder: Path, results: Sequence[RunResult], state: 
     for choice in choices:
         try:
             start = _start(model, stated, choice)
-            one = _identified(start, choice, folder / MODELS / f"{choice.name}.toml", state)
+            one = _identified(start, _onset(stated), choice, folder / MODELS / f"{choice.name}.toml", state)
         except IpmclabError as error:
             one = SampleModel(sample, choice, failure=error.message)
         yield one
@@ -280,7 +280,7 @@ def _largest(run: Run) -> float:
     return float(np.abs(run.voltage).max())
 
 
-def _identified(start: Actuator, choice: Choice, path: Path, state: State) -> SampleModel:
+def _identified(start: Actuator, onset: float, choice: Choice, path: Path, state: State) -> SampleModel:
     """The model of one choice: from its file, or as it failed before, or made now."""
     run = _named(choice.source)
     checksum = run.content_sha256
@@ -297,7 +297,7 @@ def _identified(start: Actuator, choice: Choice, path: Path, state: State) -> Sa
         fit = found
         path.parent.mkdir(exist_ok=True)
         write_fit(fit, path)
-    model = SampleModel(choice.sample, choice, path, fit, _validated(fit, choice, _onset(start)))
+    model = SampleModel(choice.sample, choice, path, fit, _validated(fit, choice, onset))
     if before is None:
         _tell_of(state, choice, checksum, scores=model.scores)
     return model

@@ -15,7 +15,8 @@ import numpy as np
 
 from ipmclab.comparison.display import metric_label
 from ipmclab.comparison.factors import Factor, levels_of
-from ipmclab.comparison.mixed import RESIDUAL, Estimate, FloatArray, MixedFit, fit_mixed
+from ipmclab.comparison.mixed import RESIDUAL, Estimate, MixedFit, fit_mixed
+from ipmclab.comparison.mixed_blocks import FloatArray
 from ipmclab.comparison.table import RunRow
 from ipmclab.quality.metrics import Metric
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.comparison.factors import FACTORS, levels_of
-from ipmclab.comparison.mixed import FloatArray
+from ipmclab.comparison.mixed_blocks import FloatArray
 from ipmclab.comparison.table import RunRow
 from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.metrics import Metric

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
 from ipmclab.comparison.factors import FACTORS, Factor, levels_of
-from ipmclab.comparison.mixed import FloatArray
+from ipmclab.comparison.mixed_blocks import FloatArray
 from ipmclab.comparison.table import RunRow
 
 IntArray = npt.NDArray[np.intp]
