@@ -1,13 +1,14 @@
 """Bench time that proposed runs need for the precision of the thesis's plan, and whether their errors are as expected.
 
-Run ``python -m benchmarks.next_runs [--strips 100] [--whole 3] [--record]``. Strips like friend-2 whose five electrical
-and three coupling parameters differ by a factor of 1.35 (0.3 is the standard deviation of the logarithm); current and
-displacement are read 25 times a second with white noise of 30 uA and 8 um. The thesis's plan: steps of 1, 2 and 3 V,
-sines of 1 V at 0.05, 0.1, 0.2, 0.5 and 1 Hz, a square of 1 V at 0.1 Hz, 40 s each. Ours begins with the same 1 V step,
-asks for the next run at what that leaves known (an estimate drawn with its covariance), and asks again after it. Each
-run costs its signal and 130 s. Compared is the time until the geometric mean of the standard errors of all parameters
-is that of the thesis's plan. First by information at the true values; then a few strips the whole way, where every run
-is simulated with noise and identified. Seed 20261123.
+Run ``python -m benchmarks.next_runs [--strips 100] [--expected 20] [--whole 3] [--record]``. Strips like friend-2 whose
+five electrical and three coupling parameters differ by a factor of 1.35 (0.3 is the standard deviation of the
+logarithm); current and displacement are read 25 times a second with white noise of 30 uA and 8 um. The thesis's plan:
+steps of 1, 2 and 3 V, sines of 1 V at 0.05, 0.1, 0.2, 0.5 and 1 Hz, a square of 1 V at 0.1 Hz, 40 s each. Ours begins
+with the same 1 V step, asks for the next run at what that leaves known (an estimate drawn with its covariance), and
+asks again after it. Each run costs its signal and 130 s. Compared is the time until the geometric mean of the standard
+errors of all parameters is that of the thesis's plan. First by information at the true values; then some of the strips
+with the goal averaged over values drawn from what each estimate leaves open, in place of the estimate alone; then a few
+strips the whole way, where every run is simulated with noise and identified. Seed 20261123.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from benchmarks.harness import finish
 from ipmclab import Actuator, Allowance, Fit, Run, identify, load_actuator, propose_runs, simulate
+from ipmclab.confidence import NORMAL_95
 from ipmclab.planning.answer import FittedStrip
 from ipmclab.planning.candidates import REST_BEFORE, Candidate
 from ipmclab.planning.information import told_by
@@ -97,7 +99,11 @@ def fit_at(values: Mapping[str, float], covariance: Array) -> Fit:
     """A fit that found these values, with this covariance of their logarithms."""
     made = template()
     strip = load_actuator("friend-2").replace(**values)
-    parameters = {name: replace(one, value=values[name]) for name, one in made.parameters.items()}
+    reach = np.exp(np.minimum(NORMAL_95 * np.sqrt(np.diag(covariance)), 700.0))
+    parameters = {
+        name: replace(one, value=values[name], interval=(values[name] / each, values[name] * each))
+        for (name, one), each in zip(made.parameters.items(), reach.tolist(), strict=True)
+    }
     scale = np.array(list(values.values()))
     rows = (covariance * np.outer(scale, scale)).tolist()
     table = {one: dict(zip(values, row, strict=True)) for one, row in zip(values, rows, strict=True)}
@@ -140,7 +146,7 @@ def cost(candidate: Candidate, bench: Allowance) -> float:
     return bench.time(candidate, None)
 
 
-def by_information(strips: int, volts: float) -> tuple[Array, Array, Array]:
+def by_information(strips: int, volts: float, draws: int = 0) -> tuple[Array, Array, Array]:
     """Time of ours over that of the thesis, the errors of ours after as long over the thesis's, and how many runs."""
     bench = allowed(volts)
     every = sum(cost(one, bench) for one in PLAN)
@@ -156,7 +162,8 @@ def by_information(strips: int, volts: float) -> tuple[Array, Array, Array]:
         time, reached, count = cost(PLAN[0], bench), np.inf, 1
         for asked in range(2):
             left = (every - time) / 60.0
-            proposal = propose_runs(truth.estimate(known, generator), minutes=left + 1e-6, allowed=bench)
+            estimate = truth.estimate(known, generator)
+            proposal = propose_runs(estimate, minutes=left + 1e-6, allowed=bench, draws=draws)
             for run in proposal.runs[: 1 if asked == 0 else None]:
                 known, time, count = (
                     truth.after(known, run.candidate),
@@ -184,6 +191,24 @@ def told_of_information(strips: int) -> Iterator[str]:
             f"| {strips} | {volts:g} V | {np.median(ratios):.2f} ({low:.2f} to {high:.2f}) | "
             f"{np.count_nonzero(ratios <= 0.5)} of {strips} | {np.median(counts):.0f} | {np.median(errors):.2f} times |"
         )
+
+
+def told_of_expectation(strips: int, draws: int) -> Iterator[str]:
+    """The same strips planned at an estimate, and on average over what it leaves open."""
+    yield from (
+        "| strips | our largest voltage | planned | time over the thesis's: median (5 % to 95 %) | mean "
+        "| errors after as long: median (95 %) |",
+        "|---|---|---|---|---|---|",
+    )
+    for volts in (3.0, 1.0):
+        for count in (0, draws):
+            ratios, errors, _ = by_information(strips, volts, count)
+            low, high = np.quantile(ratios, [0.05, 0.95])
+            how = f"on average over {count} draws" if count else "at the estimate"
+            yield (
+                f"| {strips} | {volts:g} V | {how} | {np.median(ratios):.2f} ({low:.2f} to {high:.2f}) | "
+                f"{np.mean(ratios):.3f} | {np.median(errors):.3f} ({np.quantile(errors, 0.95):.3f}) times |"
+            )
 
 
 def whole_way(strips: int) -> Iterator[str]:
@@ -229,6 +254,8 @@ def stated(fit: Fit) -> float:
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--strips", type=int, default=100)
+    parser.add_argument("--expected", type=int, default=20, help="strips that are planned on average over draws too")
+    parser.add_argument("--draws", type=int, default=8)
     parser.add_argument("--whole", type=int, default=3)
     parser.add_argument("--record", action="store_true")
     options = parser.parse_args(arguments)
@@ -237,6 +264,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "By information at the true values:",
             "",
             *told_of_information(options.strips),
+            "",
+            "Planned on average over values drawn from what each estimate leaves open, in place of the estimate alone:",
+            "",
+            *told_of_expectation(options.expected, options.draws),
             "",
             "The whole way, with noise; ours begins with the 1 V step and the 0.05 Hz sine of the thesis, and errors"
             " are geometric means of relative standard errors:",

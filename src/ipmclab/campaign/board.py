@@ -77,7 +77,7 @@ def board_of(events: Sequence[Mapping[str, Any]]) -> Board | None:
     >>> str(board.squares["s1", "force"]), board.following, f"{board.done} of {board.planned}"
     ('1 of 2', 's1/force/room/step 1 V/2', '1 of 3')
     """
-    begun = next((one for one in events if one["event"] == "campaign"), None)
+    begun = next((one for one in reversed(events) if one["event"] == "campaign"), None)
     if begun is None:
         return None
     plan: list[str] = begun["plan"]

@@ -117,12 +117,12 @@ class Conduct:
         if not begun:
             about = {"title": self._campaign.title, "checksum": self._campaign.checksum}
             self._state.add("campaign", **about, version=__version__, plan=list(self._runs), text=self._campaign.text)
-        elif (begun[0]["checksum"], begun[0]["plan"]) != (self._campaign.checksum, list(self._runs)):
+        elif (begun[-1]["checksum"], begun[-1]["plan"]) != (self._campaign.checksum, list(self._runs)):
             raise InputError(
                 "this folder has another campaign, or another version of this one",
                 code="another-campaign",
                 where=str(self._laboratory.root),
-                repair="name another folder, or give the file as it was: the first line of campaign.log has it",
+                repair="name another folder, or give the file as it was: campaign.log has it",
             )
         self._take_in()
 

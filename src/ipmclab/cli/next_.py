@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ipmclab.cli.options import Json, answers_in, positive
 from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
+from ipmclab.errors import InputError
 from ipmclab.units import FREQUENCY, TIME
 
 if TYPE_CHECKING:
@@ -17,13 +18,22 @@ if TYPE_CHECKING:
 
 
 def next_(
-    fit: Annotated[Path, typer.Argument(metavar="FIT", help="A fit (.toml) that identify wrote.", show_default=False)],
+    fit: Annotated[
+        str,
+        typer.Argument(
+            metavar="FIT|CAMPAIGN",
+            help="A fit (.toml) that identify wrote, or a campaign file: then runs of all of its samples are proposed.",
+            show_default=False,
+        ),
+    ],
     goal: Annotated[str, typer.Option(metavar="GOAL", help="parameters, prediction or model.")] = "parameters",
     minutes: Annotated[float, typer.Option(metavar="MIN", help="Time on the bench.")] = 15.0,
     limit: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=VALUE", help="A limit of the rig, such as current='200 mA'; the voltage is 1.2 V else."
+            metavar="NAME=VALUE",
+            help="A limit of the rig, such as current='200 mA'. The voltage is 1.2 V else, and in a campaign as much "
+            "as it applies itself.",
         ),
     ] = None,
     inputs: Annotated[
@@ -38,52 +48,101 @@ def next_(
         typer.Option(metavar="STAGE|FIT", help="From which model to tell it: a stage it lacks, or a fit of another."),
     ] = None,
     rate: Annotated[str | None, typer.Option(metavar="RATE", help="Rows each second, such as '50 Hz'.")] = None,
-    rest: Annotated[str, typer.Option(metavar="TIME", help="At 0 V with each run.")] = "130 s",
+    rest: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="With each run: 130 s, or what the campaign's plan has, unless given."),
+    ] = None,
     hydration: Annotated[str, typer.Option(metavar="TIME", help="In water before each run.")] = "0 s",
     wet: Annotated[str | None, typer.Option(metavar="TIME", help="How long the strip stays wet in the air.")] = None,
-    soak: Annotated[str, typer.Option(metavar="TIME", help="Before a run in another condition.")] = "30 min",
+    soak: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="Before a run in another condition: 30 min, or what the campaign has, unless given."
+        ),
+    ] = None,
     longest: Annotated[str, typer.Option(metavar="TIME", help="Of a signal.")] = "160 s",
+    draws: Annotated[
+        int, typer.Option(metavar="N", help="Average over so many values that the fit allows, not at its own alone.")
+    ] = 0,
+    posterior: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.nc", help="Average over these samples, which ipmclab posterior wrote."),
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where characterise put the runs of the campaign.")
+    ] = None,
+    fits: Annotated[
+        list[Path] | None,
+        typer.Option("--fit", metavar="FIT", help="Of a sample of the campaign; else it is identified here."),
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAMES", help="What is identified of the samples of a campaign: circuit and coupling else."
+        ),
+    ] = None,
+    append: Annotated[
+        bool, typer.Option("--append", help="Write the runs at the end of the campaign file, after asking.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Append without asking.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Propose the next runs: those that tell most of a fitted strip for each minute on the bench.
+    """Propose the next runs: those that tell most of a strip, or of a campaign's, for each minute on the bench.
 
     \b
     ipmclab next fit.toml --minutes 15
     ipmclab next fit.toml --goal prediction --input "sine 1 V 0.2 Hz for 60 s"
     ipmclab next fit.toml --goal model --rival leak.exponential --limit voltage="3 V"
+    ipmclab next campaign.toml --folder campaign --minutes 60 --append
     """
     from ipmclab import load_actuator, propose_runs, read_fit
+    from ipmclab.cli.next_campaign import OfCampaign, is_campaign, print_next
     from ipmclab.model.environment import Environment
     from ipmclab.planning.candidates import Allowance
+    from ipmclab.planning.draws import read_samples
     from ipmclab.planning.propose import INPUTS
     from ipmclab.rig.safety.limits import Limits
     from ipmclab.units import parse_quantity
 
-    given = answers_in(limit or [], example="voltage='3 V'", option="--limit")
-    allowed = Allowance(
-        limits=Limits.from_table({"voltage": "1.2 V", **given}, where="--limit"),
-        rate=None if rate is None else positive(rate, FREQUENCY, option="--rate"),
-        longest=positive(longest, TIME, option="--longest"),
-        rest=parse_quantity(rest, TIME, where="--rest"),
-        hydration=parse_quantity(hydration, TIME, where="--hydration"),
-        wet=float("inf") if wet is None else positive(wet, TIME, option="--wet"),
-        soak=parse_quantity(soak, TIME, where="--soak"),
-        conditions=tuple(Environment.parse(text) for text in condition or []),
-    )
+    limits = answers_in(limit or [], example="voltage='3 V'", option="--limit")
+    times = {
+        "rest": None if rest is None else parse_quantity(rest, TIME, where="--rest"),
+        "soak": None if soak is None else parse_quantity(soak, TIME, where="--soak"),
+    }
+    given: dict[str, Any] = {
+        "longest": positive(longest, TIME, option="--longest"),
+        "hydration": parse_quantity(hydration, TIME, where="--hydration"),
+        "wet": float("inf") if wet is None else positive(wet, TIME, option="--wet"),
+        **{name: value for name, value in times.items() if value is not None},
+    }
     other = load_actuator(rival) if rival is not None and rival.endswith(".toml") else rival
+    samples = [read_samples(path) for path in posterior or []]
+    asked: dict[str, Any] = {"goal": goal, "minutes": minutes, "inputs": inputs or INPUTS, "rival": other}
+    if is_campaign(fit):
+        _refuse({"--condition": condition, "--rate": rate}, "a campaign states it itself")
+        of = OfCampaign(fit, folder, tuple(fits or ()), tuple(free or ()), append=append, yes=yes)
+        print_next(of, {"limits": limits, **given}, {**asked, "draws": samples or draws}, as_json=as_json)
+        return
+    _refuse({"--folder": folder, "--fit": fits, "--free": free, "--append": append}, "it belongs to a campaign file")
+    _refuse({"a second --posterior": samples[1:]}, "a fit has one posterior")
+    allowed = Allowance(
+        limits=Limits.from_table({"voltage": "1.2 V", **limits}, where="--limit"),
+        rate=None if rate is None else positive(rate, FREQUENCY, option="--rate"),
+        conditions=tuple(Environment.parse(text) for text in condition or []),
+        **given,
+    )
     with progress("asking the model"):
-        proposal = propose_runs(
-            read_fit(fit),
-            goal=goal,  # type: ignore[arg-type]  # checked there
-            minutes=minutes,
-            allowed=allowed,
-            inputs=inputs or INPUTS,
-            rival=other,
-        )
+        proposal = propose_runs(read_fit(fit), allowed=allowed, draws=samples[0] if samples else draws, **asked)
     if as_json:
         print_json({"fit": fit, **proposal.to_table()})
         return
     _print(proposal, minutes)
+
+
+def _refuse(options: Mapping[str, object], why: str) -> None:
+    for name, value in options.items():
+        if value:
+            raise InputError(f"{name} has no place here: {why}", code="usage", where=name, repair=f"leave {name} out")
 
 
 def _print(proposal: Proposal, minutes: float) -> None:
@@ -93,16 +152,10 @@ def _print(proposal: Proposal, minutes: float) -> None:
     )
     print_paragraph(
         f"{len(proposal.runs)} runs take {proposal.time / 60.0:.3g} of {minutes:g} min, with rests. Each is the one "
-        f"that {_AIMS[proposal.goal]} most for its time, after those before it."
+        f"that {AIMS[proposal.goal]} most for its time, after those before it."
     )
     print()
-    print_table(
-        ["parameter", "value", "95 % interval now", "after these runs", "unit"],
-        [
-            [one.name, significant(one.value, 4), _interval(one, now=True), _interval(one, now=False), one.unit]
-            for one in proposal.expected
-        ],
-    )
+    print_expected(proposal)
     said = [f"{name} {_percent(before)} to {_percent(after)}" for name, (before, after) in proposal.predicted.items()]
     print_paragraph(f"Error of what is predicted for the inputs, of the size of the answer: {', '.join(said)}.")
     for text in _about_rivals(proposal):
@@ -122,7 +175,22 @@ def _print(proposal: Proposal, minutes: float) -> None:
     print_remarks(proposal.remarks)
 
 
-_AIMS = {
+def print_expected(proposal: Proposal) -> None:
+    """Print each parameter with its interval now and after the runs."""
+    print_table(
+        ["parameter", "value", "95 % interval now", "after these runs", "unit"],
+        [
+            [one.name, significant(one.value, 4), _interval(one, now=True), _interval(one, now=False), one.unit]
+            for one in proposal.expected
+        ],
+    )
+    if proposal.draws:
+        print_paragraph(
+            f"Gains are averages over {proposal.draws} values that the strip may have, intervals are the middle ones."
+        )
+
+
+AIMS = {
     "parameters": "narrows the joint interval of the parameters",
     "prediction": "lowers the error of the prediction",
     "model": "distinguishes the model from its rival",

@@ -81,6 +81,8 @@ class Allowance:
         For which the strip waits in another condition than that of the run before.
     conditions : tuple of Environment
         Between which a chamber can choose; where it is empty the strip stays where it is.
+    reads : tuple of str
+        Channels that a run reads; all that the fit read where it is empty.
 
     Raises
     ------
@@ -102,6 +104,7 @@ class Allowance:
     wet: float = math.inf
     soak: float = 1800.0
     conditions: tuple[Environment, ...] = ()
+    reads: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("rest", "hydration", "wet", "soak"):

@@ -25,12 +25,18 @@ class ProposedRun:
         By how much it brings the goal nearer, after the runs before it.
     remarks : tuple of str
         What is to be thought of before it is recorded.
+    experiment : str
+        Of a campaign, as which it is recorded.
+    number : int
+        Its place among the runs of all strips, counted from 1.
     """
 
     candidate: Candidate
     time: float
     gain: float
     remarks: tuple[str, ...] = ()
+    experiment: str = ""
+    number: int = 0
 
     @property
     def gain_per_minute(self) -> float:
@@ -46,6 +52,8 @@ class ProposedRun:
         """In the types that JSON has."""
         condition = self.candidate.condition
         return {
+            "number": self.number or None,
+            "experiment": self.experiment or None,
             "signal": str(self.candidate.signal),
             "duration": self.candidate.duration,
             "condition": None if condition is None else str(condition),
@@ -111,6 +119,9 @@ class Proposal(Shown):
     refused : mapping of limit to int
         How many of the runs that were tried would pass it.
     tried : int
+    draws : int
+        Over how many values that the strip may have the gains are averaged; errors are then the middle ones. They
+        hold at the fitted values with 0.
     remarks : tuple of str
         What the plan hangs on.
     """
@@ -126,6 +137,7 @@ class Proposal(Shown):
     shows: Mapping[str, Mapping[str, tuple[float, str]]] = field(default_factory=dict)
     refused: Mapping[str, int] = field(default_factory=dict)
     tried: int = 0
+    draws: int = 0
     remarks: tuple[str, ...] = ()
 
     def to_table(self) -> dict[str, Any]:
@@ -145,6 +157,7 @@ class Proposal(Shown):
             },
             "refused": dict(self.refused),
             "tried": self.tried,
+            "draws": self.draws,
             "remarks": list(self.remarks),
         }
 

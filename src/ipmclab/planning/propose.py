@@ -14,30 +14,20 @@ from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.model import Actuator
-from ipmclab.model.environment import Environment
 from ipmclab.planning.answer import FittedStrip
 from ipmclab.planning.candidates import Allowance, Candidate
-from ipmclab.planning.goals import Goal, GoalName, Model, Parameters, Prediction
-from ipmclab.planning.information import Told, told_by
-from ipmclab.planning.knowledge import Knowledge
+from ipmclab.planning.draws import Samples
+from ipmclab.planning.goals import GoalName
 from ipmclab.planning.proposal import Expected, Proposal, ProposedRun
-from ipmclab.planning.rivals import Rival, rivals_of
-from ipmclab.planning.run_noise import NOT_EXCLUDED, RunNoise
+from ipmclab.planning.questions import Belief, Offer, Questions
+from ipmclab.planning.run_noise import NOT_EXCLUDED
 from ipmclab.rig.safety.limits import words
 from ipmclab.signals import parse
-from ipmclab.ties import largest_first
-
-RATE: Final = 50.0
-"""Rows each second, where the noise of a fit does not say how often it was read."""
 
 INPUTS: Final = ("step 1 V for 40 s", "sine 1 V 0.1 Hz for 40 s", "square 1 V 0.1 Hz for 40 s")
 """What a prediction is wanted for, where nobody says it: the thesis's own signals."""
 
 _USUAL: Final = 40.0  # seconds of an input that does not say how long it lasts
-
-
-_Offer = tuple[ProposedRun, Knowledge]
-"""A run, and what is known after it."""
 
 
 def propose_runs(
@@ -48,6 +38,7 @@ def propose_runs(
     allowed: Allowance | None = None,
     inputs: Sequence[str] = INPUTS,
     rival: str | Actuator | Fit | None = None,
+    draws: int | Samples = 0,
 ) -> Proposal:
     """Tell which runs to record next: those that tell most for their time on the bench, under its limits.
 
@@ -72,6 +63,9 @@ def propose_runs(
     rival : str, Actuator or Fit, optional
         A stage that the model may lack, such as ``leak.exponential``, or another model of the same strip. The stage
         that the fit itself misses where it is left out.
+    draws : int or Samples
+        The goal is averaged over so many values that the strip may have, drawn from the covariance of the fit, or
+        over samples of its posterior (``planning.draws.read_samples``); at the fitted values alone with 0.
 
     Returns
     -------
@@ -95,109 +89,91 @@ def propose_runs(
     >>> all(one.after < one.before for one in proposal.expected)
     True
     """
-    _check(fit, goal, minutes)
-    allowed = allowed or Allowance()
-    strip = FittedStrip(fit)
-    noise = {output: RunNoise.of(fit, output) for output in strip.outputs}
-    steps = [one.step for one in noise.values() if one.step > 0.0]
-    rate = allowed.rate or (1.0 / min(steps) if steps else RATE)
-    rivals = rivals_of(strip, rival, allowed.limits.voltage.most) if goal == "model" else ()
-    questions = _Questions(strip, noise, allowed, rate, rivals)
-    before = Knowledge.of(strip)
-    predicted = Prediction.of([strip.answer(one, rate) for one in _inputs(inputs)])
-    aim: Goal = Parameters() if goal == "parameters" else predicted
-    if goal == "model":
-        aim = Model.of([before.after(told) for _, told in questions.told])
-    offers = questions.offers(before, aim, strip.last_condition)
-    taken = _greedy(questions, before, aim, 60.0 * minutes)
-    if not taken:
-        raise _nothing(questions, minutes, offers)
-    first, last = taken[0][1], taken[-1][1]
-    errors = predicted.errors(before), predicted.errors(last)
+    check_asked(fit, goal, minutes)
+    questions = Questions(fit, goal, {"": allowed or Allowance()}, inputs_of(inputs), rival, draws)
+    taken = greedy({"": questions}, 60.0 * minutes)[""]
+    return proposal_of(questions, goal, taken)
+
+
+def greedy(questions: Mapping[str, Questions], left: float) -> dict[str, list[Offer]]:
+    """Of all strips the best run that still fits into the time, then the best one after it, and so on.
+
+    Parameters
+    ----------
+    questions : mapping of strip to Questions
+    left : float [s]
+
+    Returns
+    -------
+    taken : mapping of strip to list of Offer
+        In their order; the place of each among the runs of all strips is its ``number``.
+
+    Raises
+    ------
+    InputError
+        No run within the limits and the time.
+    """
+    taken: dict[str, list[Offer]] = {name: [] for name in questions}
+    places = {name: one.home for name, one in questions.items()}
+    offers = first = {name: one.offers(one.start, one.home) for name, one in questions.items()}
+    minutes, number = left / 60.0, 0
+    while True:
+        fitting = {name: [one for one in each if one[0].time <= left][:1] for name, each in offers.items()}
+        best = [name for name, each in fitting.items() if each]
+        if not best:
+            break
+        name = max(best, key=lambda one: fitting[one][0][0].gain_per_minute)
+        (run, belief), asked = fitting[name][0], questions[name]
+        number += 1
+        taken[name].append((replace(asked.with_remarks(run), number=number), belief))
+        left -= run.time
+        places[name] = run.candidate.condition or places[name]
+        offers = {**offers, name: asked.offers(belief, places[name])}
+    if not number:
+        raise _nothing(list(questions.values()), minutes, [offer for each in first.values() for offer in each])
+    return taken
+
+
+def proposal_of(questions: Questions, goal: GoalName, taken: Sequence[Offer]) -> Proposal:
+    """The runs of one strip with what is expected of them."""
+    fit, before = questions.fit, questions.start
+    after = taken[-1][1] if taken else before
+    first = taken[0][1] if taken else before
+    errors = before.prediction_errors, after.prediction_errors
+    rivals = questions.rivals if taken else ()
     return Proposal(
         goal=goal,
         runs=tuple(run for run, _ in taken),
-        best_of_kind=tuple(_best_of_kind(offers)),
-        expected=tuple(_expected(strip, before, last)),
+        best_of_kind=tuple(_best_of_kind(questions.offers(before, questions.home))),
+        expected=tuple(_expected(questions.strip, before, after)),
         rank_before=fit.rank,
-        rank_after=max(fit.rank, last.rank),
-        predicted={output: (errors[0][output], errors[1][output]) for output in strip.outputs},
+        rank_after=max(fit.rank, after.rank),
+        predicted={output: (errors[0][output], errors[1][output]) for output in questions.strip.outputs},
         evidence={
             one.name: (math.sqrt(now), math.sqrt(then))
-            for one, now, then in zip(rivals, first.evidence, last.evidence, strict=True)
+            for one, now, then in zip(rivals, first.evidence, after.evidence, strict=True)
         },
         shows={
             one.name: one.least_seen(math.sqrt(then))
-            for one, then in zip(rivals, last.evidence, strict=True)
+            for one, then in zip(rivals, after.evidence, strict=True)
             if one.direction is not None
         },
         refused=dict(questions.refused),
         tried=questions.tried,
+        draws=len(questions.strips) if questions.strips[0] is not questions.strip else 0,
         remarks=tuple(_remarks(fit, goal)),
     )
 
 
-class _Questions:
-    """The runs within the limits, and what each would tell."""
-
-    def __init__(
-        self,
-        strip: FittedStrip,
-        noise: Mapping[str, RunNoise],
-        allowed: Allowance,
-        rate: float,
-        rivals: Sequence[Rival],
-    ) -> None:
-        self.allowed, self.rate = allowed, rate
-        self.tried, self.refused = 0, Counter[str]()
-        self.home = strip.last_condition
-        self.told: list[tuple[Candidate, Told]] = []
-        for candidate in allowed.candidates(rate):
-            self.tried += 1
-            answer = strip.answer(candidate, rate)
-            limit = allowed.refusal(candidate, {"voltage": answer.voltage, **answer.outputs}, rate)
-            if limit:
-                self.refused[limit] += 1
-            else:
-                apart = [strip.apart(one.actuator, candidate, answer) for one in rivals]
-                self.told.append((candidate, told_by(answer, noise, rate, apart)))
-
-    def offers(self, known: Knowledge, aim: Goal, place: Environment | None) -> list[_Offer]:
-        """What each run would gain as the next one, the most for a minute first."""
-        here = aim.loss(known)
-        found = []
-        for candidate, told in self.told:
-            after = known.after(told)
-            run = ProposedRun(candidate, self.allowed.time(candidate, place), here - aim.loss(after))
-            found.append((run, after))
-        return [found[k] for k in largest_first([run.gain_per_minute for run, _ in found])]
-
-    def with_remarks(self, run: ProposedRun) -> ProposedRun:
-        """A run with what is to be thought of before it is recorded."""
-        one = run.candidate
-        return replace(run, remarks=self.allowed.limits.remarks(one.signal, one.duration, self.rate))
-
-
-def _greedy(questions: _Questions, known: Knowledge, aim: Goal, left: float) -> list[_Offer]:
-    """The best run that still fits into the time, then the best one after it, and so on."""
-    found: list[_Offer] = []
-    place = questions.home
-    while fitting := [one for one in questions.offers(known, aim, place) if one[0].time <= left]:
-        run, known = fitting[0]
-        found.append((questions.with_remarks(run), known))
-        left -= run.time
-        place = run.candidate.condition or place
-    return found
-
-
-def _best_of_kind(offers: Sequence[_Offer]) -> list[ProposedRun]:
+def _best_of_kind(offers: Sequence[Offer]) -> list[ProposedRun]:
     kinds: dict[str, ProposedRun] = {}
     for run, _ in offers:
         kinds.setdefault(run.candidate.signal.word, run)
     return list(kinds.values())
 
 
-def _inputs(texts: Sequence[str]) -> list[Candidate]:
+def inputs_of(texts: Sequence[str]) -> list[Candidate]:
+    """The signals for which a prediction is wanted, as runs."""
     signals = [parse(text) for text in texts]
     if not signals:
         raise InputError(
@@ -209,7 +185,7 @@ def _inputs(texts: Sequence[str]) -> list[Candidate]:
     return [Candidate(one, one.duration if math.isfinite(one.duration) else _USUAL) for one in signals]
 
 
-def _expected(strip: FittedStrip, before: Knowledge, after: Knowledge) -> Iterator[Expected]:
+def _expected(strip: FittedStrip, before: Belief, after: Belief) -> Iterator[Expected]:
     """Each parameter with what is known of it before and after some runs."""
     for place, (name, unknown) in enumerate(zip(strip.names, strip.unknowns, strict=True)):
         one = strip.fit.parameters[name]
@@ -257,7 +233,7 @@ def _remarks(fit: Fit, goal: GoalName) -> Iterator[str]:
         )
 
 
-def _nothing(questions: _Questions, minutes: float, offers: Sequence[_Offer]) -> InputError:
+def _nothing(questions: Sequence[Questions], minutes: float, offers: Sequence[Offer]) -> InputError:
     if offers:
         least = min(run.time for run, _ in offers) / 60.0
         return InputError(
@@ -266,12 +242,21 @@ def _nothing(questions: _Questions, minutes: float, offers: Sequence[_Offer]) ->
             where="minutes",
             repair=f"give {math.ceil(least)} min or more, or a shorter rest",
         )
-    limits = ", ".join(f"{words(name)} ({count})" for name, count in questions.refused.most_common())
-    why = f"each of the {questions.tried} runs would pass a limit: {limits}" if questions.tried else "no run is allowed"
+    refused = sum((one.refused for one in questions), Counter[str]())
+    tried = sum(one.tried for one in questions)
+    limits = ", ".join(f"{words(name)} ({count})" for name, count in refused.most_common())
+    why = f"each of the {tried} runs would pass a limit: {limits}" if tried else "no run is allowed"
     return InputError(why, code="no-run", where="allowed", repair="allow more, or a smaller voltage")
 
 
-def _check(fit: Fit, goal: str, minutes: float) -> None:
+def check_asked(fit: Fit, goal: str, minutes: float) -> None:
+    """Refuse what cannot be asked of a fit.
+
+    Raises
+    ------
+    InputError
+        No fit, one of another actuator, one without a free parameter, an unknown goal, a time that is not above 0.
+    """
     need_fit(fit)
     need_as_fitted(fit)
     if not any(name in fit.parameters for name in FittedStrip(fit).names):
