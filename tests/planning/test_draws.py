@@ -14,7 +14,7 @@ from ipmclab.planning.candidates import Candidate
 from ipmclab.planning.draws import DRAWS, Samples, drawn_strips, read_samples
 from ipmclab.planning.questions import Questions
 from ipmclab.posterior.posterior import Posterior, write_posterior
-from ipmclab.rig.safety.limits import Limits
+from ipmclab.rig.safety.limits import Limit
 from ipmclab.signals import Step
 
 LEAK = "circuit.dc_resistivity"
@@ -67,16 +67,21 @@ def test_the_gain_is_the_mean_of_the_gains_at_each_value(fit: Fit) -> None:
 
 
 def test_a_run_that_some_values_refuse_says_so(fit: Fit) -> None:
-    # A third of the values has twice the leakage: what its limit of the charge lets through is known from the others.
+    # At a third of the values the first branch has less resistance, and the peak of the current is higher.
     runs = tuple(content for _, content in fit.runs)
-    leaks = Samples({LEAK: fit.parameters[LEAK].value * np.array([0.5, 1.0, 1.0])}, runs)
-    charge = np.trapezoid(simulate(STRIP, "step 1.2 V", duration=20.0, rate=10.0).current, dx=0.1)
-    limits = Limits.from_table({"voltage": "1.2 V", "charge": f"{1.1 * charge:.4g} C"})
+    name = "circuit.branches.0.resistivity"
+    values = fit.parameters[name].value * np.array([0.3, 1.0, 1.0])
+    branches = Samples({name: values}, runs)
+    high, low = (
+        simulate(fit.actuator.replace(**{name: value}), "step 1.2 V", duration=1.0, rate=10.0).current.max()
+        for value in values[:2]
+    )
+    limits = replace(QUICK.limits, current=Limit(0.5 * (high + low)))
     step = Candidate(Step(1.2), 20.0)
-    asked = Questions(fit, "parameters", {"": replace(QUICK, limits=limits)}, [step], None, leaks)
+    asked = Questions(fit, "parameters", {"": replace(QUICK, limits=limits)}, [step], None, branches)
     (run,) = [one for one, _ in asked.offers(asked.start, None) if one.candidate == step]
     (said,) = asked.with_remarks(run).remarks
-    assert said == "the strip may pass the limit of the charge: it does so at 1 of 3 values that the fit allows"
+    assert said == "the strip may pass the limit of the current: it does so at 1 of 3 values that the fit allows"
 
 
 def test_samples_of_a_posterior_are_read_back(fit: Fit, tmp_path: Path) -> None:
