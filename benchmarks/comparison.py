@@ -1,12 +1,13 @@
 """Whether effects over few strips are told rightly: Monte-Carlo at metric level, with known truth.
 
-Run ``python -m benchmarks.comparison [--trials 2000] [--peer 0] [--record]``; with statsmodels beside it, by
-``uv run --with statsmodels python -m benchmarks.comparison --peer 200``. Campaigns are drawn as rows of a table:
+Run ``python -m benchmarks.comparison [--trials 2000] [--sampled 100] [--peer 0] [--record]``; with statsmodels beside
+it, by ``uv run --with statsmodels python -m benchmarks.comparison --peer 200``. Campaigns are drawn as rows of a table:
 strips of two thicknesses (a factor e^0.5 between them) in three humidities (e^0.3), a sham (the loading, which does
 nothing) that also differs between strips. Strips, mountings and repeats scatter normally on the logarithm. Counted: how
 often the 95 % interval of each effect holds the truth, how often the sham is found at 5 %, how often a strip that was
 not measured reads within the interval of the next strip, how often a strip is named unlike the others though none is.
-Seed 20261121.
+The first of each kind are sampled too (``population``), beside the mixed model's answer to the same campaigns. Seed
+20261121.
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ import numpy as np
 from benchmarks.harness import finish
 from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.metric_model import MetricModel, model_metric
+from ipmclab.comparison.population import population_of
 from ipmclab.comparison.table import RunRow
+from ipmclab.errors import IpmclabError
 from tests.comparison.campaigns import campaign
 
 SOURCES = (
     "src/ipmclab/comparison/mixed.py",
     "src/ipmclab/comparison/metric_model.py",
+    "src/ipmclab/comparison/population.py",
     "src/ipmclab/comparison/factors.py",
     "tests/comparison/campaigns.py",
 )
@@ -103,6 +107,37 @@ def counted(design: Design, trials: int) -> Iterator[str]:
     yield f"| {design.name} | {judged} | {shown} | {100.0 * named / told:.1f} % |"
 
 
+def sampled(design: Design, trials: int) -> str:
+    """The next strip by the posterior, and by the mixed model, of the same campaigns."""
+    draw = np.random.default_rng(SEED)
+    held, wide, named, told, refused = [0, 0], [], [0, 0], 0, 0
+    for _ in range(trials):
+        rows, further = drawn(draw, design)
+        model = model_metric("displacement.largest", "step", rows, tuple(FACTORS.values()))
+        assert model is not None
+        following = model.next_strip(further.values) if len(model.factors) == len(EFFECTS) else None
+        if following is None:
+            continue
+        try:
+            found = population_of(model)
+        except IpmclabError:
+            refused += 1
+            continue
+        told += 1
+        truth = further.metrics["displacement.largest"].value
+        ends = found.next_strip(further.values)[1], following[1]
+        for place, (low, high) in enumerate(ends):
+            held[place] += low <= truth <= high
+        wide.append(math.log(ends[0][1] / ends[0][0]) / math.log(ends[1][1] / ends[1][0]))
+        for place, each in enumerate((found.strips_apart, model.strips_apart())):
+            named[place] += any(one.is_unlike for one in each)
+    shares = [100.0 * one / max(told, 1) for one in (*held, *named)]
+    return (
+        f"| {design.name} | {told} | {shares[0]:.1f} % | {shares[1]:.1f} % | {np.median(wide):.2f} | "
+        f"{shares[2]:.1f} % | {shares[3]:.1f} % | {refused} |"
+    )
+
+
 def of_peer(design: Design, trials: int) -> str:
     """The same campaigns by statsmodels' MixedLM: strips as groups, mountings as a variance component within them."""
     import statsmodels.api  # type: ignore[import-not-found]  # not among what is installed
@@ -159,6 +194,7 @@ def _fit_by_peer(api: object, model: MetricModel, design: Design):  # type: igno
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=2000)
+    parser.add_argument("--sampled", type=int, default=100, help="campaigns of each kind that are sampled too")
     parser.add_argument("--peer", type=int, default=0, help="campaigns for statsmodels, which must be there")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/comparison.md")
     options = parser.parse_args()
@@ -172,6 +208,18 @@ def main() -> None:
         for line in counted(design, options.trials):
             lines.append(line)
             print(line, flush=True)
+    if options.sampled:
+        lines += [
+            "",
+            "The next strip by the posterior (`population`), the same campaigns:",
+            "",
+            "| campaign | judged | next strip held | by the mixed model | width over its, median "
+            "| a strip is named unlike, none is | by the mixed model | chains did not agree |",
+            "|---|---|---|---|---|---|---|---|",
+        ]
+        for design in DESIGNS:
+            lines.append(sampled(design, options.sampled))
+            print(lines[-1], flush=True)
     if options.peer:
         lines += [
             "",

@@ -12,11 +12,13 @@ import typer
 from ipmclab.cli.files import actuator_files, check_output
 from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import counting, print_json, print_paragraph, print_remarks, print_table, progress
+from ipmclab.cli.population import populations_document, print_populations
 from ipmclab.errors import InputError
 
 if TYPE_CHECKING:
     from ipmclab.comparison.compare import Comparison
     from ipmclab.comparison.metric_model import Effect, MetricModel
+    from ipmclab.comparison.population import Population
 
 NAMELESS = "{count} of the runs name no sample: in effects each counts as a strip of its own"
 """What a terminal says of runs whose strip may be any."""
@@ -48,6 +50,13 @@ def compare(
     data: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where every table and figure is written as CSV and SVG.")
     ] = None,
+    posterior: Annotated[
+        bool,
+        typer.Option(
+            "--posterior",
+            help="Sample what strips of this make do: scatter, the next strip, strips apart (extra bayes).",
+        ),
+    ] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -55,6 +64,7 @@ def compare(
 
     \b
     ipmclab compare runs --by thickness,voltage --out compare.html
+    ipmclab compare runs --metric displacement.largest --posterior
     """
     from ipmclab.comparison.compare import compare as compare_runs
     from ipmclab.comparison.factors import chosen_factors
@@ -80,13 +90,24 @@ def compare(
             repair="give runs (.nc); import foreign records first",
         )
     written = _write(found, out, data, runs, by or [], force=force)
+    sampled = _sampled(found) if posterior else None
     if as_json:
-        print_json({**_document(found), "out": out, "data": data, "files": written})
+        told = None if sampled is None else populations_document(*sampled)
+        print_json({**_document(found), "populations": told, "out": out, "data": data, "files": written})
         return
     _print(found)
+    if sampled is not None:
+        print_populations(*sampled)
     for path in [out, data]:
         if path is not None:
             print(f"wrote {path}")
+
+
+def _sampled(found: Comparison) -> tuple[dict[str, Population], dict[str, str]]:
+    from ipmclab.comparison.population import populations_of
+
+    with counting("sampling metrics") as tell:
+        return populations_of(found, tell=tell)
 
 
 def _files(places: list[Path]) -> Iterator[Path]:

@@ -14,13 +14,14 @@ if TYPE_CHECKING:
 
 def print_many_runs(fit: Fit) -> None:
     """Print how far mountings differ, the state of the strip in each run, and each run as the others predict it."""
+    from ipmclab.fit.mountings import NEXT_STRIP
     from ipmclab.fit.state_rows import HEAD, state_rows
     from ipmclab.identification.mountings.mountings import why_unknown
     from ipmclab.identification.mountings.remarks import left_out_remarks
 
     why = why_unknown(fit)
     if why:
-        print_paragraph(f"{why[0].upper()}{why[1:]}.")
+        print_paragraph(f"{why[0].upper()}{why[1:]}; {NEXT_STRIP}.")
     if fit.mountings is not None and fit.mountings.between:
         rows = []
         for name, size in fit.mountings.between.items():

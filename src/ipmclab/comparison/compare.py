@@ -52,7 +52,7 @@ PERIODIC_METRICS: Final = (
 )
 """What is compared unless something else is asked for: of a voltage that stands, and of one that repeats."""
 
-_HEADLINES: Final = ("displacement.largest", "displacement.amplitude", "force.largest", "force.amplitude")
+HEADLINES: Final = ("displacement.largest", "displacement.amplitude", "force.largest", "force.amplitude")
 """The metrics by which a strip is said to be unlike the others; each asks for as many fits as there are strips."""
 
 _PERIODIC: Final = ("sine", "cosine", "square", "triangle", "multisine", "prbs", "periodic")
@@ -131,7 +131,7 @@ class Comparison:
     @cached_property
     def strips_apart(self) -> Mapping[str, tuple[StripApart, ...]]:
         """How far each strip is from what the others let expect, by waveform and metric."""
-        models = (model for model in self.models if model.key in _HEADLINES)
+        models = (model for model in self.models if model.key in HEADLINES)
         found = {f"{model.waveform}: {model.label}": model.strips_apart() for model in models}
         return {name: each for name, each in found.items() if each}
 

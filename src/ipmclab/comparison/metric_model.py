@@ -215,9 +215,10 @@ class MetricModel:
         """
         if not self._strips_are_known or len(self.samples) < 3:
             return None
-        return self._back(self.fit.new_reading(self._row(condition)))
+        return self._back(self.fit.new_reading(self.row_of(condition)))
 
-    def _row(self, condition: Mapping[str, float]) -> FloatArray:
+    def row_of(self, condition: Mapping[str, float]) -> FloatArray:
+        """The row of the design for a condition: a value [SI] of every one of ``factors``."""
         return np.array([1.0, *(_place(factor, condition[factor.name], self.ends) for factor in self.factors)])
 
     def conditions(self) -> list[dict[str, float]]:
@@ -243,7 +244,7 @@ class MetricModel:
             if STRIP in fit.unseen and _repeats([row.strip for row in others]):
                 continue
             mine = [row for row in self.rows if row.sample == sample]
-            expected = fit.new_reading(self.design[own].mean(axis=0), _shares(mine))
+            expected = fit.new_reading(self.design[own].mean(axis=0), shares_of(mine))
             apart = Estimate(float(self.values[own].mean()) - expected.value, expected.standard_error, expected.freedom)
             found.append((sample, apart))
         found.sort(key=lambda pair: pair[1].p_value)
@@ -333,7 +334,7 @@ def _mountings(rows: Sequence[RunRow]) -> list[str]:
     return [f"{row.strip}\0{row.mounting}" for row in rows]
 
 
-def _shares(rows: Sequence[RunRow]) -> dict[str, float]:
+def shares_of(rows: Sequence[RunRow]) -> dict[str, float]:
     """How much of each component of variance the mean of one strip's runs has."""
     counts = np.unique(_mountings(rows), return_counts=True)[1] / len(rows)
     return {RESIDUAL: 1.0 / len(rows), MOUNTING: float(np.sum(counts**2)), STRIP: 1.0}

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
+
+NEXT_STRIP: Final = (
+    "what another strip of this make will do is not known from one: ipmclab compare --posterior tells it from runs of "
+    "three strips or more"
+)
+"""Said where the next mounting is unknown: a fit of one strip does not know the next strip, and this command does."""
 
 
 @dataclass(frozen=True)

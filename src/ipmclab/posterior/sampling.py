@@ -86,13 +86,14 @@ class _Independent:
 
 
 def sample(
-    density: Callable[[FloatArray], float],
+    density: Callable[[FloatArray], Any],
     coordinates: Coordinates,
     names: Sequence[str],
     *,
     seed: int,
     steps: int,
     others: Sequence[FloatArray] = (),
+    at_once: bool = False,
 ) -> Chains:
     """Walk until the chains agree, or for so many steps.
 
@@ -112,6 +113,8 @@ def sample(
         Most steps of each walker.
     others : sequence of float array, shape (n,)
         Other places where it may be high, in these coordinates.
+    at_once : bool
+        Whether the density takes the vectors of several walkers, shape (n_walker, n), and gives as many numbers.
     """
     emcee = bayes_package("emcee")
     middle, root = coordinates.middle, coordinates.root
@@ -128,6 +131,16 @@ def sample(
         vector, logarithm = coordinates(point)
         return (logarithm + density(vector) if math.isfinite(logarithm) else -math.inf), vector
 
+    def all_stretched(points: FloatArray) -> list[tuple[float, FloatArray]]:
+        placed = [coordinates(point) for point in points]
+        logarithms = density(np.array([vector for vector, _ in placed]))
+        return [
+            (each + float(of), vector) for (vector, each), of in zip(placed, np.atleast_1d(logarithms), strict=True)
+        ]
+
+    def of_one(point: FloatArray) -> float:
+        return (all_stretched(point[None, :])[0] if at_once else stretched(point))[0]
+
     for generator, proposal in zip(generators, proposals, strict=True):
         moves = [
             (emcee.moves.MHMove(proposal), 0.5),
@@ -136,8 +149,11 @@ def sample(
             (emcee.moves.DESnookerMove(), 0.1),
         ]
         kept_as = [("vector", float, (size,))]
-        samplers.append(emcee.EnsembleSampler(walkers, size, stretched, moves=moves, blobs_dtype=kept_as))
-        first = _first(lambda point: stretched(point)[0], middle, root, walkers, generator, others)
+        asked = all_stretched if at_once else stretched
+        samplers.append(
+            emcee.EnsembleSampler(walkers, size, asked, moves=moves, blobs_dtype=kept_as, vectorize=at_once)
+        )
+        first = _first(of_one, middle, root, walkers, generator, others)
         states.append(emcee.State(first, random_state=generator.get_state()))
     done = 0
     stage("drawing samples until the chains agree", 0.0, 1.0, walkers * steps // 2)

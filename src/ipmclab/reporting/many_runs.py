@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from ipmclab.fit.mountings import NEXT_STRIP
 from ipmclab.fit.state_rows import HEAD, state_rows
 from ipmclab.identification.mountings.mountings import why_unknown
 from ipmclab.identification.mountings.remarks import left_out_remarks
@@ -54,7 +55,7 @@ def many_runs_part(fit: Fit) -> Markup:
     return Markup(
         render(
             "many_runs.html.j2",
-            why_unknown=f"{why[0].upper()}{why[1:]}." if why else "",
+            why_unknown=f"{why[0].upper()}{why[1:]}; {NEXT_STRIP}." if why else "",
             mountings=len(told.each) if told else 0,
             names=", ".join(one.name for one in told.each) if told else "",
             between=_between(fit),

@@ -10,6 +10,7 @@ from nicegui import ui
 
 from ipmclab.errors import IpmclabError
 from ipmclab.fit.answer import REFUSED
+from ipmclab.fit.mountings import NEXT_STRIP
 from ipmclab.page.curves import compared_panels
 from ipmclab.page.elements.time_plot import TimePlot
 from ipmclab.page.sections.kept import Kept
@@ -212,7 +213,7 @@ def known_in_words(told: Mapping[str, Any]) -> list[tuple[str, bool]]:
         found.append((f"The mountings differ, so one value for all of them holds for none: {listed}.", True))
     if told["next_mounting_unknown"]:
         words = told["next_mounting_unknown"]
-        found.append((f"{words[:1].upper()}{words[1:]}.", False))
+        found.append((f"{words[:1].upper()}{words[1:]}; {NEXT_STRIP}.", False))
     found += [(words, True) for words in told["undetermined"]]
     found += [(one["message"], True) for one in told["findings"] if one["severity"] == "error"]
     return found

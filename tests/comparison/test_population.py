@@ -1,0 +1,93 @@
+"""What strips of one make do: the closed form against dense matrices, and the answer against what was drawn."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from ipmclab import InputError
+from ipmclab.cli.output import print_json
+from ipmclab.cli.population import populations_document, print_populations
+from ipmclab.comparison.factors import FACTORS
+from ipmclab.comparison.metric_model import MetricModel, model_metric
+from ipmclab.comparison.population import _Sums, population_of
+from ipmclab.comparison.table import RunRow
+from tests.comparison.campaigns import campaign, row
+
+pytest.importorskip("emcee")
+
+
+def model_of(rows: list[RunRow]) -> MetricModel:
+    found = model_metric("displacement.largest", "step", rows, tuple(FACTORS.values()))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("components", [(0.02, 0.03, 0.05), (0.01, 0.0, 0.5), (1e-8, 0.2, 0.1)])
+def test_the_likelihood_is_that_of_the_whole_covariance(components: tuple[float, float, float]) -> None:
+    rows = campaign(np.random.default_rng(1), strips=5)
+    rows = [one for place, one in enumerate(rows) if place % 4]
+    model = model_of(rows)
+    strips = np.array([one.sample for one in rows])
+    mountings = np.array([f"{one.sample}/{one.mounting}" for one in rows])
+    repeats, mounting, strip = components
+    v = repeats * np.eye(len(rows)) + mounting * np.equal.outer(mountings, mountings)
+    v = v + strip * np.equal.outer(strips, strips)
+    x, y = model.design, model.values
+    a = x.T @ np.linalg.solve(v, x)
+    beta = np.linalg.solve(a, x.T @ np.linalg.solve(v, y))
+    left = y - x @ beta
+    expected = -0.5 * (np.linalg.slogdet(v)[1] + np.linalg.slogdet(a)[1] + left @ np.linalg.solve(v, left))
+    sums = _Sums.of(x, y, rows)
+    assert sums.log_likelihood(np.array([components]))[0] == pytest.approx(expected, rel=1e-6)
+    centre, variance = sums.expected(np.array([components]), x[0])
+    assert (centre[0], variance[0]) == pytest.approx((x[0] @ beta, x[0] @ np.linalg.solve(a, x[0])))
+
+
+def test_the_next_strip_is_where_the_mixed_model_has_it_and_one_strip_is_unlike(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = campaign(np.random.default_rng(20261124), strips=12, scatter=(0.15, 0.1, 0.05))
+    odd = [one.metrics["displacement.largest"] for one in rows]
+    rows = [
+        row(4.0 * metric.value, sample=one.sample, mounting=one.mounting, **_factors(one.values))
+        if one.sample == "strip-7"
+        else one
+        for one, metric in zip(rows, odd, strict=True)
+    ]
+    model = model_of(rows)
+    found = population_of(model)
+    assert [one.sample for one in found.strips_apart if one.is_unlike] == ["strip-7"]
+    assert found.strips_apart[0].value > 3.0
+    condition = model.conditions()[0]
+    mixed, sampled = model.next_strip(condition), found.next_strip(condition)
+    assert mixed is not None
+    assert np.log(sampled[0]) == pytest.approx(np.log(mixed[0]), abs=0.05)
+    width = [np.log(high / low) for low, high in (sampled[1], mixed[1])]
+    assert width[0] == pytest.approx(width[1], rel=0.15)
+    mean, inside = found.mean(condition)
+    assert sampled[1][0] < inside[0] < mean < inside[1] < sampled[1][1]
+    scatter = {one.name: one for one in found.scatter}
+    assert list(scatter) == ["strip", "mounting", "repeats"]
+    assert scatter["repeats"].median == pytest.approx(0.05, rel=0.2)
+    assert all(one.convergence.r_hat <= 1.01 for one in found.scatter)
+    print_populations({"step": found}, {"sine": "too few strips"})
+    told = capsys.readouterr().out
+    assert "strip-7 is unlike the others: x" in told
+    assert "The chains agree after" in told
+    print_json(populations_document({"step": found}, {}))
+    document = json.loads(capsys.readouterr().out)["metrics"]["step"]
+    assert document["next_strip"][0]["by_mixed_model"]["value"] == pytest.approx(mixed[0])
+
+
+def _factors(values: Mapping[str, float]) -> dict[str, float]:
+    return dict(values)
+
+
+def test_two_strips_tell_nothing_of_a_third() -> None:
+    rows = [row(size, sample=strip) for strip, size in (("a", 1.0), ("a", 1.1), ("b", 1.2), ("b", 1.3))]
+    with pytest.raises(InputError, match="2 strips do not tell how far strips differ"):
+        population_of(model_of(rows))
