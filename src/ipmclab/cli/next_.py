@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ipmclab.cli.expected import AIMS, print_expected
 from ipmclab.cli.options import Json, answers_in, positive
 from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
 from ipmclab.errors import InputError
 from ipmclab.units import FREQUENCY, TIME
 
 if TYPE_CHECKING:
-    from ipmclab.planning.proposal import Expected, Proposal, ProposedRun
+    from ipmclab.planning.proposal import Proposal, ProposedRun
 
 
 def next_(
@@ -175,28 +176,6 @@ def _print(proposal: Proposal, minutes: float) -> None:
     print_remarks(proposal.remarks)
 
 
-def print_expected(proposal: Proposal) -> None:
-    """Print each parameter with its interval now and after the runs."""
-    print_table(
-        ["parameter", "value", "95 % interval now", "after these runs", "unit"],
-        [
-            [one.name, significant(one.value, 4), _interval(one, now=True), _interval(one, now=False), one.unit]
-            for one in proposal.expected
-        ],
-    )
-    if proposal.draws:
-        print_paragraph(
-            f"Gains are averages over {proposal.draws} values that the strip may have, intervals are the middle ones."
-        )
-
-
-AIMS = {
-    "parameters": "narrows the joint interval of the parameters",
-    "prediction": "lowers the error of the prediction",
-    "model": "distinguishes the model from its rival",
-}
-
-
 def _where(runs: Sequence[ProposedRun]) -> list[str]:
     return ["at"] if any(run.candidate.condition is not None for run in runs) else []
 
@@ -216,17 +195,6 @@ def _part(run: ProposedRun, best: ProposedRun) -> str:
 
 def _percent(part: float) -> str:
     return f"{significant(100.0 * part, 2)} %" if part < 1.0 else "unknown"
-
-
-def _interval(one: Expected, *, now: bool) -> str:
-    if not (one.determined_before if now else one.determined_after):
-        return "not determined"
-    low, high = one.interval_before if now else one.interval_after
-    # As many digits as tell the ends apart.
-    digits = 4
-    while digits < 8 and significant(low, digits) == significant(high, digits):
-        digits += 1
-    return f"{significant(low, digits)} to {significant(high, digits)}"
 
 
 def _about_rivals(proposal: Proposal) -> list[str]:

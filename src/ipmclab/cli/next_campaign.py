@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ipmclab.cli.next_ import AIMS, print_expected
+from ipmclab.cli.expected import AIMS, print_expected
 from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
 from ipmclab.errors import InputError
 from ipmclab.toml_file import glance
