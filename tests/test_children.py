@@ -19,7 +19,7 @@ from ipmclab.rig.safety.guarded_output import Target
 from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.store.journal.finalise import finish
 from ipmclab.store.journal.journal import Journal, JournalHeader
-from tests.waiting import until
+from tests.waiting import HANGS, until
 
 NAMES = [
     "queue",
@@ -125,4 +125,4 @@ def test_children_that_listen_leave_nothing_at_descriptor_0(module: str, tmp_pat
         until(lambda: os.readlink(f"/proc/{child.pid}/fd/0") == os.devnull)
         assert child.stdin is not None
         child.stdin.close()
-        assert child.wait(10.0) == 0
+        assert child.wait(HANGS) == 0

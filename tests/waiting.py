@@ -14,7 +14,7 @@ from ipmclab.rig.daqmx import driver, link
 from ipmclab.rig.process.messages import Message
 from ipmclab.rig.recording.keeping import Rows
 
-HANGS: Final = 60.0
+HANGS: Final = 180.0
 """After so long [s] it is taken to hang, on whatever machine. How long something may take is a test of its own."""
 
 

@@ -46,7 +46,7 @@ try:
     for line in page.stdout:
         address = re.search("http://[^ ]+", line.strip())
         if address:
-            answer = urllib.request.urlopen(address[0], timeout=60)
+            answer = urllib.request.urlopen(address[0], timeout=300)
             print(answer.status, "ipmclab" in answer.read().decode())
             break
 finally:

@@ -15,6 +15,7 @@ from ipmclab.cli.record import Terminal, _finish
 from ipmclab.cli.record_view import View
 from ipmclab.rig.process.hub import Hub
 from ipmclab.rig.process.messages import Message
+from tests.waiting import HANGS
 
 ENDED = Message("ended", {"status": 0, "how": "stop", "error": None, "runs": []})
 
@@ -47,7 +48,7 @@ def test_a_question_where_there_is_no_terminal(recording: Path) -> None:
         assert (hub.clients, hub.answerers) == (1, 0)
         hub.tell(ENDED)
         hub.close()
-        assert client.wait(20.0) == 0
+        assert client.wait(HANGS) == 0
         assert client.stderr.read() == ""
 
 

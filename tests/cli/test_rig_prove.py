@@ -36,7 +36,7 @@ def served(path: Path, *, load: str, clock: str = "real") -> Iterator[None]:
         yield
     finally:
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=20)
+        process.communicate(timeout=300)
 
 
 @pytest.mark.real_time

@@ -51,7 +51,7 @@ def served() -> Iterator[Served]:
     one = serve("--clock", "lock-step", "--hands")
     yield one
     one.process.send_signal(signal.SIGINT)
-    out, _ = one.process.communicate(timeout=20)
+    out, _ = one.process.communicate(timeout=300)
     assert one.process.returncode == 0
     assert out == "", "stdout carries the one line"
 
@@ -83,7 +83,7 @@ def test_a_dummy_load_is_served_from_a_rig_file(tmp_path: Path) -> None:
     one = serve(tmp_path / "rig.toml", "--clock", "x10", "--levels", tmp_path / "levels", "--json")
     assert '"address": "127.0.0.1:' in one.line
     one.process.terminate()
-    one.process.communicate(timeout=20)
+    one.process.communicate(timeout=300)
     assert one.process.returncode in (0, 1)  # Windows ends it without asking
 
 

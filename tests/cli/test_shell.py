@@ -22,7 +22,7 @@ def program(*words: str, **options: object) -> subprocess.CompletedProcess[str]:
         check=False,
         capture_output=True,
         encoding="utf-8",
-        timeout=120,
+        timeout=300,
         **options,
     )
 
@@ -126,7 +126,7 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
     )
     assert writer.stdout is not None
     writer.stdout.close()
-    _, err = writer.communicate(timeout=60)
+    _, err = writer.communicate(timeout=300)
     assert err == b""
 
 

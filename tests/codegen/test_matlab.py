@@ -39,7 +39,7 @@ def octave(require: Callable[..., None]) -> str:
 def run_octave(program: str, folder: Path) -> None:
     (folder / "driver.m").write_text(DRIVER)
     command = [program, "--no-gui", "--no-init-file", "--norc", "driver.m"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=120, check=False)
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr.decode()
 
 

@@ -74,7 +74,7 @@ def test_circuit_agrees_with_ngspice(
     table = tmp_path / "out.txt"
     circuit = tmp_path / "strip.cir"
     circuit.write_text(netlist(run.voltage, run.time, table, leak), encoding="utf-8")
-    subprocess.run([program, "-b", str(circuit)], check=True, capture_output=True, timeout=100, cwd=tmp_path)
+    subprocess.run([program, "-b", str(circuit)], check=True, capture_output=True, timeout=300, cwd=tmp_path)
     columns = np.loadtxt(table)
     time, current, node = columns[:, 0], -columns[:, 1], columns[:, 2]
     assert run.current is not None

@@ -335,7 +335,7 @@ def test_segments_agree_with_ngspice(
     run = simulate(actuator, "sine 2 V 0.1 Hz", duration=12.0, rate=RATE, hold="first")
     table, circuit = tmp_path / "out.txt", tmp_path / "line.cir"
     circuit.write_text(netlist(strip, share, segments, run, table, leak=leak), encoding="utf-8")
-    subprocess.run([program, "-b", str(circuit)], check=True, capture_output=True, timeout=100, cwd=tmp_path)
+    subprocess.run([program, "-b", str(circuit)], check=True, capture_output=True, timeout=300, cwd=tmp_path)
     columns = np.loadtxt(table)
     time, current, nodes = columns[:, 0], -columns[:, 1], columns[:, 2:]
     # The mean with which the strip bends: straight lines through contacts, nodes and the open end.

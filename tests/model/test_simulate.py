@@ -97,7 +97,7 @@ runs.append(ipmclab.simulate(actuator, "sine 1 V 0.3 Hz", duration=10, rate=50, 
 assert "numba" in sys.modules
 assert runs[0].content_sha256 == runs[1].content_sha256
 """
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=300)
 
 
 @pytest.mark.parametrize("frequency", [0.02, 0.4, 3.0])

@@ -29,7 +29,7 @@ from ipmclab.page.jobs.tasks import LOOK, TASKS, Entry, find_task, room
 from ipmclab.store.importers.unpacked import unpacked_size
 from tests.waiting import until
 
-PATIENCE = 60.0
+PATIENCE = 180.0
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_a_worker_that_is_deaf_or_dies_is_replaced(runs: Path) -> None:
         assert again.document["files"] == 3
         child = lane._child
         assert child is not None
-    child.wait(10.0)
+    child.wait(PATIENCE)
 
 
 def test_workers_end_with_the_server(runs: Path) -> None:
@@ -199,7 +199,7 @@ def test_workers_end_with_the_server(runs: Path) -> None:
     )
     assert server.stdin is not None
     server.stdin.close()
-    assert server.wait(30.0) == 0
+    assert server.wait(PATIENCE) == 0
     assert server.stdout is not None
     server.stdout.close()
 

@@ -35,6 +35,7 @@ from ipmclab.store.guess.guess import guess_channels, guess_file
 from ipmclab.store.importers import read_columns
 from ipmclab.store.importers.csv import CsvFile
 from ipmclab.units import CURRENT
+from tests.waiting import HANGS
 
 BLANK = {"unit": "", "factor": "", "sign": "1", "zero_at": "", "sentinels": ""}
 
@@ -54,7 +55,7 @@ class Client:
     def _ask(self, method: str, address: str, **more: Any) -> httpx.Response:
         async def ask() -> httpx.Response:
             transport = httpx.ASGITransport(app=self._app)
-            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60.0) as client:
+            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=HANGS) as client:
                 return await client.request(method, address, **more)
 
         return asyncio.run(ask())
@@ -457,7 +458,7 @@ def test_a_parameter_of_each_mounting_is_one_in_command_python_and_worker(worksh
         run = read_run(workshop.lab.root / "runs" / f"{source}.nc")
         write_run(replace(run, metadata=replace(run.metadata, mounting_id=mounting)), f"{name}.nc")
     names = [f"{contact}[mounting one]", f"{contact}[mounting two]"]
-    told = workshop.identify(asked).job.future.result(60.0).document
+    told = workshop.identify(asked).job.future.result(HANGS).document
     assert [row["name"] for row in told["parameters"]] == names
     step = identify_step("friend-2", asked.runs, (), (), (contact,), out="each.toml")
     assert f"--free {contact} --per-mounting {contact}" in step.command

@@ -150,7 +150,7 @@ def test_a_served_page_is_guarded_and_small(tmp_path: Path) -> None:
         assert {status for (_, origin, _), status in answers.items() if origin != address} == {403}
     finally:
         server.terminate()
-        server.communicate(timeout=20)
+        server.communicate(timeout=180)
     assert f"port {Lab.open(folder).port} of this folder is taken" in (tmp_path / "imports").read_text()
     loaded = {line.rpartition("|")[2].strip() for line in (tmp_path / "imports").read_text().splitlines()}
     assert "nicegui" in loaded

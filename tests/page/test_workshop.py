@@ -16,6 +16,7 @@ from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.jobs import Job, JobCancelled
 from ipmclab.page.lab import Lab
 from ipmclab.page.workshop import FitCard, FitRequest, FittedFile, Workshop
+from tests.waiting import HANGS
 
 
 @pytest.fixture
@@ -214,9 +215,9 @@ def test_a_fit_that_started_from_fits_that_are_not_saved_can_be_repeated(
     for name, signal in (("step", "step 1 V"), ("sine", "sine 1 V 0.1 Hz")):
         write_run(simulate(strip, signal, duration=10.0, rate=50.0), root / f"{name}.nc")
     first = workshop.identify(asked("first", runs=("step.nc",)))
-    assert first.job.future.result(60.0)
+    assert first.job.future.result(HANGS)
     second = workshop.identify(replace(asked("second", "first", ("sine.nc",)), free=("circuit.contact_resistance",)))
-    assert second.job.future.result(60.0)
+    assert second.job.future.result(HANGS)
     workshop.fits.remove(first)  # as the oldest does
     step = simulate_step(workshop.file_name("second"), {}, signal="step 1 V", duration=1.0, rate=50.0, is_fit=True)
     told = workshop.repeatable(step, ["second"])

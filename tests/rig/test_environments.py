@@ -29,6 +29,7 @@ from ipmclab.store.journal import finalise as finalise_module
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.run_file import read_run
 from tests.rig.test_session import BASE, Desk
+from tests.waiting import HANGS
 
 CHAMBER_RIG = replace(THESIS_RIG, chamber=ChamberSettings("virtual"))
 WITHOUT_SENSORS = replace(CHAMBER_RIG, channels=THESIS_RIG.channels[:-1], thermometer=None)
@@ -310,12 +311,12 @@ def test_a_real_chamber_is_read_in_a_thread_of_its_own() -> None:
     watch = ChamberWatch(chamber)
     watch.on_reading = lambda _: heard.set()
     watch.set(25.0, 50.0)
-    assert heard.wait(10.0)
+    assert heard.wait(HANGS)
     assert len(watch.take()["chamber_temperature"]) >= 1
     watch.still(60.0)
     resumed = threading.Event()
     watch.resume_soon(lambda _: resumed.set())
-    assert resumed.wait(10.0)
+    assert resumed.wait(HANGS)
     assert not watch.is_still
     watch.safe()
     watch.close()

@@ -197,6 +197,7 @@ def test_a_voltage_beyond_the_limits_of_its_channel_is_refused(volts):
     assert transfer.to_codes(writing, np.array([[-5.0, 5.0]])).shape == (1, 2)
 
 
+@pytest.mark.real_time
 def test_a_fast_clock_waits_for_who_feeds_an_output_as_long_as_life_would():
     """Half a second ahead is half a second on the wall, at a hundred times the speed too."""
     with (chassis := Chassis(RcPlant(), make_clock("x100"))).lock:
@@ -216,6 +217,7 @@ def test_a_fast_clock_waits_for_who_feeds_an_output_as_long_as_life_would():
         assert writing.output_buffer.generated == 25
 
 
+@pytest.mark.real_time
 def test_a_fast_clock_is_fast_where_an_output_is_fed():
     with (chassis := Chassis(RcPlant(), make_clock("x100"))).lock:
         reading, writing = pair(chassis, 2000, mode=CONTINUOUS)

@@ -14,7 +14,7 @@ from nidaqmx import DaqError
 
 from virtual_cdaq.levels import read_levels
 
-CAPTURED = {"capture_output": True, "text": True, "timeout": 30}
+CAPTURED = {"capture_output": True, "text": True, "timeout": 300}
 COMMAND = [sys.executable, "-m", "virtual_cdaq"]
 
 
@@ -41,7 +41,7 @@ def test_stdout_carries_the_address_and_nothing_else():
             other.settimeout(1.0)
             assert other.connect_ex(("127.0.0.2", port)) != 0
         served.terminate()
-        rest, _ = served.communicate(timeout=10)
+        rest, _ = served.communicate(timeout=300)
         assert rest == ""
         if sys.platform != "win32":
             assert served.returncode == 0

@@ -16,7 +16,7 @@ from tests.page.browser.conftest import serious, served
 
 pytest.importorskip("playwright")
 
-LONG = 60_000  # ms on a busy machine
+LONG = 180_000  # ms on a busy machine
 SIGNAL = "step 1 V"
 
 

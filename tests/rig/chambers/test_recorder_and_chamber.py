@@ -17,7 +17,7 @@ from ipmclab.rig.files.text import write_rig
 from ipmclab.rig.process.client import launch
 from tests.rig.chambers.devices import EspecDevice
 from tests.rig.chambers.wire import at_socket
-from tests.waiting import until
+from tests.waiting import HANGS, until
 
 EXPERIMENT = """
 sample = "friend-2"
@@ -48,9 +48,9 @@ def test_the_chamber_stands_by_when_the_recorder_is_gone(tmp_path: Path, name: s
         recorder.request("start")
         until(lambda: device.room.mode == "CONSTANT")
         assert device.room.regulated == [(25.0, 60.0)]
-        told = recorder.next(30.0)
+        told = recorder.next(HANGS)
         while told is not None and told.kind != "equilibrium":
-            told = recorder.next(30.0)
+            told = recorder.next(HANGS)
         assert told is not None
         process = json.loads(recorder.file.read_text(encoding="utf-8"))["process"]
         os.kill(process, getattr(signal, name))

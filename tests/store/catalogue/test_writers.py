@@ -76,7 +76,7 @@ def test_two_rigs_at_once(folder: Path, address: str | None, write) -> None:
     writers = [start(folder, address, rig) for rig in ("rig1", "rig2")]
     go(*writers)
     for writer in writers:
-        _, errors = writer.communicate(timeout=120)
+        _, errors = writer.communicate(timeout=300)
         assert writer.returncode == 0, errors
     catalogue = Catalogue(folder, address)
     rows = catalogue.query()
@@ -97,7 +97,7 @@ def test_two_sweeps_and_a_rebuild_at_once(folder: Path, address: str | None, wri
     writers = [start(folder, address, "rig1", what) for what in (sweep, sweep, rebuild)]
     go(*writers)
     for writer in writers:
-        _, errors = writer.communicate(timeout=120)
+        _, errors = writer.communicate(timeout=300)
         assert writer.returncode == 0, errors
     catalogue = Catalogue(folder, address)
     recorded = [row for row in catalogue.query() if row.uuid]
@@ -142,7 +142,7 @@ def test_a_rig_that_is_killed_in_a_transaction_holds_nobody_up(folder: Path, add
     assert writer.stdout is not None
     assert writer.stdout.readline() == "ready\n"
     writer.kill()
-    writer.communicate(timeout=60)
+    writer.communicate(timeout=300)
     catalogue = Catalogue(folder, address)
     path = write("a.nc", sample="S1", uuid=name, state="recovered")
     catalogue.add(path, [Finding("first", "info", "one")])
