@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from functools import partial
+from typing import Any
 
 
 class IpmclabError(Exception):
@@ -38,6 +40,10 @@ class IpmclabError(Exception):
     def __str__(self) -> str:
         text = f"{self.where}: {self.message}" if self.where else self.message
         return f"{text}; {self.repair}" if self.repair else text
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How it travels between processes: pickle would leave out what was given by name."""
+        return partial(type(self), code=self.code, where=self.where, repair=self.repair), (self.message,), vars(self)
 
     def as_dict(self) -> dict[str, str]:
         """The error as the document that ``--json`` prints."""

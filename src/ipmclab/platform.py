@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final
 
 
 def detached() -> dict[str, Any]:
@@ -23,10 +23,16 @@ def detached() -> dict[str, Any]:
         return {"start_new_session": True}
 
 
+PROCESSORS: Final = "IPMCLAB_PROCESSORS"
+"""A variable of the environment: how many processors a process may use, where others have the rest."""
+
+
 def processors() -> int:
     """How many processors this process may use."""
     mine: Callable[[int], set[int]] | None = getattr(os, "sched_getaffinity", None)  # of Linux
-    return os.cpu_count() or 1 if mine is None else len(mine(0))
+    there = os.cpu_count() or 1 if mine is None else len(mine(0))
+    told = os.environ.get(PROCESSORS, "")
+    return min(there, max(int(told), 1)) if told.isdecimal() else there
 
 
 def python_child(module: str, *arguments: str) -> list[str]:

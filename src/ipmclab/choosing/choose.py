@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -12,11 +12,22 @@ import numpy as np
 from ipmclab.choosing.blocks import run_blocks, time_blocks
 from ipmclab.choosing.choice import Candidate, Choice, HoldOut
 from ipmclab.choosing.compare import HeldOut, difference
-from ipmclab.choosing.held_out import Division, Key, held_out_noise, held_out_rmse, hold_out, residuals, score_blocks
+from ipmclab.choosing.held_out import (
+    Division,
+    Fold,
+    Key,
+    held_out_noise,
+    held_out_rmse,
+    hold_out,
+    residuals,
+    score_blocks,
+)
 from ipmclab.choosing.models import free_of, parse_models, refuse_unknown, words_of
 from ipmclab.choosing.noise import FadingNoise, ResidualSeries, fit_noise
 from ipmclab.choosing.stages_shown import shown_in_one, stages_apart, stages_held
+from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.fit.fit import Fit
 from ipmclab.identification.identify import identify
 from ipmclab.identification.problem.record import READ_OUTPUTS, prepare
 from ipmclab.model import Actuator
@@ -50,6 +61,7 @@ def choose(
     blocks: int = BLOCKS,
     folds: int = FOLDS,
     labels: Sequence[str] | None = None,
+    engine: Engine | None = None,
     progress: Tell | None = None,
 ) -> Choice:
     """Fit several models, and rank them by how likely they make readings that they did not see.
@@ -74,6 +86,8 @@ def choose(
         How often each model is fitted without a part, at most.
     labels : sequence of str, optional
         A short name for each run.
+    engine : Engine, optional
+        Who fits: this process where it is left out. The answer is the same, to the last bit.
     progress : function of (str, int, int), optional
         Told before each fit: what, how many fits are done, and of how many.
 
@@ -114,53 +128,114 @@ def choose(
     each = min(folds, len(given)) if whole_runs else folds
     count, done = len(built) * (1 + each), 0
 
-    def tell(name: str, what: str) -> None:
+    def tell(name: str, what: str) -> bool:
         nonlocal done
         if progress is not None:
             progress(f"{name}, {what}", done, count)
         done += 1
+        return True
 
-    for name, model in built:
-        words, of_runs = free_of(model, channels, asked), _own(model, own)
-        tell(name, "all runs")
-        try:
-            fit = identify(model, given, free=words, per_run=of_runs, labels=told)
-        except (IpmclabError, *_FAULTS) as fault:
-            candidates[name] = Candidate(name, free=words, reason=_why(fault))
-            done += each
-        else:
-            candidates[name] = Candidate(name, fit, words, parameters=len(fit.parameters))
+    by, every = engine or Here(), _Given(given, told)
+    tasks = [_Asked(name, model, free_of(model, channels, asked), _own(model, own)) for name, model in built]
+    candidates |= {one.name: Candidate(one.name, free=one.free) for one in tasks}  # in the order in which they came
+    for place, fit in by.map(_fit_all, every, (one for one in tasks if tell(one.name, "all runs"))):
+        one = candidates[tasks[place].name]
+        done += each if isinstance(fit, str) else 0
+        candidates[one.name] = (
+            replace(one, reason=fit) if isinstance(fit, str) else replace(one, fit=fit, parameters=len(fit.parameters))
+        )
     division, unscored = _divide(given, told, candidates, whole_runs=whole_runs, blocks=blocks, folds=each)
     said: dict[str, HeldOut] = {}
     apart = stages_apart(dict(built))
-    for name, model in built:
+    fitted = [one for one in tasks if candidates[one.name].fit is not None]
+    for name, parts in _folds(by, replace(every, division=division), fitted, tell):
         one = candidates[name]
-        if one.fit is None:
+        if isinstance(parts, str):
+            candidates[name] = replace(one, reason=f"without a part of the readings: {parts}")
             continue
-        try:
-            out = hold_out(
-                model,
-                given,
-                division,
-                one.free,
-                _own(model, own),
-                lambda fold, name=name: tell(name, f"part {fold + 1} of {each} held out"),  # type: ignore[misc]
-            )
-        except (IpmclabError, *_FAULTS) as fault:
-            candidates[name] = replace(one, reason=f"without a part of the readings: {_why(fault)}")
-            continue
-        noise = held_out_noise(out, division)
-        said[name] = score_blocks(out, division, noise)
+        assert one.fit is not None
+        noise = held_out_noise(parts, division)
+        said[name] = score_blocks(parts, division, noise)
         candidates[name] = replace(
             one,
             log_predictive=float(said[name].score.sum()),
-            rmse=held_out_rmse(out, division),
+            rmse=held_out_rmse(parts, division),
             noise=noise,
-            shown_in_one=shown_in_one(one.fit, apart[name], out, division),
+            shown_in_one=shown_in_one(one.fit, apart[name], parts, division),
         )
+    said = {name: said[name] for name in candidates if name in said}
     for name, stages in stages_held(dict(built), {name: candidates[name].free for name, _ in built}).items():
         candidates[name] = replace(candidates[name], held=stages)
     return _choice(given, candidates, said, division, unscored, told)
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """What all fits share."""
+
+    runs: Sequence[Run]
+    labels: Sequence[str]
+    division: Division | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """One fit: of a model, to everything or to everything but a fold."""
+
+    name: str
+    model: Actuator
+    free: tuple[str, ...]
+    per_run: Sequence[str]
+    fold: int = 0
+
+
+def _fit_all(given: _Given, asked: _Asked) -> Fit | str:
+    """The fit of a model to everything, or why there is none."""
+    try:
+        return identify(asked.model, given.runs, free=asked.free, per_run=asked.per_run, labels=given.labels)
+    except (IpmclabError, *_FAULTS) as fault:
+        return _why(fault)
+
+
+def _fit_without(given: _Given, asked: _Asked) -> Fold | str:
+    """What the fit of a model to everything but a fold says, or why there is none."""
+    assert given.division is not None
+    try:
+        return hold_out(asked.model, given.runs, given.division, asked.free, asked.per_run, asked.fold)
+    except (IpmclabError, *_FAULTS) as fault:
+        return _why(fault)
+
+
+def _folds(
+    engine: Engine, given: _Given, fitted: Sequence[_Asked], tell: Callable[[str, str], bool]
+) -> Iterator[tuple[str, tuple[Fold, ...] | str]]:
+    """Each model with what it says without each fold, as soon as all of that is there; or why there is something not.
+
+    Of a model that has failed in one fold no other is begun.
+    """
+    assert given.division is not None
+    count, failed = given.division.folds, set()
+    begun: list[_Asked] = []
+    parts: dict[str, dict[int, Fold]] = {one.name: {} for one in fitted}
+
+    def tasks() -> Iterator[_Asked]:
+        for one in fitted:
+            for fold in range(count):
+                if one.name not in failed and tell(one.name, f"part {fold + 1} of {count} held out"):
+                    begun.append(replace(one, fold=fold))
+                    yield begun[-1]
+
+    for place, found in engine.map(_fit_without, given, tasks()):
+        name, fold = begun[place].name, begun[place].fold
+        if isinstance(found, str):
+            if name not in failed:
+                failed.add(name)
+                yield name, found
+            continue
+        parts[name][fold] = found
+        if len(parts[name]) == count:
+            own = parts.pop(name)
+            yield name, tuple(own[place] for place in range(count))
 
 
 def _named(

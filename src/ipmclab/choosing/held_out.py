@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -126,54 +126,45 @@ class Fold:
 
 
 def hold_out(
-    actuator: Actuator,
-    runs: Sequence[Run],
-    division: Division,
-    free: Sequence[str],
-    per_run: Sequence[str],
-    tell: Callable[[int], None],
-) -> tuple[Fold, ...]:
-    """Fit a model to everything but each fold in turn, and see what it leaves of every reading.
+    actuator: Actuator, runs: Sequence[Run], division: Division, free: Sequence[str], per_run: Sequence[str], fold: int
+) -> Fold:
+    """Fit a model to everything but one fold, and see what it leaves of every reading.
 
     A row is held out by taking its readings away; its time and its voltage stay, so that the model arrives at
     the next row with its whole history.
 
     Returns
     -------
-    folds : tuple of Fold
+    fold : Fold
     """
-    folds = []
-    for fold in range(division.folds):
-        tell(fold)
-        held = [division.held_rows(record, fold) for record in division.records]
-        kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
-        part = identify(
-            actuator,
-            [_seen(division.records[place], held[place]) for place in kept],
-            free=free,
-            per_run=per_run,
-            labels=[division.records[place].label for place in kept],
-        )
-        left: dict[Key, ResidualSeries] = {}
-        moved: dict[Key, FloatArray] = {}
-        weights: dict[Key, float] = {}
-        for place, run in enumerate(runs):
-            in_fit = kept.index(place) if place in kept else None
-            delay: float | None = None
-            if in_fit is not None:
-                left |= residuals(division, part, run, place, in_fit)
-            else:
-                told = validate(part.actuator, [run]).runs[0]
-                left |= _series(division, place, told.comparisons)
-                delay = told.delay
-            outputs = division.outputs_of(place)
-            found = slopes(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
-            moved |= {(place, output): columns for output, columns in found.items()}
-            if in_fit is not None:
-                weights |= {(place, output): 1.0 / part.observations[in_fit].noise[output] for output in outputs}
-        left_open = tuple(name for name, one in part.parameters.items() if not one.determined)
-        folds.append(Fold(left, moved, weights, left_open))
-    return tuple(folds)
+    held = [division.held_rows(record, fold) for record in division.records]
+    kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
+    part = identify(
+        actuator,
+        [_seen(division.records[place], held[place]) for place in kept],
+        free=free,
+        per_run=per_run,
+        labels=[division.records[place].label for place in kept],
+    )
+    left: dict[Key, ResidualSeries] = {}
+    moved: dict[Key, FloatArray] = {}
+    weights: dict[Key, float] = {}
+    for place, run in enumerate(runs):
+        in_fit = kept.index(place) if place in kept else None
+        delay: float | None = None
+        if in_fit is not None:
+            left |= residuals(division, part, run, place, in_fit)
+        else:
+            told = validate(part.actuator, [run]).runs[0]
+            left |= _series(division, place, told.comparisons)
+            delay = told.delay
+        outputs = division.outputs_of(place)
+        found = slopes(part, division.records[place], outputs, in_fit=in_fit, delay=delay)
+        moved |= {(place, output): columns for output, columns in found.items()}
+        if in_fit is not None:
+            weights |= {(place, output): 1.0 / part.observations[in_fit].noise[output] for output in outputs}
+    left_open = tuple(name for name, one in part.parameters.items() if not one.determined)
+    return Fold(left, moved, weights, left_open)
 
 
 def residuals(division: Division, fit: Fit, run: Run, place: int, in_fit: int) -> dict[Key, ResidualSeries]:

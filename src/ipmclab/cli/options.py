@@ -17,6 +17,17 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document (SI 
 Details = Annotated[
     bool, typer.Option("--details", help="Print everything that is known, with every finding and its repair.")
 ]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="tcp://HOST:PORT",
+        help="Do the work on the Dask cluster of this scheduler (extra cluster).",
+        show_default=False,
+    ),
+]
+Workers = Annotated[
+    int | None, typer.Option(metavar="N", help="Do the work in N processes of this machine.", show_default=False)
+]
 Yes = Annotated[bool, typer.Option("--yes", help="Start without asking; what only a person can have done is unknown.")]
 Answer = Annotated[
     list[str] | None,

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.files import write_template
-from ipmclab.cli.options import Json
+from ipmclab.cli.files import check_output, write_template
+from ipmclab.cli.options import Json, Scheduler, Workers
 from ipmclab.cli.output import print_json, print_table, progress, significant
+from ipmclab.cli.plot import SUFFIXES
 from ipmclab.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,8 +28,18 @@ def sweep(
             show_default=False,
         ),
     ] = None,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.svg|.png|.pdf",
+            help="Write a figure: indices or effects, and each metric against each parameter.",
+            show_default=False,
+        ),
+    ] = None,
     template: Annotated[bool, typer.Option("--template", help="Write a sweep to fill in, to --out.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the template if it exists.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the template, or the figure, if it exists.")] = False,
     as_json: Json = False,
 ) -> None:
     """Simulate a strip with thousands to billions of parameter sets, and keep a few numbers of each.
@@ -35,6 +47,7 @@ def sweep(
     \b
     ipmclab sweep --template --out stiffness.toml
     ipmclab sweep stiffness.toml --out stiffness
+    ipmclab sweep stiffness.toml --out stiffness --workers 4 --plot stiffness.svg
     """
     if template:
         from ipmclab.sweep.template import TEMPLATE
@@ -51,17 +64,26 @@ def sweep(
             repair="write for example: ipmclab sweep stiffness.toml --out stiffness",
         )
     from ipmclab.destination import keep_what_is_read
+    from ipmclab.engine import opened
     from ipmclab.sweep import read_sweep, run_sweep
 
     keep_what_is_read(out, [file], where=f"--out {out}")
+    if plot is not None:
+        check_output(plot, force=force, suffixes=SUFFIXES, reads=[file], option="--plot")
     asked = read_sweep(file)
-    with progress(f"sweeping {asked.actuator.name}") as tell:
-        swept = run_sweep(asked, out, progress=tell)
-        document = _document(swept)
+    with progress(f"sweeping {asked.actuator.name}") as tell, opened(scheduler=scheduler, workers=workers) as engine:
+        swept = run_sweep(asked, out, engine=engine, progress=tell)
+        document = _document(swept) | {"plot": plot}
+        if plot is not None:
+            from ipmclab.reporting.sweep import plot_sweep
+
+            plot_sweep(swept, plot, overwrite=force)
     if as_json:
         print_json(document)
         return
     _print(swept, document)
+    if plot is not None:
+        print(f"wrote {plot}")
 
 
 def _document(swept: Swept) -> dict[str, Any]:
@@ -94,6 +116,18 @@ def _document(swept: Swept) -> dict[str, Any]:
             }
             for metric, of_metric in indices.items()
         },
+        "morris_effects": {
+            metric: {
+                parameter: {
+                    "mean": one.mean,
+                    "magnitude": one.magnitude,
+                    "magnitude_interval": one.magnitude_interval,
+                    "standard_deviation": one.standard_deviation,
+                }
+                for parameter, one in of_metric.items()
+            }
+            for metric, of_metric in swept.effects().items()
+        },
     }
 
 
@@ -110,10 +144,22 @@ def _print(swept: Swept, document: dict[str, Any]) -> None:
             for parameter, one in of_metric.items()
         ]
         print_table(["parameter", "first index (95 %)", "total index (95 %)"], rows, title=f"Sobol indices of {metric}")
+    for metric, of_metric in document["morris_effects"].items():
+        rows = [
+            [
+                parameter,
+                _of(one["magnitude"], one["magnitude_interval"], lambda value: significant(value, 3)),
+                significant(one["mean"], 3),
+                significant(one["standard_deviation"], 3),
+            ]
+            for parameter, one in of_metric.items()
+        ]
+        head = ["parameter", "magnitude (95 %)", "mean", "standard deviation"]
+        print_table(head, rows, title=f"Morris's effects on {metric} along each range, in SI units")
     if swept.found:
         print(f"{swept.found} of {swept.parts.files} files were there already")
     print(f"wrote {swept.parts.folder}")
 
 
-def _of(value: float, ends: tuple[float, float]) -> str:
-    return f"{value:.3f} ({ends[0]:.3f} to {ends[1]:.3f})"
+def _of(value: float, ends: tuple[float, float], say: Callable[[float], str] = "{:.3f}".format) -> str:
+    return f"{say(value)} ({say(ends[0])} to {say(ends[1])})"

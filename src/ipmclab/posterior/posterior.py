@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.destination import replacing
+from ipmclab.engine import Engine
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.mountings.mountings import why_unknown
@@ -143,7 +144,9 @@ class Posterior:
         return float(np.corrcoef(self.samples[one].ravel(), self.samples[other].ravel())[0, 1])
 
 
-def sample_posterior(fit: Fit, *, seed: int = SEED, steps: int = STEPS, progress: Tell | None = None) -> Posterior:
+def sample_posterior(
+    fit: Fit, *, seed: int = SEED, steps: int = STEPS, engine: Engine | None = None, progress: Tell | None = None
+) -> Posterior:
     """Draw samples of the parameters of a fit, by Markov chains (emcee), and judge them (ArviZ).
 
     The likelihood is that of the fit: its readings under the noise that their residuals show, integrated over the
@@ -159,6 +162,9 @@ def sample_posterior(fit: Fit, *, seed: int = SEED, steps: int = STEPS, progress
         The same seed gives the same samples.
     steps : int
         Most steps of each walker.
+    engine : Engine, optional
+        Who draws: this process where it is left out. The samples are the same, to the last bit; two ensembles of
+        walkers walk at the same time, and no more.
     progress : function of (str, float), optional
         Called with a sentence and the fraction that is done. Whatever it raises ends the work.
 
@@ -200,10 +206,10 @@ def sample_posterior(fit: Fit, *, seed: int = SEED, steps: int = STEPS, progress
     for package in ("emcee", "arviz"):
         bayes_package(package)
     with telling(progress):
-        return _sample(fit, solved(fit), seed, steps)
+        return _sample(fit, solved(fit), seed, steps, engine)
 
 
-def _sample(fit: Fit, estimate: Estimate, seed: int, steps: int) -> Posterior:
+def _sample(fit: Fit, estimate: Estimate, seed: int, steps: int, engine: Engine | None) -> Posterior:
     stage("looking for the valley that the readings leave open", 0.0, 0.05, 300)
     free = {unknown.base for unknown in estimate.problem.unknowns}
     stated = {n: p for n, p in estimate.parameters.items() if p.standard_uncertainty > 0.0 and n not in free}
@@ -212,7 +218,7 @@ def _sample(fit: Fit, estimate: Estimate, seed: int, steps: int) -> Posterior:
     names = [order(unknown.name) for unknown in density.unknowns]
     others = [_place(rival, density) for rival in estimate.rivals] if isinstance(density.coordinates, Straight) else []
     with part("", 0.05, 1.0):
-        chains = sample(density, density.coordinates, names, seed=seed, steps=steps, others=others)
+        chains = sample(density, density.coordinates, names, seed=seed, steps=steps, others=others, engine=engine)
     if not chains.judgement.agrees:
         raise _not_converged(chains.judgement, steps)
     return _told(fit, density, chains, names, seed)

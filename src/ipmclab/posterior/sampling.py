@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.engine import Engine, Here, in_order
 from ipmclab.posterior.convergence import Judgement, judge
 from ipmclab.posterior.coordinates import Coordinates
 from ipmclab.posterior.packages import bayes_package
@@ -94,6 +95,7 @@ def sample(
     steps: int,
     others: Sequence[FloatArray] = (),
     at_once: bool = False,
+    engine: Engine | None = None,
 ) -> Chains:
     """Walk until the chains agree, or for so many steps.
 
@@ -115,6 +117,8 @@ def sample(
         Other places where it may be high, in these coordinates.
     at_once : bool
         Whether the density takes the vectors of several walkers, shape (n_walker, n), and gives as many numbers.
+    engine : Engine, optional
+        Who walks: a task for each ensemble and some steps.
     """
     emcee = bayes_package("emcee")
     middle, root = coordinates.middle, coordinates.root
@@ -123,59 +127,100 @@ def sample(
     walkers += walkers % 2
     children = np.random.SeedSequence(seed).spawn(ENSEMBLES)
     generators = [np.random.RandomState(int(child.generate_state(1)[0])) for child in children]
-    proposals = [_Independent(middle, root) for _ in generators]
-    samplers, states = [], []
+    stretched = _Stretched(density, coordinates, at_once)
+    ensembles = []
+    for generator in generators:
+        first = _first(stretched.of_one, middle, root, walkers, generator, others)
+        state = emcee.State(first, random_state=generator.get_state())
+        ensembles.append(_Ensemble(state, _Independent(middle, root)))
+    walks: list[list[_Walk]] = [[] for _ in ensembles]
+    done = 0
+    stage("drawing samples until the chains agree", 0.0, 1.0, walkers * steps // 2)
+    while True:
+        rounds = in_order(engine or Here(), _walk, stretched, [replace(one, done=done) for one in ensembles])
+        for number, (ensemble, walk) in enumerate(rounds):
+            ensembles[number] = ensemble
+            walks[number].append(walk)
+        done += _CHUNK
+        if done < LEAST_STEPS or done % (2 * _CHUNK):
+            continue
+        kept = _kept([[walk.vectors for walk in one] for one in walks], done)
+        judgement = judge(kept[:, :, : len(names)], names, ENSEMBLES)
+        if judgement.agrees or done >= steps:
+            logarithm = _kept([[walk.log_density for walk in one] for one in walks], done)
+            accepted = float(np.mean([sum(walk.accepted for walk in one) / done for one in walks]))
+            return Chains(kept, logarithm, judgement, done, accepted)
 
-    def stretched(point: FloatArray) -> tuple[float, FloatArray]:
+
+class _Stretched:
+    """The density in the coordinates in which walkers walk: of one point, or of several at once."""
+
+    def __init__(self, density: Callable[[FloatArray], Any], coordinates: Coordinates, at_once: bool) -> None:
+        self._density, self._coordinates, self.at_once = density, coordinates, at_once
+
+    def __call__(self, where: FloatArray) -> Any:
+        """The logarithm, and the vector that the point stands for; of several points a list of both."""
+        return self._of_all(where) if self.at_once else self._of_point(where)
+
+    def of_one(self, point: FloatArray) -> float:
+        """The logarithm at one point."""
+        return (self._of_all(point[None, :])[0] if self.at_once else self._of_point(point))[0]
+
+    def _of_point(self, point: FloatArray) -> tuple[float, FloatArray]:
         tick()
-        vector, logarithm = coordinates(point)
-        return (logarithm + density(vector) if math.isfinite(logarithm) else -math.inf), vector
+        vector, logarithm = self._coordinates(point)
+        return (logarithm + self._density(vector) if math.isfinite(logarithm) else -math.inf), vector
 
-    def all_stretched(points: FloatArray) -> list[tuple[float, FloatArray]]:
-        placed = [coordinates(point) for point in points]
-        logarithms = density(np.array([vector for vector, _ in placed]))
+    def _of_all(self, points: FloatArray) -> list[tuple[float, FloatArray]]:
+        placed = [self._coordinates(point) for point in points]
+        logarithms = self._density(np.array([vector for vector, _ in placed]))
         return [
             (each + float(of), vector) for (vector, each), of in zip(placed, np.atleast_1d(logarithms), strict=True)
         ]
 
-    def of_one(point: FloatArray) -> float:
-        return (all_stretched(point[None, :])[0] if at_once else stretched(point))[0]
 
-    for generator, proposal in zip(generators, proposals, strict=True):
-        moves = [
-            (emcee.moves.MHMove(proposal), 0.5),
-            (emcee.moves.DEMove(), 0.3),
-            (emcee.moves.DEMove(gamma0=1.0), 0.1),
-            (emcee.moves.DESnookerMove(), 0.1),
-        ]
-        kept_as = [("vector", float, (size,))]
-        asked = all_stretched if at_once else stretched
-        samplers.append(
-            emcee.EnsembleSampler(walkers, size, asked, moves=moves, blobs_dtype=kept_as, vectorize=at_once)
-        )
-        first = _first(of_one, middle, root, walkers, generator, others)
-        states.append(emcee.State(first, random_state=generator.get_state()))
-    done = 0
-    stage("drawing samples until the chains agree", 0.0, 1.0, walkers * steps // 2)
-    while True:
-        for number, (sampler, proposal) in enumerate(zip(samplers, proposals, strict=True)):
-            states[number] = sampler.run_mcmc(states[number], _CHUNK, skip_initial_state_check=True)
-            if done < _LEARN * _CHUNK:
-                proposal.learn(sampler.get_chain(discard=done + _CHUNK // 2, flat=True))
-        done += _CHUNK
-        if done < LEAST_STEPS or done % (2 * _CHUNK):
-            continue
-        kept = _kept(samplers, done, lambda sampler, begin: sampler.get_blobs(discard=begin)["vector"])
-        judgement = judge(kept[:, :, : len(names)], names, ENSEMBLES)
-        if judgement.agrees or done >= steps:
-            logarithm = _kept(samplers, done, lambda sampler, begin: sampler.get_log_prob(discard=begin))
-            accepted = float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers]))
-            return Chains(kept, logarithm, judgement, done, accepted)
+@dataclass(frozen=True, eq=False)
+class _Ensemble:
+    """Walkers where they are, what they propose, and after how many steps."""
+
+    state: Any
+    proposal: _Independent
+    done: int = 0
 
 
-def _kept(samplers: Sequence[Any], done: int, of: Callable[[Any, int], FloatArray]) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """What the walkers of an ensemble went through in some steps."""
+
+    vectors: FloatArray
+    log_density: FloatArray
+    accepted: FloatArray
+
+
+def _walk(stretched: _Stretched, ensemble: _Ensemble) -> tuple[_Ensemble, _Walk]:
+    """Some steps of all walkers of an ensemble; in the first of them it learns what to propose."""
+    emcee = bayes_package("emcee")
+    walkers, size = ensemble.state.coords.shape
+    moves = [
+        (emcee.moves.MHMove(ensemble.proposal), 0.5),
+        (emcee.moves.DEMove(), 0.3),
+        (emcee.moves.DEMove(gamma0=1.0), 0.1),
+        (emcee.moves.DESnookerMove(), 0.1),
+    ]
+    kept_as = [("vector", float, (size,))]
+    sampler = emcee.EnsembleSampler(
+        walkers, size, stretched, moves=moves, blobs_dtype=kept_as, vectorize=stretched.at_once
+    )
+    state = sampler.run_mcmc(ensemble.state, _CHUNK, skip_initial_state_check=True)
+    if ensemble.done < _LEARN * _CHUNK:
+        ensemble.proposal.learn(sampler.get_chain(discard=_CHUNK // 2, flat=True))
+    walk = _Walk(sampler.get_blobs()["vector"], sampler.get_log_prob(), sampler.backend.accepted)
+    return replace(ensemble, state=state), walk
+
+
+def _kept(walks: Sequence[Sequence[FloatArray]], done: int) -> FloatArray:
     """The later half of what every walker went through, shape (n_chain, n_draw, ...)."""
-    chains = np.concatenate([of(sampler, done // 2) for sampler in samplers], axis=1)
+    chains = np.concatenate([np.concatenate(one)[done // 2 :] for one in walks], axis=1)
     return np.ascontiguousarray(np.swapaxes(chains, 0, 1))
 
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-Kind = Literal["sobol", "latin-hypercube", "saltelli"]
+from ipmclab.sweep.packages import salib
 
-KINDS: Final[tuple[Kind, ...]] = ("sobol", "latin-hypercube", "saltelli")
+FloatArray = npt.NDArray[np.float64]
+Kind = Literal["sobol", "latin-hypercube", "saltelli", "morris"]
+
+KINDS: Final[tuple[Kind, ...]] = ("sobol", "latin-hypercube", "saltelli", "morris")
 
 
 class Design(Protocol):
@@ -28,6 +30,10 @@ class Design(Protocol):
     @property
     def count(self) -> int:
         """How many sets there are."""
+
+    @property
+    def by_number(self) -> bool:
+        """Whether sets follow from their numbers alone; else whoever makes some of them needs all."""
 
     def sets(self, begin: int, end: int) -> dict[str, FloatArray]:
         """The values [SI] of some of the sets, by parameter."""
@@ -60,6 +66,15 @@ class Range:
         return np.clip(values, self.low, self.high)  # rounding must not leave the allowed range
 
 
+LEVELS: Final = 4
+"""Values of each parameter on the grid of a ``morris`` design."""
+
+
+def morris_problem(names: Sequence[str]) -> dict[str, Any]:
+    """Parameters as SALib takes them: each from 0 to 1 of its way."""
+    return {"num_vars": len(names), "names": list(names), "groups": None, "bounds": [[0.0, 1.0]] * len(names)}
+
+
 @dataclass(frozen=True)
 class Sampled:
     """A sampling design over ranges.
@@ -67,14 +82,15 @@ class Sampled:
     ``sobol`` is a scrambled Sobol sequence: each further set fills the largest gap, and a longer design begins with the
     shorter one. ``latin-hypercube`` has one set in each of ``base`` slices of every parameter. ``saltelli`` is what
     Sobol indices are computed from: of each of ``base`` pairs of points (A, B) the set A, then one for each parameter
-    that has it from B and the others from A, then B.
+    that has it from B and the others from A, then B. ``morris`` goes ``base`` ways over a grid of four values of every
+    parameter; each step of a way changes one of them, and Morris's effects are computed from the steps.
 
     Parameters
     ----------
-    kind : "sobol", "latin-hypercube" or "saltelli"
+    kind : "sobol", "latin-hypercube", "saltelli" or "morris"
     ranges : mapping of dotted name to Range
     base : int
-        Points; of ``saltelli`` there are base x (parameters + 2) sets.
+        Points; of ``saltelli`` there are base x (parameters + 2) sets, of ``morris`` base x (parameters + 1).
     seed : int
     """
 
@@ -91,7 +107,17 @@ class Sampled:
     @property
     def count(self) -> int:
         """How many sets there are."""
-        return self.base * (len(self.ranges) + 2) if self.kind == "saltelli" else self.base
+        each = {"saltelli": len(self.ranges) + 2, "morris": len(self.ranges) + 1}
+        return self.base * each.get(self.kind, 1)
+
+    @property
+    def by_number(self) -> bool:
+        """Whether sets follow from their numbers alone; else whoever makes some of them needs all."""
+        return self.kind in ("sobol", "saltelli")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what can be made again."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def sets(self, begin: int, end: int) -> dict[str, FloatArray]:
         """The values [SI] of some of the sets, by parameter.
@@ -103,8 +129,16 @@ class Sampled:
         >>> first["a"][[0, 1]].tolist() == first["a"][[2, 3]].tolist()[::-1], design.count
         (False, 16)
         """
-        points = self._saltelli(begin, end) if self.kind == "saltelli" else self._points(begin, end)
+        points = self.ways(begin, end)
         return {name: one.at(points[:, place]) for place, (name, one) in enumerate(self.ranges.items())}
+
+    def ways(self, begin: int, end: int) -> FloatArray:
+        """Which part of the way from low to high each parameter of some sets goes, shape (end - begin, n)."""
+        if self.kind == "saltelli":
+            return self._saltelli(begin, end)
+        if self.kind == "sobol":
+            return self._sobol(begin, end, len(self.ranges))
+        return (self._hypercube if self.kind == "latin-hypercube" else self._morris)[begin:end]
 
     def _saltelli(self, begin: int, end: int) -> FloatArray:
         size = len(self.ranges)
@@ -118,21 +152,31 @@ class Sampled:
             whole[:, 1 + place, place] = b[:, place]
         return whole.reshape(-1, size)[begin - first * each : end - first * each]
 
-    def _points(self, begin: int, end: int) -> FloatArray:
-        if self.kind == "sobol":
-            return self._sobol(begin, end, len(self.ranges))
-        return self._hypercube[begin:end]
-
     def _sobol(self, begin: int, end: int, size: int) -> FloatArray:
         from scipy.stats import qmc
 
-        sequence = qmc.Sobol(size, scramble=True, seed=self.seed)
-        if begin:
-            sequence.fast_forward(begin)
+        at, sequence = self._walked.pop(size, (0, None))
+        if sequence is None or begin < at:
+            at, sequence = 0, qmc.Sobol(size, scramble=True, seed=self.seed)
+        if begin > at:
+            sequence.fast_forward(begin - at)
         with warnings.catch_warnings():
             # SciPy sees a part and warns that it is no power of two; the whole is one.
             warnings.filterwarnings("ignore", message="The balance properties of Sobol", category=UserWarning)
             points: FloatArray = sequence.random(end - begin)
+        self._walked[size] = end, sequence
+        return points
+
+    @cached_property
+    def _walked(self) -> dict[int, tuple[int, Any]]:
+        """Sequences where they were left: to walk to the last of 10^9 points anew takes seconds."""
+        return {}
+
+    @cached_property
+    def _morris(self) -> FloatArray:
+        """All of it: no way is known before those before it are drawn."""
+        sample = salib("SALib.sample.morris")
+        points: FloatArray = sample.sample(morris_problem(self.names), self.base, num_levels=LEVELS, seed=self.seed)
         return points
 
     @cached_property
@@ -159,6 +203,8 @@ class Table:
     def names(self) -> tuple[str, ...]:
         """The parameters that differ between sets."""
         return tuple(self.columns)
+
+    by_number = False
 
     @property
     def count(self) -> int:

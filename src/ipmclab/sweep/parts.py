@@ -19,7 +19,7 @@ import numpy.typing as npt
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.platform import lock_file
-from ipmclab.sweep.arrow import parquet
+from ipmclab.sweep.packages import parquet
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.errors import InputError, IpmclabError, suggest
-from ipmclab.model.many import reduce_batch
+from ipmclab.engine import Engine, Here
+from ipmclab.errors import InputError, suggest
 from ipmclab.progress import Tell
-from ipmclab.sweep.arrow import parquet
+from ipmclab.sweep.chunks import Filling, chunks, measure, pace_of, without_values
 from ipmclab.sweep.design import Sampled
+from ipmclab.sweep.effects import Effect, morris_effects
 from ipmclab.sweep.indices import Index, sobol_indices
+from ipmclab.sweep.packages import parquet
 from ipmclab.sweep.parts import SET, Parts
 from ipmclab.sweep.sweep import Sweep
 
@@ -72,6 +75,17 @@ class Swept:
         parts = list(self.parts.read(names))
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
+    def thinned(self, most: int) -> dict[str, FloatArray]:
+        """Parameters and metrics of every so manieth set, at most so many, read part by part."""
+        step = max(1, -(-self.parts.count // most))
+        names = (*self.sweep.design.names, *self.sweep.metrics.names)
+        found: dict[str, list[FloatArray]] = {name: [] for name in names}
+        for part, columns in enumerate(self.parts.read(names)):
+            first = -self.parts.ends(part)[0] % step
+            for name, values in columns.items():
+                found[name].append(values[first::step])
+        return {name: np.concatenate(values) for name, values in found.items()}
+
     def spreads(self) -> dict[str, Spread]:
         """How each metric is spread, read part by part."""
         names = self.sweep.metrics.names
@@ -88,8 +102,19 @@ class Swept:
             found[metric] = dict(zip(design.names, sobol_indices(values, len(design.names)), strict=True))
         return found
 
+    def effects(self) -> dict[str, dict[str, Effect]]:
+        """Morris's effects: by metric, then by parameter; empty for a design that does not give them."""
+        design = self.sweep.design
+        if not isinstance(design, Sampled) or design.kind != "morris":
+            return {}
+        ways, names = design.ways(0, design.count), design.names
+        return {
+            metric: dict(zip(names, morris_effects(ways, self.columns(metric)[metric], names), strict=True))
+            for metric in self.sweep.metrics.names
+        }
 
-def run_sweep(sweep: Sweep, folder: str | Path, *, progress: Tell | None = None) -> Swept:
+
+def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None, progress: Tell | None = None) -> Swept:
     """Simulate what lacks of a sweep, and write it.
 
     Whatever ends it, a kill of the process or of the machine among it, each file that is there is complete, and the
@@ -100,8 +125,10 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, progress: Tell | None = None)
     sweep : Sweep
     folder : str or Path
         Made where it is not there; a folder that holds a part of the same sweep is gone on with.
+    engine : Engine, optional
+        Who simulates: this process where it is left out. The files are the same, to the last bit.
     progress : function of (str, float), optional
-        Told what is done after each file; whatever it raises ends the work.
+        Told what is done after each file or chunk; whatever it raises ends the work.
 
     Returns
     -------
@@ -135,23 +162,29 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, progress: Tell | None = None)
         "metrics": sweep.metrics.names,
     }
     with parts.held(sweep.digest(), about):
-        found = done = parts.done()
-        for part in parts.lacking():
-            if progress is not None:
-                progress(f"{done * parts.size} of {parts.count} sets", done / parts.files)
-            parts.write(part, _part(sweep, *parts.ends(part)))
-            done += 1
+        found = parts.done()
+        _run(sweep, parts, engine or Here(), found * parts.size, progress or (lambda *_: None))
     return Swept(sweep, parts, found)
 
 
-def _part(sweep: Sweep, begin: int, end: int) -> dict[str, FloatArray]:
-    batch = sweep.batch(begin, end)
-    try:
-        return {**batch.changes, **reduce_batch(batch, sweep.metrics)}
-    except InputError as error:
-        raise IpmclabError(
-            f"sets {begin} to {end - 1}: {error.message}", code=error.code, where=error.where, repair=error.repair
-        ) from error
+def _run(sweep: Sweep, parts: Parts, engine: Engine, done: int, tell: Tell) -> None:
+    """Simulate what lacks; so many sets are done."""
+    pace = pace_of(sweep, engine)
+    filling = Filling(parts)
+    said = partial(_say, tell, parts)
+    said(done)
+    for _, measured in engine.map(measure, without_values(sweep), chunks(sweep, parts, pace)):
+        begin, end = measured.chunk
+        for part, metrics in filling.take(measured):
+            parts.write(part, {**sweep.design.sets(*parts.ends(part)), **metrics})
+        if pace is not None:
+            pace.learn(end - begin, measured.seconds)
+        done += end - begin
+        said(done)
+
+
+def _say(tell: Tell, parts: Parts, done: int) -> None:
+    tell(f"{min(done, parts.count)} of {parts.count} sets", min(done / (parts.size * parts.files), 1.0))
 
 
 def _spread(parts: Iterator[FloatArray]) -> Spread:

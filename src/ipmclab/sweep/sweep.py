@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
+
+import numpy as np
+import numpy.typing as npt
 
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.batch import Batch, Record
@@ -13,6 +17,8 @@ from ipmclab.model.reductions import Reduced
 from ipmclab.signals import Signal
 from ipmclab.sweep.design import Design, checksum, described
 from ipmclab.version import __version__
+
+FloatArray = npt.NDArray[np.float64]
 
 _FEWEST, _MOST = 4096, 262_144
 _FILES: Final = 256
@@ -55,7 +61,7 @@ class Sweep:
             return self.sets_per_file
         return int(min(max(1 << (self.design.count // _FILES).bit_length(), _FEWEST), _MOST))
 
-    def batch(self, begin: int, end: int) -> Batch:
+    def batch(self, sets: Mapping[str, FloatArray]) -> Batch:
         """Some of the sets, ready to be simulated.
 
         Raises
@@ -63,7 +69,7 @@ class Sweep:
         InputError
             A value outside its allowed range.
         """
-        return Batch.of(self.actuator, self.signal, self.design.sets(begin, end), self.record, self.metrics.outputs)
+        return Batch.of(self.actuator, self.signal, sets, self.record, self.metrics.outputs)
 
     def digest(self) -> str:
         """The same for the same sweep, another where anything differs that its numbers hang on."""

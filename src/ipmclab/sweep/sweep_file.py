@@ -28,6 +28,9 @@ _MOST_POINTS: Final = 2**30
 _MOST_SLICES: Final = 10_000_000
 """Of a Latin hypercube, which is kept as a whole."""
 
+_FEWEST_WAYS, _MOST_WAYS = 2, 100_000
+"""Of a Morris design, which is kept as a whole."""
+
 _MOST_PARAMETERS: Final = 50
 
 _MOST_PER_FILE: Final = 10_000_000
@@ -202,15 +205,24 @@ def _value(given: str | float, quantity: Quantity, *, where: str) -> float:
 
 
 def _check_counts(design: _DesignTable, parameters: int) -> None:
-    most = _MOST_SLICES if design.kind == "latin-hypercube" else _MOST_POINTS
+    most = {"latin-hypercube": _MOST_SLICES, "morris": _MOST_WAYS}.get(design.kind, _MOST_POINTS)
     if design.base > most or parameters > _MOST_PARAMETERS:
         raise InputError(
             f"{design.base} points of {parameters} parameters; a {design.kind} design has at most {most} points "
             f"of {_MOST_PARAMETERS} parameters",
             code="too-many",
             where="design.base",
-            repair="take fewer" + (", or the kind sobol, which needs no memory" if most == _MOST_SLICES else ""),
+            repair="take fewer" + ("" if most == _MOST_POINTS else ", or the kind sobol, which needs no memory"),
         )
+    if design.kind == "morris":
+        if design.base < _FEWEST_WAYS:
+            raise InputError(
+                f"{design.base} ways do not tell how far an effect is spread",
+                code="bad-base",
+                where="design.base",
+                repair=f"give 20, or at least {_FEWEST_WAYS}",
+            )
+        return
     if design.kind != "latin-hypercube" and design.base & (design.base - 1):
         below = 1 << (design.base.bit_length() - 1)
         raise InputError(

@@ -16,8 +16,8 @@ hold = "zero"                            # what the voltage does between rows: z
 metrics = ["displacement.peak", "force.rms", "current.rms"]
 
 [design]
-kind = "saltelli"                        # sobol, latin-hypercube, or saltelli for Sobol indices
-base = 512                               # points; saltelli makes base x (parameters + 2) sets of them
+kind = "saltelli"                        # sobol, latin-hypercube; saltelli for Sobol indices, morris to screen many
+base = 512                               # points; saltelli makes base x (parameters + 2) sets of them, morris + 1
 seed = 1
 
 [ranges]

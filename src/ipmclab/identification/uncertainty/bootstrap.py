@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.engine import Engine, Here, in_order
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
@@ -62,7 +63,9 @@ class Bootstrap:
 
 
 @on_one_thread
-def bootstrap(fit: Fit, count: int = 1000, *, seed: int = SEED, progress: Tell | None = None) -> Bootstrap:
+def bootstrap(
+    fit: Fit, count: int = 1000, *, seed: int = SEED, engine: Engine | None = None, progress: Tell | None = None
+) -> Bootstrap:
     """Fit again to readings drawn anew, and see how the parameters scatter.
 
     The noise is that which the fit found, with its correlation; its own uncertainty is not drawn, and neither is a
@@ -77,6 +80,8 @@ def bootstrap(fit: Fit, count: int = 1000, *, seed: int = SEED, progress: Tell |
         How many draws, at least 40.
     seed : int
         The same seed gives the same draws.
+    engine : Engine, optional
+        Who fits: this process where it is left out. The answer is the same, to the last bit.
     progress : function of (str, float), optional
         Told what is being done, and the fraction that is done.
 
@@ -106,7 +111,7 @@ def bootstrap(fit: Fit, count: int = 1000, *, seed: int = SEED, progress: Tell |
         )
     estimate = solved(fit)
     with telling(progress):
-        thetas = _draws(estimate.correlated, _starts(fit), count, np.random.default_rng(seed))
+        thetas = _draws(estimate.correlated, _starts(fit), count, np.random.default_rng(seed), engine or Here())
     return _told(fit, thetas, count)
 
 
@@ -139,24 +144,37 @@ class Drawn:
         return Evaluation(rows, there.beforehand)
 
 
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """What every fit to readings drawn anew starts from."""
+
+    problem: Problem
+    theta: FloatArray
+    here: Evaluation
+    starts: list[FloatArray]
+
+
 def _draws(
-    correlated: Correlated, starts: list[FloatArray], count: int, generator: np.random.Generator
+    correlated: Correlated, starts: list[FloatArray], count: int, generator: np.random.Generator, engine: Engine
 ) -> list[FloatArray | None]:
     stage(f"bootstrap of {count} fits", 0.0, 1.0, usual=count)
-    problem, solution = correlated.problem, correlated.solution
-    here = solution.evaluation
+    here = correlated.solution.evaluation
     silent = np.asarray(~here.rows[:-1].any(axis=0))  # readings at the end of their range, which only bound the model
-    found: list[FloatArray | None] = []
-    for _ in range(count):
-        noise = np.where(silent, 0.0, correlated.drawn(generator))
-        drawn = Drawn(problem, here, noise)
-        best = descend(drawn, solution.theta, drawn.shifted(here), tolerance=_NEAR)
-        for start in starts:
-            other = descend(drawn, start, evaluations=40, tolerance=_NEAR)
-            best = other if other.evaluation.cost < best.evaluation.cost else best
-        found.append(best.theta if best.converged else None)
-        tick()
-    return found
+    drawn = (np.where(silent, 0.0, correlated.drawn(generator)) for _ in range(count))
+    fitted = _Fitted(correlated.problem, correlated.solution.theta, here, starts)
+    return in_order(engine, _fit_again, fitted, drawn, count)
+
+
+@on_one_thread
+def _fit_again(fitted: _Fitted, noise: FloatArray) -> FloatArray | None:
+    """Where the fit to one draw ends; None where it does not."""
+    drawn = Drawn(fitted.problem, fitted.here, noise)
+    best = descend(drawn, fitted.theta, drawn.shifted(fitted.here), tolerance=_NEAR)
+    for start in fitted.starts:
+        other = descend(drawn, start, evaluations=40, tolerance=_NEAR)
+        best = other if other.evaluation.cost < best.evaluation.cost else best
+    tick()
+    return best.theta if best.converged else None
 
 
 def _starts(fit: Fit) -> list[FloatArray]:

@@ -1,4 +1,4 @@
-"""PyArrow, behind the extra ``sweep``, imported where it is needed."""
+"""PyArrow and SALib, behind the extra ``sweep``, imported where they are needed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,26 @@ def parquet() -> tuple[Any, Any]:
     InputError
         It is not installed.
     """
+    return _imported("pyarrow"), _imported("pyarrow.parquet")
+
+
+def salib(module: str) -> Any:
+    """A module of SALib.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    return _imported(module)
+
+
+def _imported(module: str) -> Any:
     try:
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+        return importlib.import_module(module)
     except ImportError as error:
         raise InputError(
-            "pyarrow is not installed",
+            f"{module.partition('.')[0]} is not installed",
             code="missing-package",
             where="sweep",
             repair="install it with: pip install 'ipmclab[sweep]'",
