@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,3 +81,24 @@ def test_what_is_left_stands_beside_the_residuals(command: Command, tmp_path: Pa
     (one,) = command(*words, "--json").document["fit"]["diagnoses"]
     assert (one["output"], one["verdict"]) == ("current", "white")
     assert len(one["lags"]) == len(one["with_voltage"]) == len(one["autocorrelation"]) > 10
+
+
+def test_each_strip_of_many_runs_has_a_fit_of_its_own(command: Command, tmp_path: Path) -> None:
+    clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=10.0, rate=10.0)
+    for seed, strip in enumerate(("7", "8", "7")):
+        noise = 1e-4 * np.random.default_rng(seed).standard_normal(len(clean))
+        run = ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise)
+        metadata = replace(run.metadata, sample=ipmclab.Sample(strip))
+        ipmclab.write_run(replace(run, metadata=metadata), tmp_path / f"{seed}.nc")
+    words = ("identify", "friend-2", "0.nc", "1.nc", "2.nc", "--free", "circuit.dc_resistivity", "--out", "fits")
+    told = command(*words, "--each-strip", "--workers", "2")
+    assert told.status == 0, told.err
+    assert "wrote fits/8.toml" in told.out.replace("\\", "/")
+    assert [len(ipmclab.read_fit(tmp_path / "fits" / f"{name}.toml").observations) for name in ("7", "8")] == [2, 1]
+    assert "exists" in command(*words, "--each-strip").err
+    alone = command(*words, "--each-strip", "--force", "--json").document["fits"]["8"]["parameters"]
+    assert alone["circuit.dc_resistivity"]["determined"]
+    refused = command(*words, "--workers", "2")
+    assert (refused.status, "add --each-strip" in refused.err) == (2, True)
+    ipmclab.write_run(clean, tmp_path / "3.nc")
+    assert "does not say which strip" in command(*words[:3], "3.nc", *words[5:], "--each-strip").err

@@ -33,6 +33,25 @@ def test_from_the_template_to_sobol_indices(command, tmp_path: Path) -> None:
     assert "Sobol indices of displacement.peak" in again.out
 
 
+def test_workers_give_the_same_files_and_a_figure_shows_them(command, tmp_path: Path) -> None:
+    text = TEMPLATE.replace('kind = "saltelli"', 'kind = "morris"').replace("base = 512", "base = 20")
+    (tmp_path / "m.toml").write_text(text, encoding="utf-8")
+    assert command("sweep", "m.toml", "--out", "here").status == 0
+    done = command("sweep", "m.toml", "--out", "there", "--workers", "2", "--plot", "m.svg", "--json")
+    assert (done.status, done.document["sets"], done.document["plot"]) == (0, 80, "m.svg")
+    part = "part-00000000.parquet"
+    assert (tmp_path / "there" / part).read_bytes() == (tmp_path / "here" / part).read_bytes()
+    effects = done.document["morris_effects"]["force.rms"]
+    assert effects["beam.modulus"]["magnitude"] > effects["circuit.dc_resistivity"]["magnitude"]
+    drawn = (tmp_path / "m.svg").read_text(encoding="utf-8")
+    assert all(words in drawn for words in ("coupling.gain", "magnitude", "force, rms [mN]"))
+    told = command("sweep", "m.toml", "--out", "there", "--plot", "m.svg")
+    assert (told.status, "m.svg" in told.err) == (2, True)  # it is there already
+    assert "Morris's effects on force.rms" in command("sweep", "m.toml", "--out", "there").out
+    for words in (("--workers", "0"), ("--workers", "2", "--scheduler", "tcp://127.0.0.1:1")):
+        assert command("sweep", "m.toml", "--out", "more", *words).status == 2
+
+
 def test_what_is_missing_is_said(command) -> None:
     assert "there is no sweep" in command("sweep").err
     assert command("sweep", "none.toml", "--out", "x").status == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, IpmclabError, load_actuator, read_sweep, run_sweep, simulate
 from ipmclab.platform import lock_file
-from ipmclab.sweep.design import KINDS, Range, Sampled
+from ipmclab.sweep.design import KINDS, Range, Sampled, Table
+from ipmclab.sweep.effects import morris_effects
 from ipmclab.sweep.indices import sobol_indices
 from ipmclab.sweep.sweep_file import _read_columns, sweep_from_text
 from ipmclab.sweep.template import TEMPLATE
+from tests.engine.awkward import Awkward
 from tests.profiles import costly
 
 RANGES = {"beam.modulus": Range(8e8, 2e9, log=True), "coupling.gain": Range(5e-9, 9e-9), "coupling.p1": Range(10, 20)}
@@ -65,6 +68,38 @@ def test_sobol_indices_of_ishigami_are_those_of_its_closed_form() -> None:
     without = np.where(np.arange(len(values)) % 500 == 0, np.nan, values)
     assert abs(sobol_indices(without, 3)[1].first - first[1]) < 0.02
     assert np.isnan(sobol_indices(np.ones(20), 3)[0].first)
+
+
+def test_effects_of_morris_are_those_of_a_plane_and_a_product() -> None:
+    """Of 3 x - 2 y the effects are 3 and -2 on every way; what two parameters do together is spread."""
+    design = Sampled("morris", {name: Range(0.0, 1.0) for name in ("x", "y", "z")}, 50, seed=1)
+    ways = design.ways(0, design.count)
+    plane = morris_effects(ways, 3.0 * ways[:, 0] - 2.0 * ways[:, 1], design.names)
+    assert [(round(one.mean, 9), round(one.magnitude, 9)) for one in plane] == [(3.0, 3.0), (-2.0, 2.0), (0.0, 0.0)]
+    assert all(one.standard_deviation < 1e-9 for one in plane)
+    values = ways[:, 0] * ways[:, 1]
+    x, y, z = morris_effects(ways, np.where(np.arange(200) % 40 == 0, np.nan, values), design.names)
+    assert min(x.standard_deviation, y.standard_deviation) > 0.2
+    assert z.magnitude == 0.0
+    assert x.magnitude_interval[0] < 0.5 < x.magnitude_interval[1]
+    assert np.isnan(morris_effects(ways, np.full(200, np.nan), design.names)[0].mean)
+
+
+def test_a_table_is_swept_by_others_with_its_values_on_the_way(tmp_path: Path) -> None:
+    (tmp_path / "strips.csv").write_text("beam.modulus [GPa]\n" + "\n".join(f"{1 + k / 50}" for k in range(30)))
+    (tmp_path / "sweep.toml").write_text(f'table = "strips.csv"\nsets_per_file = 7\n{TABLE}')
+    sweep, folder = read_sweep(tmp_path / "sweep.toml"), tmp_path / "there"
+    here = run_sweep(sweep, tmp_path / "here")
+    run_sweep(sweep, folder, engine=Awkward())
+    for part in (0, 2, 3):
+        (folder / f"part-{part:08d}.parquet").unlink()
+    there = run_sweep(sweep, folder, engine=Awkward())
+    assert (there.found, there.parts.files) == (2, 5)
+    for part in range(5):
+        assert there.parts.path(part).read_bytes() == here.parts.path(part).read_bytes()
+    below = replace(sweep, design=Table({"beam.modulus": np.full(30, -1.0)}))
+    with pytest.raises(IpmclabError, match=r"beam\.modulus\[0\]: sets \d+ to \d+: the value -1 Pa"):
+        run_sweep(below, tmp_path / "more", engine=Awkward())
 
 
 def test_each_set_is_simulated_and_none_is_lost(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ipmclab.cli.files import actuator_files, check_output, read_runs
-from ipmclab.cli.options import Force, Json, PerRun, RunFiles
+from ipmclab.cli.options import Force, Json, PerRun, RunFiles, Scheduler, Workers
 from ipmclab.cli.output import console, print_json, print_paragraph, print_table, read, significant
 from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS
@@ -58,6 +58,8 @@ def choose(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of the differences.")
     ] = None,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -67,6 +69,7 @@ def choose(
     ipmclab choose step.nc sine.nc --actuator friend-2 --models branches=1,2,3
     """
     from ipmclab.choosing.choose import choose as choose_model
+    from ipmclab.engine import opened
 
     named = [name for listed in models for name in listed.split(",")]
     reads: list[Path | str] = [*actuator_files(actuator, *named), *runs]
@@ -82,7 +85,7 @@ def choose(
             repair="give --hold-out runs or --hold-out blocks",
         )
     loaded = read_runs(runs)
-    with _telling() as tell:
+    with _telling() as tell, opened(scheduler=scheduler, workers=workers) as engine:
         choice = choose_model(
             loaded,
             models,
@@ -92,6 +95,7 @@ def choose(
             held_out=hold_out,  # type: ignore[arg-type]
             blocks=blocks,
             folds=folds,
+            engine=engine,
             progress=tell,
         )
     if out is not None:

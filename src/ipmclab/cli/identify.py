@@ -10,7 +10,18 @@ import typer
 from ipmclab.cli.files import actuator_files, check_output, read_runs
 from ipmclab.cli.identifiable import collinearity, identifiability_document, print_collinear, print_profiles
 from ipmclab.cli.many_runs import many_runs_document, print_many_runs
-from ipmclab.cli.options import ActuatorName, Details, Force, Json, PerMounting, PerRun, Prior, RunFiles
+from ipmclab.cli.options import (
+    ActuatorName,
+    Details,
+    Force,
+    Json,
+    PerMounting,
+    PerRun,
+    Prior,
+    RunFiles,
+    Scheduler,
+    Workers,
+)
 from ipmclab.cli.output import (
     finding_document,
     print_briefly,
@@ -22,6 +33,7 @@ from ipmclab.cli.output import (
     significant,
     with_unit,
 )
+from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS
 
 if TYPE_CHECKING:
@@ -39,7 +51,9 @@ def identify(
             "age.runs.NAME for how fast a parameter ages; repeat it, or use commas.",
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write.")],
+    out: Annotated[
+        Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write; a folder with --each-strip.")
+    ],
     per_run: PerRun,
     per_mounting: PerMounting,
     prior: Prior,
@@ -50,15 +64,44 @@ def identify(
         bool,
         typer.Option("--thorough", help="Follow profiles and leave out each run where that takes long too."),
     ] = False,
+    each_strip: Annotated[
+        bool, typer.Option("--each-strip", help="Fit each strip (sample) of the runs by itself, to files in --out.")
+    ] = False,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
 ) -> None:
     """Identify parameters of an actuator from one or more runs at once.
 
     \b
     ipmclab identify friend-2 step.nc sine.nc --free electrical --out fitted.toml
+    ipmclab identify friend-2 many/*.nc --free electrical --each-strip --workers 4 --out fits
     """
     from ipmclab import load_actuator, write_fit
     from ipmclab.workflows.fitting import fit_of_runs
 
+    if each_strip:
+        from ipmclab.cli.identify_each import identify_each
+        from ipmclab.workflows.many_strips import Asked
+
+        identify_each(
+            Asked(load_actuator(actuator), free, per_run, per_mounting, prior, thorough),
+            read_runs(runs),
+            out,
+            reads=[*actuator_files(actuator), *runs],
+            document=fit_document,
+            scheduler=scheduler,
+            workers=workers,
+            force=force,
+            as_json=as_json,
+        )
+        return
+    if scheduler is not None or workers is not None:
+        raise InputError(
+            "one fit is one piece of work",
+            code="usage",
+            where="--scheduler" if scheduler is not None else "--workers",
+            repair="add --each-strip to fit many strips, or leave it out",
+        )
     check_output(out, force=force, suffixes=(".toml",), reads=[*actuator_files(actuator), *runs])
     model = load_actuator(actuator)
     loaded = read_runs(runs)

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ipmclab.cli.files import actuator_files, check_output, read_runs
-from ipmclab.cli.options import ActuatorName, Details, Force, Json, PerMounting, PerRun, Prior, RunFiles
+from ipmclab.cli.options import (
+    ActuatorName,
+    Details,
+    Force,
+    Json,
+    PerMounting,
+    PerRun,
+    Prior,
+    RunFiles,
+    Scheduler,
+    Workers,
+)
 from ipmclab.cli.output import (
     finding_document,
     print_json,
@@ -37,6 +48,8 @@ def posterior(
         Path | None, typer.Option(metavar="FILE.svg|.png|.pdf", help="Write a figure of all pairs.")
     ] = None,
     steps: Annotated[int, typer.Option(help="Most steps of each walker.")] = 5000,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
     force: Force = False,
     details: Details = False,
     as_json: Json = False,
@@ -47,6 +60,7 @@ def posterior(
     ipmclab posterior friend-2 step.nc --free electrical --out posterior.nc --figure pairs.svg
     """
     from ipmclab import load_actuator
+    from ipmclab.engine import opened
     from ipmclab.identification.identify import identify
     from ipmclab.posterior.packages import bayes_package
     from ipmclab.posterior.posterior import sample_posterior, write_posterior
@@ -58,9 +72,9 @@ def posterior(
     model = load_actuator(actuator)
     loaded = read_runs(runs)
     bayes_package("emcee")  # before the long work
-    with progress(f"sampling {model.name}") as tell:
+    with progress(f"sampling {model.name}") as tell, opened(scheduler=scheduler, workers=workers) as engine:
         fit = identify(model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell)
-        found = sample_posterior(fit, steps=steps, progress=tell)
+        found = sample_posterior(fit, steps=steps, engine=engine, progress=tell)
         write_posterior(found, out, overwrite=force)
         if figure is not None:
             from ipmclab.reporting.figures.pairs import pairs_figure

@@ -24,6 +24,9 @@ from ipmclab.errors import InputError
 PATIENCE: Final = 60.0
 """Seconds without any worker after which the work is given up."""
 
+ANSWER: Final = 10.0
+"""Seconds in which a scheduler has to answer."""
+
 _EACH: Final = 2
 """Tasks on the way to each worker: one that it does, and the next."""
 
@@ -136,7 +139,7 @@ def cluster(address: str, *, patience: float = PATIENCE) -> Iterator[Cluster]:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="(?s).*Mismatched versions", category=Warning)  # told below
         try:
-            client = distributed.Client(address, timeout="10s", set_as_default=False)
+            client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
             raise InputError(
                 f"no Dask scheduler answers: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
@@ -184,6 +187,9 @@ def _told(address: str) -> Iterator[None]:
             where=where,
             repair="see that the memory of the workers is enough for their threads, and what their logs say",
         ) from error
+    except (ImportError, RuntimeError) as error:  # what was sent could not be read there
+        cause = error.__cause__ or error
+        raise _other_software(f"{type(cause).__name__} there: {cause}", address) from error
     except _lost() as error:
         raise InputError(
             f"the scheduler is gone: {str(error) or type(error).__name__}",

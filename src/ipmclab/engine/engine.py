@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
-from contextlib import contextmanager
 from itertools import islice
 from typing import Protocol, TypeVar
 
 from ipmclab.engine.pace import Pace
-from ipmclab.errors import InputError
 from ipmclab.progress import tick
 
 Shared = TypeVar("Shared")
@@ -113,46 +111,3 @@ def _each(shared: Shared, chunk: tuple[Callable[[Shared, Task], Result], Sequenc
     function, tasks = chunk
     begun = time.perf_counter()
     return [function(shared, task) for task in tasks], time.perf_counter() - begun
-
-
-@contextmanager
-def opened(*, scheduler: str | None = None, workers: int | None = None) -> Iterator[Engine]:
-    """The engine that was asked for, until the work is done; this process where nothing was.
-
-    Parameters
-    ----------
-    scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``. It needs the extra ``cluster``.
-    workers : int, optional
-        Processes on this machine.
-
-    Raises
-    ------
-    InputError
-        Both were asked for; fewer than one worker; no scheduler answers, or another version of ipmclab.
-
-    Examples
-    --------
-    >>> with opened() as engine:
-    ...     in_order(engine, pow, 2, [3, 4])
-    [8, 16]
-    """
-    if scheduler is not None and workers is not None:
-        raise InputError(
-            "a cluster has the workers that it has",
-            code="usage",
-            where="--workers",
-            repair="give --scheduler or --workers, not both",
-        )
-    if scheduler is not None:
-        from ipmclab.engine.cluster import cluster
-
-        with cluster(scheduler) as found:
-            yield found
-    elif workers is not None:
-        from ipmclab.engine.processes import processes
-
-        with processes(workers) as started:
-            yield started
-    else:
-        yield Here()

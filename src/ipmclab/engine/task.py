@@ -13,6 +13,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
+from ipmclab.errors import InputError
+
 _PACKAGES: Final = ("numpy", "scipy", "numba")
 _SOURCES: Final = Path(__file__).resolve().parents[1]
 
@@ -54,12 +56,24 @@ def perform(shared: Any, work: bytes) -> Outcome:
     >>> perform(2, packed(pow, "three")).error
     TypeError("unsupported operand type(s) for ** or pow(): 'int' and 'str'")
     """
-    function, task = pickle.loads(work)
+    try:
+        function, task = pickle.loads(work)
+    except (AttributeError, ImportError) as error:
+        return Outcome(error=_not_found(error))
     with _one_at_a_time:
         try:
             return Outcome(function(shared, task))
         except Exception as error:
             return Outcome(error=error)
+
+
+def _not_found(error: Exception) -> InputError:
+    return InputError(
+        f"a worker does not find what it is to do: {error}",
+        code="function-not-found",
+        where="engine",
+        repair="give a function of a module that is installed for the workers too, not of the script itself",
+    )
 
 
 @cache

@@ -148,7 +148,7 @@ def sample(
         judgement = judge(kept[:, :, : len(names)], names, ENSEMBLES)
         if judgement.agrees or done >= steps:
             logarithm = _kept([[walk.log_density for walk in one] for one in walks], done)
-            accepted = float(np.mean([sum(walk.accepted for walk in one) / done for one in walks]))
+            accepted = float(np.mean([np.mean(sum(walk.accepted for walk in one) / done) for one in walks]))
             return Chains(kept, logarithm, judgement, done, accepted)
 
 

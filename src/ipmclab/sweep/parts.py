@@ -81,7 +81,7 @@ class Parts:
         begin, end = self.ends(part)
         table = arrow.table({SET: np.arange(begin, end), **columns})
         with replacing(self.path(part), overwrite=False) as temporary:
-            files.write_table(table, temporary)
+            files.write_table(table, temporary, use_dictionary=False)  # no number comes twice
 
     def read(self, names: Sequence[str]) -> Iterator[dict[str, FloatArray]]:
         """Some columns, part by part in the order of the sets.
