@@ -25,11 +25,10 @@ import psutil
 from benchmarks.batch import SWEEP
 from benchmarks.harness import clock, finish
 from ipmclab import read_sweep, run_sweep, simulate_many
-from ipmclab.engine import Engine, in_order, opened
+from ipmclab.engine import Engine, Pace, in_order, opened
 from ipmclab.engine.cluster import cluster
-from ipmclab.engine.pace import LEAST_SECONDS, SECONDS_EACH
 from ipmclab.model import load_actuator
-from ipmclab.sweep.chunks import Filling, Measured
+from ipmclab.sweep.chunks import MOST_VALUES, Filling, Measured
 from ipmclab.sweep.packages import parquet
 from ipmclab.sweep.parts import Parts
 
@@ -40,6 +39,8 @@ TASKS: Final = 1000
 ROUNDS: Final = 3
 SETS: Final = 131_072
 TOGETHER: Final = 65_536  # sets in a file of a sweep that is worth a cluster
+
+METRICS: Final = ["displacement.peak", "displacement.rms", "force.rms", "current.rms", "current.final"]
 
 
 class Bytes:
@@ -106,7 +107,8 @@ def collecting(folder: Path) -> float:
     """Processor time [s] of the client for each set: its parameters made, its metrics put together and written."""
     (folder / "sweep.toml").write_text(SWEEP, encoding="utf-8")
     sweep = read_sweep(folder / "sweep.toml")
-    parquet()  # whoever sweeps has loaded it
+    parquet()
+    sweep.design.sets(0, 1)  # whoever sweeps has loaded these
     parts = Parts(folder / "collected", SETS, TOGETHER)
     parts.folder.mkdir()
     random = np.random.default_rng(20261123)
@@ -122,7 +124,6 @@ def collecting(folder: Path) -> float:
 
 def set_costs() -> dict[str, float]:
     """Processor time [s] of one set of 2,000 samples, five metrics: of a linear strip, and of one with a leak."""
-    metrics = ["displacement.peak", "displacement.rms", "force.rms", "current.rms", "current.final"]
     found = {}
     for name, sets in (("friend-2", 20_000), ("friend-2+leak.exponential", 200)):
         strip = load_actuator(name)
@@ -130,7 +131,7 @@ def set_costs() -> dict[str, float]:
         some = {"beam.modulus": moduli["beam.modulus"][:8]}
         for changes in (some, moduli):
             begun = clock()
-            simulate_many(strip, "sine 1 V 0.5 Hz", changes, duration="40 s", rate="50 Hz", reduce=metrics)
+            simulate_many(strip, "sine 1 V 0.5 Hz", changes, duration="40 s", rate="50 Hz", reduce=METRICS)
         found[name] = (clock() - begun) / sets
     return found
 
@@ -148,23 +149,26 @@ def planned(task: dict[str, float], each_set: float, costs: dict[str, float]) ->
     """What follows for more workers, as a table."""
     slowest = max(task["client"], task["scheduler"])
     rows = [
-        "| workers | seconds in a chunk | tasks a second | busy: scheduler | linear strip: sets a chunk, client busy | "
-        "leak: sets a chunk, client busy |",
-        "|---|---|---|---|---|---|",
+        "| strip | workers | sets in a chunk | it lasts | tasks a second | scheduler busy | client busy |",
+        "|---|---|---|---|---|---|---|",
     ]
     linear, leak = costs.values()
-    for workers in (4, 16, 100, 1000):
-        seconds = max(LEAST_SECONDS, SECONDS_EACH * workers)
-        rate = workers / seconds
-        busy = [workers / cost * each_set + rate * task["client"] for cost in (linear, leak)]
-        sets = [f"{seconds / cost:,.0f}, {100 * one:.0f} %" for cost, one in zip((linear, leak), busy, strict=True)]
-        scheduler = f"{100 * rate * task['scheduler']:.0f} %"
-        rows.append(f"| {workers} | {seconds:.0f} | {rate:.0f} | {scheduler} | {sets[0]} | {sets[1]} |")
+    for strip, cost in (("linear", linear), ("leak", leak)):
+        for workers in (4, 16, 100, 1000):
+            pace = Pace(workers, most=MOST_VALUES // len(METRICS))
+            pace.learn(1_000_000, 1_000_000 * cost)
+            sets = pace.size(10**12)
+            rate = workers / (sets * cost)
+            busy = workers / cost * each_set + rate * task["client"]
+            rows.append(
+                f"| {strip} | {workers} | {sets:,} | {sets * cost:.1f} s | {rate:.0f} | "
+                f"{100 * rate * task['scheduler']:.0f} % | {100 * busy:.0f} % |"
+            )
     most = [cost / each_set for cost in (linear, leak)]
     return (
         "\n".join(rows) + f"\n\nThe slower of the two hands out {1.0 / slowest:.0f} tasks a second at most. One client "
         f"collects {1e-6 / each_set:.1f} million sets a second: it keeps up with {most[0]:.0f} workers on the linear "
-        f"strip, and with {most[1]:.0f} where there is a leak. Beyond 100 % there is no gain from further workers."
+        f"strip, and with {most[1]:.0f} where there is a leak. Beyond 100 % further workers gain nothing."
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ipmclab.cli.files import fit_or_actuator, read_runs
-from ipmclab.cli.options import ActuatorName, Json, PerMounting, PerRun, Prior, RunFiles
+from ipmclab.cli.options import ActuatorName, Json, PerMounting, PerRun, Prior, RunFiles, Scheduler, Workers
 from ipmclab.cli.output import print_json, print_table, progress, significant
 from ipmclab.errors import InputError
 
@@ -70,6 +70,8 @@ def bootstrap(
     per_mounting: PerMounting,
     prior: Prior,
     count: Annotated[int, typer.Option(help="How many fits, at least 40.")] = 200,
+    scheduler: Scheduler = None,
+    workers: Workers = None,
     as_json: Json = False,
 ) -> None:
     """Fit, then fit again to readings drawn under the noise that was found, and see how the parameters scatter.
@@ -77,6 +79,7 @@ def bootstrap(
     \b
     ipmclab bootstrap fitted.toml step.nc --count 200
     """
+    from ipmclab.engine import opened
     from ipmclab.identification.uncertainty.bootstrap import FEWEST_DRAWS
     from ipmclab.identification.uncertainty.bootstrap import bootstrap as draw
 
@@ -90,7 +93,8 @@ def bootstrap(
     kept = []
 
     def ask(fit: Fit, tell: Tell) -> Fit:
-        kept.append(draw(fit, count, progress=tell))
+        with opened(scheduler=scheduler, workers=workers) as engine:
+            kept.append(draw(fit, count, engine=engine, progress=tell))
         return fit
 
     fit = _fitted(actuator, runs, (free, per_run, per_mounting, prior), ask)

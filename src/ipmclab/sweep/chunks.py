@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 _FIRST: Final = 64
 """Sets, before it is known how long one takes."""
 
-_MOST_VALUES: Final = 4_000_000
+MOST_VALUES: Final = 4_000_000
 """In a chunk that comes back: 32 MB."""
 
 
@@ -95,7 +95,7 @@ def pace_of(sweep: Sweep, engine: Engine) -> Pace | None:
     if isinstance(engine, Here):
         return None
     travels = len(sweep.metrics.names) + (0 if sweep.design.by_number else len(sweep.design.names))
-    return Pace(engine.workers, first=_FIRST, most=max(1, _MOST_VALUES // travels))
+    return Pace(engine.workers, first=_FIRST, most=max(1, MOST_VALUES // travels))
 
 
 def chunks(sweep: Sweep, parts: Parts, pace: Pace | None) -> Iterator[Chunk]:
