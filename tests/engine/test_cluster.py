@@ -115,8 +115,8 @@ def test_other_software_is_refused_before_any_work() -> None:
 
 def test_no_scheduler_and_no_dask_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "ANSWER", 0.5)
-    for address in ("tcp://127.0.0.1:1", "127.0.0.1", "post://here"):
-        with pytest.raises(InputError, match=r"no Dask scheduler answers.*dask scheduler --host 127\.0\.0\.1"):  # noqa: SIM117
+    for address in ("tcp://127.0.0.1:1", "127.0.0.1", "post://here:1"):
+        with pytest.raises(InputError, match=r"no Dask scheduler answers: .*dask scheduler --host 127\.0\.0\.1"):  # noqa: SIM117
             with cluster.cluster(address):
                 pass
 

@@ -10,6 +10,7 @@ import importlib
 import itertools
 import pickle
 import queue
+import re
 import time
 import uuid
 import warnings
@@ -26,6 +27,8 @@ PATIENCE: Final = 60.0
 
 ANSWER: Final = 10.0
 """Seconds in which a scheduler has to answer."""
+
+_ADDRESS: Final = re.compile(r"(tcp|tls|ws|wss)://[^/\s]+:\d+")
 
 _EACH: Final = 2
 """Tasks on the way to each worker: one that it does, and the next."""
@@ -136,21 +139,27 @@ def cluster(address: str, *, patience: float = PATIENCE) -> Iterator[Cluster]:
         Dask is not installed, no scheduler answers, or its software is another one.
     """
     distributed = _distributed()
+    if not _ADDRESS.fullmatch(address):
+        raise _no_scheduler("this is no address", address)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="(?s).*Mismatched versions", category=Warning)  # told below
         try:
             client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
-            raise InputError(
-                f"no Dask scheduler answers: {str(error).splitlines()[0] if str(error) else type(error).__name__}",
-                code="no-scheduler",
-                where=f"--scheduler {address}",
-                repair="correct the address, or start one: dask scheduler --host 127.0.0.1 --port 8786",
-            ) from error
+            raise _no_scheduler(str(error).partition("\n")[0] or type(error).__name__, address) from error
     with client:
         with _told(address):
             _same_software(client, address)
         yield Cluster(client, patience)
+
+
+def _no_scheduler(why: str, address: str) -> InputError:
+    return InputError(
+        f"no Dask scheduler answers: {why}",
+        code="no-scheduler",
+        where=f"--scheduler {address}",
+        repair="give an address such as tcp://127.0.0.1:8786, or start one: dask scheduler --host 127.0.0.1",
+    )
 
 
 def _same_software(client: Any, address: str) -> None:
