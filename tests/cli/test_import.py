@@ -63,7 +63,7 @@ def test_without_a_map_one_is_guessed_shown_and_written(command, tmp_path: Path)
     done = command("import", "record.csv", "--out", "run.nc")
     assert done.status == 0, done.err
     assert "time: column 'Zeit [ms]', ms" in done.out
-    assert "columns apart by ';', decimal comma" in done.out
+    assert "columns separated by ';', decimal comma" in done.out
     assert "0.02 s between rows, 50 rows" in done.out
     assert command("import", "record.csv", "--map", "run.map.toml", "--out", "again.nc").status == 0
     refused = command("import", "record.csv", "--out", "third.nc", "--map", "third.toml")
