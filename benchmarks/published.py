@@ -186,6 +186,12 @@ def _fixed(case: Case, name: str) -> tuple[str, str]:
     return "assumed", reasons[name]
 
 
+_OTHER_AIR = (
+    "# No law of water or temperature is in here: none was found that gives the three numbers at 60, 70 and 80 %RH.",
+    "# friend-chapter-5 sets gain and modulus to the number that is printed at each: there nothing is predicted.",
+)
+
+
 def file_text(case: Case, found: HeadlineFit) -> str:
     """The actuator file, with what each parameter comes from beside it."""
     told = {source.name: source for source in sources(case, found)}
@@ -209,6 +215,7 @@ def file_text(case: Case, found: HeadlineFit) -> str:
         "# determined: the numbers at least halve (in the logarithm) what was taken before; free: they do not.",
         f"# d(0) = gain zero/p2 is known to x/{found.factor(by):.2f}{_product(case, found, by)}.",
         "# No printed number is of back relaxation, hence none is in here.",
+        *(_OTHER_AIR if case.sample == 2 else ()),
         "# Contact resistance of each run [ohm]: "
         + ", ".join(f"{ohms:.2f} in {figure}" for figure, ohms in found.contacts.items()),
         "# What each number constrains: unknowns that would be less certain by a tenth or more without it.",

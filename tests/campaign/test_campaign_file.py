@@ -7,7 +7,7 @@ import pytest
 from ipmclab.campaign.blocks import blocks_of
 from ipmclab.campaign.campaign_file import campaign_from_text, load_campaign
 from ipmclab.campaign.planned import plan_campaign
-from ipmclab.campaign.sitting import sittings_of
+from ipmclab.campaign.sitting import sittings_of, virtual_rig
 from ipmclab.campaign.template import TEMPLATE
 from ipmclab.errors import InputError
 
@@ -108,3 +108,18 @@ def test_chapter_5_has_the_experiments_of_the_thesis():
     conditions = {run.condition for run in runs}
     assert {"room", *(f"20 degC, {humidity} %RH" for humidity in (60, 70, 80))} <= conditions
     assert {f"{warm} degC, 80 %RH" for warm in (20, 30, 40)} <= conditions
+
+
+def test_baselines_of_chapter_5_dry_and_curl_in_the_room_alone():
+    campaign = load_campaign("friend-chapter-5")
+    strip = campaign.strip("friend-5")
+    drying = strip.virtual("displacement", "baseline", "room")
+    assert drying["hydration.face_difference"] == -0.18
+    assert not strip.virtual("displacement", "baseline", "20 degC, 80 %RH").structure.hydration
+    assert not strip.virtual("displacement", "step 1 V", "room").structure.hydration
+    hydrated = {
+        sitting.runs[0].condition: virtual_rig(campaign, sitting, {})[0].virtual.hydrated
+        for sitting in sittings_of(campaign, blocks_of(campaign))
+    }
+    assert hydrated["room"]
+    assert not hydrated["20 degC, 80 %RH"]

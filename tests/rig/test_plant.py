@@ -11,6 +11,9 @@ from ipmclab import InputError, load_actuator, simulate
 from ipmclab.model import Actuator, with_stages
 from ipmclab.model.changing import charges
 from ipmclab.model.environment import Environment
+from ipmclab.model.environment.history import EnvironmentHistory
+from ipmclab.model.environment.hydration import STANDARD, equilibrium
+from ipmclab.model.environment.transport import curl_displacement, water_course
 from ipmclab.rig.channels import THESIS_RIG, VirtualStrip
 from ipmclab.rig.exact import TICK
 from ipmclab.rig.operator_actions import WORDS, carry_out
@@ -116,6 +119,30 @@ def test_the_preload_falls_slowly(strip: Actuator) -> None:
     plant = StripPlant(replace(QUIET, virtual=VirtualStrip(preload_drift=1e-3)), strip)
     told = THESIS_RIG["force"].to_quantity(plant.advance([1e-6, PRELOAD_TIME, 1e5], {})[CELL])
     assert told == pytest.approx([4.48e-3, 4.48e-3 - 1e-3 * (1 - np.exp(-1)), 3.48e-3], abs=1e-8)
+
+
+def test_a_strip_that_dries_curls_however_it_is_read(strip: Actuator) -> None:
+    """By the antisymmetric mode of its water; in equilibrium with its air it does not move."""
+    water = {**STANDARD, "hydration.linear_swelling": 0.01, "hydration.face_difference": -0.1}
+    drying = replace(strip, parameter_values={**strip.parameter_values, **water}, fit_table=None)
+    times = np.linspace(1.0, 120.0, 120)
+
+    def read(*blocks: np.ndarray, hydrated: bool) -> np.ndarray:
+        plant = StripPlant(replace(QUIET, virtual=VirtualStrip(hydrated=hydrated)), drying)
+        return np.concatenate([advance(plant, block, np.zeros(len(block)))[LASER] for block in blocks])
+
+    volts = read(times, hydrated=True)
+    moved = THESIS_RIG["displacement"].to_quantity(volts - read(times, hydrated=False))
+    course = water_course(
+        drying.parameter_values,
+        EnvironmentHistory.of("22 degC, 45 %RH"),
+        120.0,
+        start=equilibrium(drying.parameter_values, Environment(22.0, 100.0, in_water=True)),
+    )
+    expected = curl_displacement(drying.parameter_values, course.gradients(times))
+    assert np.ptp(moved) > 0.5e-3
+    assert np.ptp(moved - expected) < 0.01 * np.ptp(expected)
+    assert read(*np.split(times, [7, 40, 90]), hydrated=True) == pytest.approx(volts, abs=1e-3)
 
 
 def test_hands_do_what_they_say(strip: Actuator) -> None:

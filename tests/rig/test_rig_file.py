@@ -161,6 +161,7 @@ def rigs(draw: st.DrawFn) -> Rig:
             seed=draw(st.integers(0, 2**63 - 1)),
             temperature=draw(st.floats(-40.0, 150.0)),
             relative_humidity=draw(st.floats(0.0, 100.0)),
+            hydrated=draw(st.booleans()),
             load=draw(st.sampled_from(["strip", "dummy"])),
             preload_drift=draw(st.floats(-0.1, 0.1)),
             meter_offset=draw(st.floats(-1.0, 1.0)),

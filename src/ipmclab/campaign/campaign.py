@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal
 
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.model.environment.hydration import HYDRATION, STANDARD
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.run import Severity
@@ -38,7 +39,7 @@ class VirtualState:
     actuator : str, optional
         Another model of the strip.
     parameters : mapping of dotted name to float [SI]
-        What is set in it.
+        What is set in it; one of ``hydration`` gives water to a strip that has none (``with_water``).
     """
 
     measured: str | None = None
@@ -78,8 +79,22 @@ class Strip:
             return None
         strip = load_actuator(named)
         for state in holding:
-            strip = strip.replace(**dict(state.parameters))
+            strip = with_water(strip, state.parameters).replace(**dict(state.parameters))
         return strip
+
+
+def with_water(strip: Actuator, names: Iterable[str]) -> Actuator:
+    """A strip with the water of Nafion in it, where one of these parameters is of water and it has none.
+
+    Examples
+    --------
+    >>> strip = load_actuator("friend-5-measured")
+    >>> with_water(strip, ["hydration.linear_swelling"])["hydration.liquid_water_content"]
+    22.0
+    """
+    if strip.structure.hydration or not any(name.startswith(HYDRATION) for name in names):
+        return strip
+    return replace(strip, parameter_values={**strip.parameter_values, **STANDARD}, fit_table=None)
 
 
 @dataclass(frozen=True)

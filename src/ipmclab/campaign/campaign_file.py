@@ -12,7 +12,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
-from ipmclab.campaign.campaign import ROOM, Campaign, Clamped, Fact, Order, Part, Strip, VirtualState
+from ipmclab.campaign.blocks import BASELINE
+from ipmclab.campaign.campaign import ROOM, Campaign, Clamped, Fact, Order, Part, Strip, VirtualState, with_water
 from ipmclab.campaign.lines import line_of
 from ipmclab.errors import InputError, suggest
 from ipmclab.model import Actuator, load_actuator
@@ -224,7 +225,9 @@ def _strip(table: Mapping[str, Any], folder: Path, place: str) -> Strip:
 
 
 def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> VirtualState:
-    signal = None if read.signal is None else _placed(lambda: str(parse(read.signal or "")), f"{place}.signal")
+    signal = read.signal
+    if signal not in (None, BASELINE):
+        signal = _placed(lambda: str(parse(read.signal or "")), f"{place}.signal")
     named = _beside(read.actuator, folder)
     base = model if named is None else _loaded(named, f"{place}.actuator")
     if base is None and read.set:
@@ -234,7 +237,7 @@ def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> Vi
             where=f"{place}.set",
             repair='add actuator = "friend-1-measured" to the sample',
         )
-    known = {} if base is None else base.parameters()
+    known = {} if base is None else with_water(base, read.set).parameters()
     values = {}
     for name, value in read.set.items():
         where = f"{place}.set.{name}"

@@ -81,7 +81,8 @@ def virtual_rig(campaign: Campaign, one: Sitting, failures: Mapping[str, int]) -
     """
     run, block = one.runs[0], one.block
     seed = zlib.crc32(f"{campaign.seed}/{run.id}/{failures.get(run.id, 0)}".encode())
-    virtual = replace(campaign.rig.virtual, seed=seed)
+    # In the room a strip dries from when it left its water; a chamber is waited for until it holds.
+    virtual = replace(campaign.rig.virtual, seed=seed, hydrated=not block.experiment.environments)
     if block.experiment.environments:
         air = block.experiment.environments[0]
         if air.temperature is not None:

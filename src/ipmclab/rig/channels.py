@@ -262,6 +262,9 @@ class VirtualStrip:
         Of the noise: the same seed gives the same readings.
     temperature : float [degC], relative_humidity : float [percent]
         Of the air, at first.
+    hydrated : bool
+        Whether a strip with a table ``[hydration]`` has just been taken out of its water, and dries; otherwise it is in
+        equilibrium with the air.
     load : "strip" or "dummy"
         ``dummy`` is the load of ``rig prove``: 10 ohm and 100 mF in series, no strip.
     preload_drift : float [N]
@@ -274,6 +277,7 @@ class VirtualStrip:
     seed: int = 20261121
     temperature: float = 22.0
     relative_humidity: float = 45.0
+    hydrated: bool = False
     load: Literal["strip", "dummy"] = "strip"
     preload_drift: float = 0.0
     meter_offset: float = 0.0

@@ -151,7 +151,7 @@ class StripPlant:
         self._follow_air()
         answer = self._strip.advance(intervals, np.ascontiguousarray(source))
         current: FloatArray = answer[0]
-        displacement: FloatArray = answer[2]
+        displacement: FloatArray = answer[2] if self._water is None else answer[2] + self._water.curl(times)
         force: FloatArray = answer[3]
         if len(ticks):
             self._now = int(ticks[-1])
@@ -217,7 +217,7 @@ class StripPlant:
             return None
         from ipmclab.rig.plant_water import StripWater
 
-        return StripWater(strip, self._air, self.time)
+        return StripWater(strip, self._air, self.time, wet=self.rig.virtual.hydrated)
 
     def _follow_air(self) -> None:
         """Let the strip follow its air; charge goes on."""

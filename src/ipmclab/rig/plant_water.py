@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ipmclab.model.environment import Environment
 from ipmclab.model.environment.history import EnvironmentHistory
 from ipmclab.model.environment.hydration import equilibrium
-from ipmclab.model.environment.transport import water_course
+from ipmclab.model.environment.transport import WaterCourse, curl_displacement, water_course
 
 if TYPE_CHECKING:
     from ipmclab.model import Actuator
@@ -30,29 +30,51 @@ Air = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class StripWater:
-    """What a strip with laws of the environment is at the moment.
+    """What a strip with laws of the environment, or with water in it, is at the moment.
 
     Parameters
     ----------
     actuator : Actuator
-        With laws; in equilibrium with the air at first.
+        With laws or a table ``[hydration]``.
     air : function of times [s] to temperature [degC] and relative humidity [percent]
     now : float [s]
+    wet : bool
+        Whether it has just been taken out of its water; otherwise it is in equilibrium with the air at first.
+
+    Examples
+    --------
+    A strip that gives more water through one face than through the other curls while it dries:
+
+    >>> from dataclasses import replace
+    >>> from ipmclab import load_actuator
+    >>> from ipmclab.model.environment.hydration import STANDARD
+    >>> known = {"hydration.linear_swelling": 0.01, "hydration.face_difference": 0.1}
+    >>> strip = load_actuator("friend-2")
+    >>> strip = replace(strip, parameter_values={**strip.parameter_values, **STANDARD, **known})
+    >>> air = lambda times: (np.full(len(times), 22.0), np.full(len(times), 45.0))
+    >>> drying, settled = (StripWater(strip, air, 0.0, wet=wet) for wet in (True, False))
+    >>> [f"{1e3 * abs(one.curl(np.array([60.0]))[0]):.1f} mm" for one in (drying, settled)]
+    ['0.5 mm', '0.0 mm']
     """
 
-    def __init__(self, actuator: Actuator, air: Air, now: float) -> None:
+    def __init__(self, actuator: Actuator, air: Air, now: float, *, wet: bool = False) -> None:
         self._laws = actuator
         self._air = air
         self._now = now
-        here = self._environment(now)
-        self._state = equilibrium(actuator.parameter_values, here) if actuator.structure.hydration else None
+        self._gradient = 0.0
+        here, values = self._environment(now), actuator.parameter_values
+        self._state: WaterState | None = None
+        if actuator.structure.hydration:
+            self._state = equilibrium(values, Environment(here.temperature, 100.0, in_water=True) if wet else here)
         self.strip = actuator.at(here if self._state is None else self._state)
 
     def follow(self, now: float) -> bool:
         """Come to a later time [s]; True where ``strip`` is another one then."""
         if now - self._now < RENEWED:
             return False
-        self._state = self._later(now)
+        if self._state is not None:
+            course = self._course(now)
+            self._state, self._gradient = course.state(now), float(course.gradient[-1])
         self._now = now
         there = self._laws.at(self._environment(now) if self._state is None else self._state)
         before, after = (np.array(list(one.parameter_values.values())) for one in (self.strip, there))
@@ -61,13 +83,26 @@ class StripWater:
         self.strip = there
         return True
 
-    def _later(self, now: float) -> WaterState | None:
-        if self._state is None:
-            return None
-        times = np.linspace(self._now, now, 2 + int((now - self._now) / RENEWED))
-        history = EnvironmentHistory(times, *self._air(times))
+    def curl(self, times: FloatArray) -> FloatArray:
+        """What the water through its thickness adds to the displacement [m] at some times from now on [s]."""
         values = self._laws.parameter_values
-        return water_course(values, history, now - self._now, start=self._state, begin=self._now).state(now)
+        if self._state is None or not values["hydration.linear_swelling"] or not len(times):
+            return np.zeros(len(times))
+        if times[-1] <= self._now:
+            return np.full(len(times), curl_displacement(values, self._gradient))
+        gradients = self._course(float(times[-1])).gradients(times)
+        return np.asarray(curl_displacement(values, gradients), dtype=np.float64)
+
+    def _course(self, until: float) -> WaterCourse:
+        times = np.linspace(self._now, until, 2 + int((until - self._now) / RENEWED))
+        return water_course(
+            self._laws.parameter_values,
+            EnvironmentHistory(times, *self._air(times)),
+            until - self._now,
+            start=self._state,
+            begin=self._now,
+            gradient=self._gradient,
+        )
 
     def _environment(self, now: float) -> Environment:
         temperature, humidity = self._air(np.array([now]))

@@ -304,6 +304,7 @@ def _virtual(table: VirtualTable, place: _Place, folder: Path | None) -> Virtual
         relative_humidity=_within(
             table.relative_humidity, RELATIVE_HUMIDITY, (0.0, 100.0), place / "relative_humidity"
         ),
+        hydrated=table.hydrated,
         load=table.load,
         preload_drift=_within(table.preload_drift, FORCE, (-0.1, 0.1), place / "preload_drift"),
         meter_offset=_within(table.meter_offset, RESISTANCE, (-1.0, 1.0), place / "meter_offset"),

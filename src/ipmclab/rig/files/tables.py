@@ -71,6 +71,7 @@ class VirtualTable(Strict):
     seed: Annotated[int, Field(ge=0)] = 20261121
     temperature: str = "22 degC"
     relative_humidity: str = "45 percent"
+    hydrated: bool = False
     load: Literal["strip", "dummy"] = "strip"
     preload_drift: str = "0 mN"
     meter_offset: str = "0 ohm"

@@ -154,6 +154,7 @@ def _virtual(strip: VirtualStrip) -> dict[str, Any]:
         "seed": strip.seed,
         "temperature": _text(strip.temperature, TEMPERATURE),
         "relative_humidity": _text(strip.relative_humidity, RELATIVE_HUMIDITY),
+        "hydrated": strip.hydrated,
         "load": strip.load,
         "preload_drift": _text(strip.preload_drift, FORCE),
         "meter_offset": _text(strip.meter_offset, RESISTANCE),
