@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ipmclab.cli.files import read_runs
 from ipmclab.cli.options import Json, RunFiles
-from ipmclab.cli.output import print_json, print_paragraph, read, with_unit
+from ipmclab.cli.output import print_json, print_paragraph, with_unit
 from ipmclab.errors import InputError
 from ipmclab.units import LENGTH, TIME, parse_quantity
 
 if TYPE_CHECKING:
     from ipmclab.measurement.curl import Curl
-
-_DIGITS: Final = 2
 
 
 def baseline(
@@ -37,6 +35,7 @@ def baseline(
     ipmclab baseline room.nc chamber.nc --displacement "1.3 mm"
     """
     from ipmclab.measurement.curl import curl
+    from ipmclab.reporting.curl import curl_in_words
 
     expected = parse_quantity(displacement, LENGTH, where="--displacement")
     length = parse_quantity(test, TIME, where="--test")
@@ -46,34 +45,7 @@ def baseline(
         print_json({"baselines": [_document(*each) for each in zip(runs, found, strict=True)]})
         return
     for path, one in zip(runs, found, strict=True):
-        print_paragraph(f"{path}: {in_words(one)}")
-
-
-def in_words(found: Curl) -> str:
-    """The rate of a curl and the verdict, in plain words.
-
-    Examples
-    --------
-    >>> from ipmclab.measurement.curl import Curl
-    >>> print(in_words(Curl(5.6e-6, (5.2e-6, 6.0e-6), 0.0, 9, 40.0, 6.4e-5)).partition("; ")[0])
-    the tip moves by 5.6 um/s (95 %: 5.2 to 6) where it is fastest, 0 s after the start
-    """
-    low, high = (f"{1e6 * rate:.{_DIGITS}g}" for rate in found.interval)
-    moved = read(abs(found.rate) * found.test, LENGTH, digits=_DIGITS)
-    rate = (
-        f"the tip moves by {1e6 * abs(found.rate):.{_DIGITS}g} um/s (95 %: {low} to {high}) where it is fastest, "
-        f"{found.since:.3g} s after the start; {moved} in a test of {found.test:g} s, of which "
-        f"{read(found.allowed, LENGTH, digits=_DIGITS)} are allowed. "
-    )
-    if found.verdict == "yes":
-        return rate + "Tests are possible in this air."
-    shorter = "" if not math.isfinite(found.longest_test) else f" than {read(found.longest_test, TIME, digits=_DIGITS)}"
-    if found.verdict == "no":
-        return (
-            rate
-            + f"Not in this air: test in a higher humidity, or make each test shorter{shorter} and hydrate between."
-        )
-    return rate + f"This record does not decide: record it longer, or make each test shorter{shorter}."
+        print_paragraph(f"{path}: {curl_in_words(one)}")
 
 
 def _document(path: Path, found: Curl) -> dict[str, Any]:

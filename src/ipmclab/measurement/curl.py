@@ -19,7 +19,9 @@ TEST: Final = 40.0
 SHARE: Final = 0.05
 """Part of the expected displacement that the curl may make during one test."""
 
-_NO_VOLTAGE: Final = 0.02  # V
+NO_VOLTAGE: Final = 0.02
+"""Up to which [V] a strip counts as without voltage."""
+
 _NOISE_SHAPES: Final = 2
 """How many shapes of each stretch, the next slower ones beside the straight line, tell what the noise does to it."""
 
@@ -143,7 +145,7 @@ def _at_rest(run: Run) -> tuple[FloatArray, FloatArray]:
             repair="record the displacement with no voltage applied",
         )
     driven = float(np.nanmax(np.abs(run.voltage)))
-    if driven > _NO_VOLTAGE:
+    if driven > NO_VOLTAGE:
         raise InputError(
             f"its voltage reaches {driven:.3g} V: the strip was driven",
             code="not-at-rest",

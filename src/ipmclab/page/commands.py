@@ -197,3 +197,40 @@ def import_step(file: str, map_file: str, out: str) -> Step:
     command = ["ipmclab", "import", file, "--map", map_file, "--out", out]
     python = f"import ipmclab\n\nrun = ipmclab.import_run({file!r}, {map_file!r})\nipmclab.write_run(run, {out!r})\n"
     return Step(shlex.join(command), python)
+
+
+def baseline_step(run: str, displacement: str, test: str, share: str) -> Step:
+    """Ask whether a strip that curls by itself can be tested.
+
+    Examples
+    --------
+    >>> baseline_step("room.nc", "1.3 mm", "40 s", "0.05").command
+    "ipmclab baseline room.nc --displacement '1.3 mm' --test '40 s' --share 0.05"
+    """
+    command = ["ipmclab", "baseline", run, "--displacement", displacement, "--test", test, "--share", share]
+    python = (
+        "from ipmclab import read_run\nfrom ipmclab.measurement.curl import curl\n"
+        "from ipmclab.units import LENGTH, TIME, parse_quantity\n\n"
+        f'displacement = parse_quantity({displacement!r}, LENGTH, where="displacement")\n'
+        f'test = parse_quantity({test!r}, TIME, where="test")\n'
+        f"found = curl(read_run({run!r}), displacement, test=test, share={float(share)!r})\n"
+        "found.verdict, found.interval\n"
+    )
+    return Step(shlex.join(command), python)
+
+
+def smooth_step(run: str, below: float, out: str) -> Step:
+    """Take out of a run what is faster than a frequency [Hz].
+
+    Examples
+    --------
+    >>> smooth_step("run.nc", 5.0, "quiet.nc").command
+    "ipmclab smooth run.nc --below '5 Hz' --out quiet.nc"
+    """
+    command = ["ipmclab", "smooth", run, "--below", f"{below:g} Hz", "--out", out]
+    python = (
+        f"import ipmclab\nfrom ipmclab.measurement.smooth import smooth\n\n"
+        f"smoothed, taken_out = smooth(ipmclab.read_run({run!r}), {below!r})\n"
+        f"ipmclab.write_run(smoothed, {out!r})\n"
+    )
+    return Step(shlex.join(command), python)

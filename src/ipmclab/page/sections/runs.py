@@ -19,6 +19,7 @@ from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows
 from ipmclab.page.sections.board import build_board
 from ipmclab.page.sections.importing import build_import
 from ipmclab.page.sections.parts import card, download, finding_bands, finding_list, plain_table, text
+from ipmclab.page.sections.treatment import build_treatment
 from ipmclab.page.workshop import MOST_COMPARED, Workshop, labels
 from ipmclab.store.catalogue.query import STATES, CatalogueRow
 from ipmclab.units import CHANNELS
@@ -160,6 +161,10 @@ class _View:
         self._table.choose("show", [key])
         await self._show(self._table.chosen)
 
+    async def _copied(self, _: str) -> None:
+        """A copy of the shown run was written: it comes into the table, and what is shown stays."""
+        await self._refresh()
+
     async def _show(self, chosen: Chosen) -> None:
         """Draw the chosen runs."""
         self._asked += 1
@@ -201,6 +206,9 @@ class _View:
             _downloads(keys)
         if jobs is not None:
             await self._tell_findings(asked, *jobs, plot, [panel.as_dict() for panel in panels])
+            if asked == self._asked:
+                with self._chosen:
+                    build_treatment(self._workshop, keys[0], runs[names[0]], self._copied)
 
     async def _tell_findings(
         self, asked: int, job: Job, about: Job, plot: TimePlot, panels: list[dict[str, Any]]

@@ -37,6 +37,8 @@ TASKS: Final[dict[str, Entry]] = {
     "bands": Entry("bands", LOOK),  # beside the sliders, which wait for nothing
     "look": Entry("look", LOOK),
     "about": Entry("about", LOOK),
+    "baseline": Entry("baseline", LOOK),
+    "smooth": Entry("smooth", LOOK),
     "figure": Entry("figure", LOOK),
     "export": Entry("export", LOOK),
     "preview": Entry("preview", LOOK),
