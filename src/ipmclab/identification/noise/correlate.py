@@ -313,8 +313,7 @@ def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     known = terms.walk and math.isfinite(slope_at_rest(record, output, shape, unit)[1])
     offset = (terms.offset or terms.walk) and piece.allowed[0]
     trend = (terms.trend or known) and piece.allowed[1]
-    held = Terms(offset=offset, trend=trend)
-    return Zero.of(record, output, held, shape, unit, piece.steps) if offset or trend else None
+    return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None
 
 
 def _without(problem: Problem, solution: Solution, yielding: Sequence[int], keys: Set[Key]) -> tuple[Problem, Solution]:

@@ -69,25 +69,13 @@ class Zero:
     times: float = 1.0
 
     @classmethod
-    def of(
-        cls,
-        record: PreparedRun,
-        output: str,
-        terms: Terms,
-        noise: Shape,
-        unit: float,
-        steps: npt.NDArray[np.int64],
-    ) -> Zero:
-        """The constants that a noise calls for, which is in so many SI units; with steps of time between readings."""
+    def of(cls, record: PreparedRun, output: str, terms: Terms, noise: Shape, unit: float) -> Zero:
+        """The constants that a noise calls for, which is in so many SI units."""
         inside = measured_rows(record, output)
         time = record.run.time[record.readings[output].exact]
         held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
         middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * float(time[-1] - time[0])
         slope, error = slope_at_rest(record, output, noise, unit) if terms.trend else (0.0, math.inf)
-        columns, times = constants(time)[:, held], 1.0
-        if math.isfinite(error):
-            along = columns[:, -1:]
-            times = max(float(spread_by(along, steps, noise)[0, 0] / np.sum(along * along)), 1.0)
         most = math.inf
         if output == "current" and record.zero_is_unseen:
             # A zero that no row at 0 V shows looks like the dc path, and a drift like a slow branch.
@@ -95,7 +83,21 @@ class Zero:
             if largest > 0.0 and half > 0.0:  # readings that are all 0 bound nothing
                 most = LARGEST_ZERO * largest
                 error = min(error, most / half)
-        return cls(terms, columns, inside, middle, half, slope, error, most, times)
+        return cls(terms, constants(time)[:, held], inside, middle, half, slope, error, most)
+
+    def under(self, noise: Shape, steps: npt.NDArray[np.int64]) -> Zero:
+        """The same, what is known of the slope held against readings that are worth what a noise makes of them.
+
+        Parameters
+        ----------
+        noise : Shape
+        steps : int array, shape (n_measured,)
+            Steps of time between readings.
+        """
+        if not self.terms.trend or not math.isfinite(self.error) or math.isfinite(self.most):
+            return self
+        along = self.columns[:, -1:]
+        return replace(self, times=max(float(spread_by(along, steps, noise)[0, 0] / np.sum(along * along)), 1.0))
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""

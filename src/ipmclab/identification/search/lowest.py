@@ -20,7 +20,7 @@ from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.starts.start import StartingPoint, known_first, starting_points
 from ipmclab.identification.search.starts.start_in_state import in_one_state, moved_back, nowhere, there_alone
-from ipmclab.identification.search.valleys import Minima, Rival
+from ipmclab.identification.search.valleys import Minima, Rival, Valley
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, has_several_minima
 from ipmclab.model.geometry import DIMENSIONS
@@ -104,7 +104,8 @@ def _search(
         higher = [(of, other) for of, other in tried if other.evaluation.cost > allowed]
         rivals += [r for of, other in higher if (r := without_doublet(of, solution, other, actuator)) is not None]
     ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
-    return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends))
+    walked = Valley(problem, solution, tuple(valley))
+    return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends), walked)
 
 
 def _circuit_first(

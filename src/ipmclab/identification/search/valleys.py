@@ -36,6 +36,8 @@ EVALUATIONS: Final = 25
 NEAR: Final = 1e-7
 """Part of the cost to which it goes: beside a threshold of 4 of chi-square nothing."""
 
+_ALIKE: Final = 1.001  # ratio of weights
+_LEVEL: Final = 1e-6  # of the cost, by which two ends of the same valley may differ
 _WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
 _FASTEST: Final = 0.3  # rows
 _SLOWEST: Final = 30.0  # records
@@ -115,6 +117,42 @@ class Rival:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Valley:
+    """Places along the valleys of a minimum.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+        The minimum.
+    places : tuple of Place
+    """
+
+    problem: Problem
+    solution: Solution
+    places: tuple[Place, ...]
+
+    def under(self, problem: Problem, solution: Solution) -> tuple[Place, ...] | None:
+        """The same places where a problem is the same but for one factor of all weights; None where it is another."""
+        own = self.problem
+        names = [[unknown.name for unknown in one.unknowns] for one in (own, problem)]
+        if type(problem) is not type(own) or names[0] != names[1] or problem.noise.keys() != own.noise.keys():
+            return None
+        times = [noise / own.noise[key] for key, noise in problem.noise.items()]
+        cost = times[0] ** 2 * solution.evaluation.cost
+        if max(times) > _ALIKE * min(times) or abs(cost - self.solution.evaluation.cost) > _LEVEL * cost:
+            return None
+        return tuple(
+            replace(
+                place,
+                solution=replace(place.solution, evaluation=problem.evaluate(place.solution.theta)),
+                errors=times[0] * place.errors,
+            )
+            for place in self.places
+        )
+
+
 @dataclass(frozen=True)
 class Minima:
     """The minima beside the lowest one.
@@ -127,11 +165,14 @@ class Minima:
         Places along the valleys of the lowest one that the readings allow.
     ends : tuple of Rival
         Where all searches ended, the lowest too, where there may be several minima.
+    valley : Valley
+        All places along the valleys of the lowest one.
     """
 
     rivals: tuple[Rival, ...]
     along: tuple[Rival, ...]
     ends: tuple[Rival, ...]
+    valley: Valley
 
 
 class Tied:
