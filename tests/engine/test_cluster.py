@@ -61,7 +61,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machines]:
 
 
 def test_a_cluster_gives_what_one_process_gives_whoever_dies(
-    machines: Machines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    machines: Machines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     run_sweep(SWEEP, tmp_path / "here")
     with cluster.cluster(machines.address, patience=1.0) as engine:
@@ -93,6 +93,11 @@ def test_a_cluster_gives_what_one_process_gives_whoever_dies(
             worker.kill()
         with pytest.raises(InputError, match=r"no worker for 1 s; start workers \(dask worker tcp://127.0.0.1:"):
             list(engine.map(tasks.power, 2, [1]))
+
+        machines.scheduler.kill()
+        with pytest.raises(InputError, match=r"the scheduler does not answer any more; start it and its workers again"):
+            list(engine.map(tasks.power, 2, [1]))
+    assert "Traceback" not in capfd.readouterr().err
 
 
 class Told:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
+import logging
 import pickle
 import queue
 import re
@@ -147,10 +148,24 @@ def cluster(address: str, *, patience: float = PATIENCE) -> Iterator[Cluster]:
             client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TypeError, ImportError) as error:
             raise _no_scheduler(str(error).partition("\n")[0] or type(error).__name__, address) from error
-    with client:
+    with _quiet(), client:
         with _told(address):
             _same_software(client, address)
         yield Cluster(client, patience)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Dask's own words and tracebacks: what matters of them is said by our errors."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def _no_scheduler(why: str, address: str) -> InputError:
@@ -201,7 +216,7 @@ def _told(address: str) -> Iterator[None]:
         raise _other_software(f"{type(cause).__name__} there: {cause}", address) from error
     except _lost() as error:
         raise InputError(
-            f"the scheduler is gone: {str(error) or type(error).__name__}",
+            "the scheduler does not answer any more",
             code="scheduler-lost",
             where=where,
             repair="start it and its workers again, and give the same command again",
