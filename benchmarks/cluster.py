@@ -151,9 +151,9 @@ def planned(task: dict[str, float], each_set: float, costs: dict[str, float]) ->
     linear, leak = costs.values()
     for strip, cost in (("linear", linear), ("leak", leak)):
         for workers in (4, 16, 100, 1000):
-            pace = Pace(workers, most=MOST_VALUES // len(METRICS))
+            pace = Pace(most=MOST_VALUES // len(METRICS))
             pace.learn(1_000_000, 1_000_000 * cost)
-            sets = pace.size(10**12)
+            sets = pace.size(10**12, workers)
             rate = workers / (sets * cost)
             busy = workers / cost * each_set + rate * task["client"]
             rows.append(

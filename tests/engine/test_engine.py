@@ -86,15 +86,16 @@ def test_how_many_processors_there_are_can_be_told(monkeypatch: pytest.MonkeyPat
 
 
 def test_chunks_last_as_long_as_the_overhead_of_so_many_workers_asks() -> None:
-    pace = Pace(workers=1000, first=64, most=50_000)
-    assert pace.size(10**9) == 64
+    pace = Pace(first=64, most=50_000)
+    assert pace.size(10**9, 1000) == 64
     pace.learn(64, 0.064)
-    assert pace.size(10**9) == 15_000  # 15 s: what one client hands out to 1,000 workers at a tenth of its time
-    assert pace.size(2_000_000) == 1000  # the last chunks are short, so that workers end together
-    for _ in range(2000):
+    assert pace.size(10**9, 1000) == 15_000  # 15 s: what one client hands out to 1,000 workers at a tenth of its time
+    assert pace.size(10**9, 4) == 1000
+    assert pace.size(2_000_000, 1000) == 1000  # the last chunks are short, so that workers end together
+    for _ in range(20):
         pace.learn(1000, 1e-3)
-    assert pace.size(10**9) == 50_000
-    assert pace.size(1) == 1
+    assert pace.size(10**9, 1000) == 50_000
+    assert pace.size(1, 0) == 1
 
 
 @pytest.fixture(scope="module")

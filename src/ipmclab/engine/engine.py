@@ -89,11 +89,11 @@ def in_order(
     if isinstance(engine, Here):
         return [result for _, result in engine.map(function, shared, tasks)]
     left = len(tasks) if isinstance(tasks, Sized) else count
-    pace, drawn = Pace(engine.workers), iter(tasks)
+    pace, drawn = Pace(), iter(tasks)
 
     def chunks() -> Iterator[tuple[Callable[[Shared, Task], Result], list[Task]]]:
         nonlocal left
-        while chunk := list(islice(drawn, pace.size(left) if left is not None else 1)):
+        while chunk := list(islice(drawn, pace.size(left, engine.workers) if left is not None else 1)):
             left = None if left is None else left - len(chunk)
             yield function, chunk
 

@@ -90,19 +90,18 @@ def measure(sweep: Sweep, chunk: Chunk) -> Measured:
     return Measured((chunk.begin, chunk.end), metrics, time.perf_counter() - begun)
 
 
-def pace_of(sweep: Sweep, engine: Engine) -> Pace | None:
-    """How sets are handed out; None where a whole part is done here at once."""
-    if isinstance(engine, Here):
-        return None
+def pace_of(sweep: Sweep) -> Pace:
+    """How many sets workers are given at once."""
     travels = len(sweep.metrics.names) + (0 if sweep.design.by_number else len(sweep.design.names))
-    return Pace(engine.workers, first=_FIRST, most=max(1, MOST_VALUES // travels))
+    return Pace(first=_FIRST, most=max(1, MOST_VALUES // travels))
 
 
-def chunks(sweep: Sweep, parts: Parts, pace: Pace | None) -> Iterator[Chunk]:
-    """The sets that lack, in their order: in chunks by pace, or without one a whole part each."""
-    for begin, end in _runs(parts) if pace else (parts.ends(part) for part in parts.lacking()):
+def chunks(sweep: Sweep, parts: Parts, pace: Pace, engine: Engine) -> Iterator[Chunk]:
+    """The sets that lack, in their order: for workers by pace, in this process a whole part each."""
+    here = isinstance(engine, Here)
+    for begin, end in (parts.ends(part) for part in parts.lacking()) if here else _runs(parts):
         while begin < end:
-            to = end if pace is None else min(end, begin + pace.size(parts.count - begin))
+            to = end if here else min(end, begin + pace.size(parts.count - begin, engine.workers))
             yield Chunk(begin, to, None if sweep.design.by_number else sweep.design.sets(begin, to))
             begin = to
 

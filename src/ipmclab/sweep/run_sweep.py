@@ -169,16 +169,15 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None,
 
 def _run(sweep: Sweep, parts: Parts, engine: Engine, done: int, tell: Tell) -> None:
     """Simulate what lacks; so many sets are done."""
-    pace = pace_of(sweep, engine)
+    pace = pace_of(sweep)
     filling = Filling(parts)
     said = partial(_say, tell, parts)
     said(done)
-    for _, measured in engine.map(measure, without_values(sweep), chunks(sweep, parts, pace)):
+    for _, measured in engine.map(measure, without_values(sweep), chunks(sweep, parts, pace, engine)):
         begin, end = measured.chunk
         for part, metrics in filling.take(measured):
             parts.write(part, {**sweep.design.sets(*parts.ends(part)), **metrics})
-        if pace is not None:
-            pace.learn(end - begin, measured.seconds)
+        pace.learn(end - begin, measured.seconds)
         done += end - begin
         said(done)
 
