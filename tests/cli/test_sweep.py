@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ import pytest
 from ipmclab import read_sweep, run_sweep
 from ipmclab.sweep.template import TEMPLATE
 
-LONG = TEMPLATE.replace("base = 512", "base = 1024").replace("\n[design]", "\nsets_per_file = 64\n[design]")
-FILES = 1024 * 5 // 64
+LONG = TEMPLATE.replace("base = 512", "base = 256").replace("\n[design]", "\nsets_per_file = 64\n[design]")
+FILES = 256 * 5 // 64
 
 
 def test_from_the_template_to_sobol_indices(command, tmp_path: Path) -> None:
@@ -62,24 +61,56 @@ def test_what_is_missing_is_said(command) -> None:
     assert command("sweep", "--template", "--json").document == {"template": TEMPLATE, "out": None}
 
 
-def test_killed_at_any_moment_it_goes_on_with_nothing_twice_and_nothing_missing(tmp_path: Path) -> None:
-    """Killed while its first files appear, and in between; each time it goes on behind what was complete."""
+HELD = """
+import sys
+from contextlib import contextmanager
+
+from ipmclab.cli.app import run
+from ipmclab.sweep import parts
+
+count, moment, words = int(sys.argv[1]), sys.argv[2], sys.argv[3:]
+replacing, written = parts.replacing, 0
+
+
+def wait_to_be_killed(now):
+    if (written, now) == (count, moment):
+        print("here", flush=True)
+        sys.stdin.read()
+
+
+@contextmanager
+def held(path, **more):
+    global written
+    with replacing(path, **more) as temporary:
+        yield temporary
+        written += path.name.startswith("part-")
+        wait_to_be_killed("within")
+    wait_to_be_killed("behind")
+
+
+parts.replacing = held
+sys.exit(run(words))
+"""
+"""The command, which says so and waits behind one of its files, or within it, when it is not in its place yet."""
+
+
+def test_killed_behind_a_file_and_within_one_it_goes_on_with_nothing_twice_and_nothing_missing(tmp_path: Path) -> None:
+    """Each time it goes on behind what was complete."""
     path, folder = tmp_path / "long.toml", tmp_path / "out"
     path.write_text(LONG, encoding="utf-8")
-    words = [sys.executable, "-m", "ipmclab", "sweep", str(path), "--out", str(folder)]
-
-    def there() -> int:
-        return len(list(folder.glob("part-*.parquet")))
-
     before = 0
-    for further, half_written in ((1, False), (9, True)):
-        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
-            while there() < before + further or (half_written and not list(folder.glob(".part-*.part"))):
-                assert process.poll() is None, process.stderr.read().decode()
-                time.sleep(1e-4)
+    for further, moment, complete in ((1, "behind", 1), (9, "within", 8)):
+        words = [sys.executable, "-c", HELD, str(further), moment, "sweep", str(path), "--out", str(folder)]
+        pipe = subprocess.PIPE
+        with subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            assert process.stdout.readline().strip() == b"here", process.stderr.read().decode()
             process.kill()
-        assert before + further <= there() < FILES
-        before = there()
+        assert len(list(folder.glob("part-*.parquet"))) == before + complete
+        assert bool(list(folder.glob(".part-*.part"))) == (moment == "within")
+        before += complete
+    assert before < FILES
     swept = run_sweep(read_sweep(path), folder)
     assert swept.found == before
     expected = run_sweep(read_sweep(path), tmp_path / "at once").columns("set", "displacement.peak", "beam.modulus")
