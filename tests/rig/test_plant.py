@@ -9,8 +9,8 @@ import pytest
 
 from ipmclab import InputError, load_actuator, simulate
 from ipmclab.model import Actuator, with_stages
-from ipmclab.model.changing import charges
 from ipmclab.model.environment import Environment
+from ipmclab.model.environment.charge import charges
 from ipmclab.model.environment.history import EnvironmentHistory
 from ipmclab.model.environment.hydration import STANDARD, equilibrium
 from ipmclab.model.environment.transport import curl_displacement, water_course

@@ -225,7 +225,7 @@ class StripPlant:
             return
         before = self._water.strip.parameter_values
         if self._water.follow(self.time):
-            from ipmclab.model.changing import charges
+            from ipmclab.model.environment.charge import charges
 
             system, after = self._system(), self._water.strip.parameter_values
             kept = charges(system.states, before) / charges(system.states, after)

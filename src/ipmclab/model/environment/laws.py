@@ -431,6 +431,11 @@ def in_state(values: Mapping[str, float], state: WaterState) -> Moved:
     return Moved({name: float(found[name][-1].real) for name in names}, names, parameters, jacobian, by_state)
 
 
+def conducts_above(values: Mapping[str, float]) -> bool:
+    """Whether a law asks for the conductivity of the membrane, which has one above its percolation only."""
+    return is_there(values, _BRANCHES) or is_there(values, f"{PREFIX}dc_resistivity.")
+
+
 def check_conducts(values: Mapping[str, float], state: WaterState) -> None:
     """Refuse a water content at which the membrane does not conduct, where a law asks for its conductivity.
 
@@ -438,8 +443,7 @@ def check_conducts(values: Mapping[str, float], state: WaterState) -> None:
     ------
     InputError
     """
-    asked = is_there(values, _BRANCHES) or is_there(values, f"{PREFIX}dc_resistivity.")
-    if not asked:
+    if not conducts_above(values):
         return
     least = values[PERCOLATION]
     for content, what in ((state.water_content, "the water content"), (values[REFERENCE_CONTENT], REFERENCE_CONTENT)):

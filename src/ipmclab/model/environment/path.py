@@ -27,11 +27,6 @@ _FINE: Final = 2e-3
 """Part by which parameters may move between two points of a path: straight lines between them then hold."""
 
 
-_STRAIGHT: Final = 16
-_BENT: Final = 1e-5
-"""So many pieces may be a straight line, and a parameter may leave it by so much: a tenth of what it moves in one."""
-
-
 class Path(NamedTuple):
     """The way of the parameters along a record.
 
@@ -64,7 +59,7 @@ class Path(NamedTuple):
         middle = np.full(2, 0.5 * (cold + warm))
         wetter = float(steps(values, np.array([low, high]), middle)[0])
         warmer = float(steps(values, np.full(2, self.contents[0]), np.array([cold, warm]))[0])
-        return Grid(_nodes(math.log(low), math.log(high), wetter), _nodes(cold, warm, warmer))
+        return Grid(chebyshev(math.log(low), math.log(high), wetter), chebyshev(cold, warm, warmer))
 
 
 class Grid(NamedTuple):
@@ -114,8 +109,8 @@ def steps(values: Mapping[str, float], contents: FloatArray, temperatures: Float
     return np.asarray(np.max(np.abs(np.diff(np.array(changing), axis=1)), axis=0))
 
 
-def _nodes(low: float, high: float, moved: float) -> FloatArray:
-    """As many points as it takes for a parameter that moves by so much."""
+def chebyshev(low: float, high: float, moved: float) -> FloatArray:
+    """As many of Chebyshev's points as it takes for a parameter that moves by so much."""
     if high - low <= 1e-12 * max(abs(low), abs(high), 1.0):
         return np.array([0.5 * (low + high)])
     count = min(_LEAST + math.ceil(_FOR_ONE * moved), _MOST)
@@ -137,14 +132,6 @@ def _barycentric(nodes: FloatArray, x: FloatArray) -> FloatArray:
     return np.asarray(weights)
 
 
-def apart(values: Mapping[str, float], one: WaterCourse, other: WaterCourse, begin: float, end: float) -> float:
-    """By how much parameters differ between two courses of the water, at most."""
-    time = np.linspace(begin, end, 65)
-    contents = np.ravel(np.column_stack([one.contents(time), other.contents(time)]))
-    temperatures = np.ravel(np.column_stack([one.temperatures(time), other.temperatures(time)]))
-    return float(np.max(steps(values, contents, temperatures)[::2]))
-
-
 def pieces_along(
     path: Path, water: WaterCourse, grid: Grid, middles: FloatArray
 ) -> tuple[IndexArray, IndexArray, FloatArray]:
@@ -159,26 +146,3 @@ def pieces_along(
     span = (path.contents.min(), path.contents.max()), (path.temperatures.min(), path.temperatures.max())
     weights = grid.weights(np.clip(water.contents(there), *span[0]), np.clip(water.temperatures(there), *span[1]))
     return np.repeat(np.arange(len(first)), last + 1 - first), first, weights
-
-
-def stations_of(values: Mapping[str, float], grid: Grid, weights: FloatArray) -> tuple[IndexArray, FloatArray]:
-    """Pieces between which parameters go in straight lines, and how far each piece is from one of them to the next.
-
-    Parameters
-    ----------
-    weights : float array, shape (n_pieces, n_points)
-    """
-    contents, temperatures = grid.states
-    states = weights @ np.column_stack([np.log(contents), temperatures])
-    every = np.arange(len(weights))
-    stations = np.unique(np.append(every[::_STRAIGHT], every[-1]))
-    for _ in range(2):  # where the way bends, each piece is a station of its own
-        before = np.searchsorted(stations, every, side="right") - 1
-        after = np.minimum(before + 1, len(stations) - 1)
-        share = (every - stations[before]) / np.maximum(stations[after] - stations[before], 1)
-        line = states[stations[before]] + share[:, None] * (states[stations[after]] - states[stations[before]])
-        both = np.stack([states, line], axis=1).reshape(-1, 2)
-        left = steps(values, np.exp(both[:, 0]), both[:, 1])[::2]
-        bent = np.isin(before, before[left > _BENT])
-        stations = np.unique(np.concatenate([stations, every[bent]]))
-    return stations, share

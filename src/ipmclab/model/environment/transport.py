@@ -51,6 +51,8 @@ class WaterCourse:
         First antisymmetric mode of the content through the thickness: positive where the anode's face has more.
     rates : float array, shape (2, n) [1/s and K/s]
         Of water content and temperature.
+    with_air : bool
+        Whether the strip is always as warm as its air, whose temperature goes in straight lines with corners.
     """
 
     time: FloatArray
@@ -58,13 +60,16 @@ class WaterCourse:
     temperature: FloatArray
     gradient: FloatArray
     rates: FloatArray
+    with_air: bool = False
 
     def contents(self, times: npt.ArrayLike) -> FloatArray:
         """The water content at some times [s], by cubics through contents and rates; constant outside."""
         return self._between(times, self.water_content, self.rates[0])
 
     def temperatures(self, times: npt.ArrayLike) -> FloatArray:
-        """The temperature at some times [s] [degC], likewise."""
+        """The temperature at some times [s] [degC], likewise; in straight lines where it is that of the air."""
+        if self.with_air:
+            return np.interp(np.asarray(times, dtype=np.float64), self.time, self.temperature)
         return self._between(times, self.temperature, self.rates[1])
 
     def gradients(self, times: npt.ArrayLike) -> FloatArray:
@@ -129,27 +134,59 @@ def water_course(
     from ipmclab.model.environment.transport_loop import follow
 
     first = equilibrium(values, history.at(begin)) if start is None else start
-    membrane = _membrane(values)
+    given = around(values, history, begin, begin + duration, np.empty(0) if leak is None else leak[0])
+    flowing = np.zeros(len(given.time) - 1)
+    if leak is not None:
+        flowing = leak[1][np.clip(np.searchsorted(leak[0], given.time[:-1], side="right") - 1, 0, leak.shape[1] - 1)]
+    result = np.empty((4, len(given.time)))
+    begun = np.array([first.water_content, first.temperature, gradient])
+    follow(given.membrane, given.time, given.air, flowing, given.longest, begun, result)
+    return given.course(result)
+
+
+@dataclass(frozen=True, eq=False)
+class Around:
+    """A membrane, and the air around it.
+
+    Parameters
+    ----------
+    membrane : transport_loop.Membrane
+    time : float array, shape (n,) [s]
+        Where the water is kept.
+    air : float array, shape (2, n)
+        Temperature [degC] and activity of the air there.
+    longest : float [s]
+        Step of the solver.
+    """
+
+    membrane: Any
+    time: FloatArray
+    air: FloatArray
+    longest: float
+
+    def course(self, result: FloatArray) -> WaterCourse:
+        """The course of the water of what ``transport_loop.follow`` writes."""
+        lag = self.membrane.thermal
+        warming = (self.air[0] - result[1]) / lag if lag > 0.0 else np.gradient(self.air[0], self.time)
+        if lag <= 0.0:
+            result[1] = self.air[0]
+        rates = np.vstack([result[3], warming])
+        return WaterCourse(self.time, result[0], result[1], result[2], rates, with_air=lag <= 0.0)
+
+
+def around(
+    values: Mapping[str, float], history: EnvironmentHistory, begin: float, end: float, corners: FloatArray
+) -> Around:
+    """What a membrane is given between two times [s], with further times at which its water is kept."""
     fastest = _fastest(values, history)
-    corners = history.time if leak is None else np.concatenate([history.time, leak[0]])
-    time = _nodes(values, corners, begin, begin + duration, fastest)
+    time = _nodes(values, np.concatenate([history.time, corners]), begin, end, fastest)
     air = np.vstack(
         [
             np.interp(time, history.time, history.temperature),
             np.interp(time, history.time, history.relative_humidity) / 100.0,
         ]
     )
-    flowing = np.zeros(len(time) - 1)
-    if leak is not None:
-        flowing = leak[1][np.clip(np.searchsorted(leak[0], time[:-1], side="right") - 1, 0, leak.shape[1] - 1)]
-    result = np.empty((4, len(time)))
-    begun = np.array([first.water_content, first.temperature, gradient])
-    follow(membrane, time, air, flowing, fastest / _FINE, begun, result)
-    lag = values["hydration.thermal_time"]
-    warming = (air[0] - result[1]) / lag if lag > 0.0 else np.gradient(air[0], time)
-    if lag <= 0.0:  # as the air, whose straight lines have corners
-        result[1] = air[0]
-    return WaterCourse(time, result[0], result[1], result[2], np.vstack([result[3], warming]))
+    return Around(_membrane(values), time, air, fastest / _FINE)
 
 
 def dry_thickness(values: Mapping[str, float]) -> float:

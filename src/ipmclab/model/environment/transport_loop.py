@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 _KELVIN = 273.15
 _GAS = 8.314462618
 _FARADAY = 96485.33212
-_LEAST = 1e-3
+LEAST = 1e-3
 
 
 class Membrane(NamedTuple):
@@ -86,23 +86,75 @@ def outflow(m: Membrane, film: float, content: float, saturated: float, around: 
 
 
 @kernel
-def _rate(m: Membrane, content: float, temperature: float, around: float, leak: float) -> float:
+def rate(m: Membrane, content: float, temperature: float, around: float, leak: float) -> float:
     """Rate of the mean content [1/s] where ``leak`` [A/m^2] takes one molecule for two electrons."""
     saturated = vapour(temperature)
     out = outflow(m, m.anode, content, saturated, around) + outflow(m, m.cathode, content, saturated, around)
-    if content <= _LEAST:
+    if content <= LEAST:
         return max(0.0, -out / m.sites)
     return -(out + abs(leak) / (2.0 * _FARADAY)) / m.sites
 
 
 @kernel
-def _lagged(begin: float, first: float, last: float, part: float, length: float, lag: float) -> float:
+def lagged(begin: float, first: float, last: float, part: float, length: float, lag: float) -> float:
     """What follows a straight line from ``first`` to ``last`` over a length with a lag, after a part of it."""
     if lag <= 0.0:
         return first + (last - first) * part
     slope = (last - first) / length
     time = part * length
     return first + slope * (time - lag) + (begin - first + slope * lag) * math.exp(-time / lag)
+
+
+@kernel
+def advance(
+    m: Membrane,
+    time: FloatArray,
+    air: FloatArray,
+    i: int,
+    lost: float,
+    flowed: float,
+    most: float,
+    content: float,
+    warm: float,
+    mode: float,
+) -> tuple[float, float, float]:
+    """Content, temperature [degC] and antisymmetric mode at the end of interval i, from those at its begin.
+
+    ``lost`` and ``flowed`` [A/m^2] are the mean of what leaks, without and with its sign: both directions split water,
+    and each at its own face. The other parameters are those of ``follow``.
+    """
+    length = time[i + 1] - time[i]
+    steps = max(1, math.ceil(length / most))
+    h, begun = length / steps, warm
+    for k in range(steps):
+        t0, t1 = k / steps, (k + 1) / steps
+        middle = 0.5 * (t0 + t1)
+        warms = (
+            warm,
+            lagged(begun, air[0, i], air[0, i + 1], middle, length, m.thermal),
+            lagged(begun, air[0, i], air[0, i + 1], t1, length, m.thermal),
+        )
+        arounds = (
+            vapour_around(air, i, t0),
+            vapour_around(air, i, middle),
+            vapour_around(air, i, t1),
+        )
+        r1 = rate(m, content, warms[0], arounds[0], lost)
+        r2 = rate(m, content + 0.5 * h * r1, warms[1], arounds[1], lost)
+        r3 = rate(m, content + 0.5 * h * r2, warms[1], arounds[1], lost)
+        r4 = rate(m, content + h * r3, warms[2], arounds[2], lost)
+        half = content + 0.5 * h * r2
+        content = max(content + h * (r1 + 2.0 * (r2 + r3) + r4) / 6.0, LEAST)
+        warm = warms[2]
+        saturated = vapour(warms[1])
+        apart = outflow(m, m.cathode, half, saturated, arounds[1])
+        apart -= outflow(m, m.anode, half, saturated, arounds[1])
+        apart -= flowed / (2.0 * _FARADAY)  # water is split at the anode, whichever face that is
+        apart -= 2.0 * m.drag * half / 22.0 * flowed / _FARADAY
+        source = 2.0 * apart / m.sites
+        decayed = math.exp(-h / m.mixing)
+        mode = mode * decayed + source * m.mixing * (1.0 - decayed)
+    return content, warm, mode
 
 
 @kernel
@@ -137,44 +189,14 @@ def follow(
         j = leak[min(i, leak.shape[0] - 1)] if leak.shape[0] else 0.0
         around = air[1, i] * vapour(air[0, i])
         result[0, i], result[1, i], result[2, i] = content, warm, mode
-        result[3, i] = _rate(m, content, warm, around, j)
+        result[3, i] = rate(m, content, warm, around, j)
         if i + 1 == time.shape[0]:
             break
-        length = time[i + 1] - time[i]
-        steps = max(1, math.ceil(length / most))
-        h, begun = length / steps, warm
-        for k in range(steps):
-            t0, t1 = k / steps, (k + 1) / steps
-            middle = 0.5 * (t0 + t1)
-            warms = (
-                warm,
-                _lagged(begun, air[0, i], air[0, i + 1], middle, length, m.thermal),
-                _lagged(begun, air[0, i], air[0, i + 1], t1, length, m.thermal),
-            )
-            arounds = (
-                _around(air, i, t0),
-                _around(air, i, middle),
-                _around(air, i, t1),
-            )
-            r1 = _rate(m, content, warms[0], arounds[0], j)
-            r2 = _rate(m, content + 0.5 * h * r1, warms[1], arounds[1], j)
-            r3 = _rate(m, content + 0.5 * h * r2, warms[1], arounds[1], j)
-            r4 = _rate(m, content + h * r3, warms[2], arounds[2], j)
-            half = content + 0.5 * h * r2
-            content = max(content + h * (r1 + 2.0 * (r2 + r3) + r4) / 6.0, _LEAST)
-            warm = warms[2]
-            saturated = vapour(warms[1])
-            apart = outflow(m, m.cathode, half, saturated, arounds[1])
-            apart -= outflow(m, m.anode, half, saturated, arounds[1])
-            apart -= j / (2.0 * _FARADAY)  # water is split at the anode, whichever face that is
-            apart -= 2.0 * m.drag * half / 22.0 * j / _FARADAY
-            source = 2.0 * apart / m.sites
-            decayed = math.exp(-h / m.mixing)
-            mode = mode * decayed + source * m.mixing * (1.0 - decayed)
+        content, warm, mode = advance(m, time, air, i, j, j, most, content, warm, mode)
 
 
 @kernel
-def _around(air: FloatArray, i: int, part: float) -> float:
+def vapour_around(air: FloatArray, i: int, part: float) -> float:
     """Concentration of vapour in the air [mol/m^3] within an interval."""
     temperature = air[0, i] + (air[0, i + 1] - air[0, i]) * part
     return float(air[1, i] + (air[1, i + 1] - air[1, i]) * part) * vapour(temperature)

@@ -1,4 +1,4 @@
-"""The compiled loop over samples of a system whose parameters drift, with or without static laws at ports."""
+"""The compiled loop over samples of a system whose parameters drift in pieces, with or without static laws at ports."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.environment.track_loop import NOW, Panel, Track, blend, go_on, hurried, stay, weigh
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_laws_loop import AtLaws, LawTable, begin, see, was_seen, write
@@ -17,114 +18,169 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 
-class Knots(NamedTuple):
-    """The system at some stations of the way, between two of which its numbers go in straight lines.
+_LONG = 8
+"""Intervals of a piece in which one more makes little difference."""
 
-    Each as in ``dense_laws_loop``, with one axis more in front: ``step`` (n_knots, n_kinds, n, 2 n_inputs + n +
-    n_laws), ``law_end`` (n_knots, n_kinds, n, n_laws), ``drop`` (n_knots, n_kinds + 1, n_laws, n_laws), ``outputs``
-    (n_knots, n_outputs, n_inputs + n + n_laws), ``ports`` (n_knots, n_laws, n_inputs + n).
+
+class Knots(NamedTuple):
+    """The system at all states of a panel.
+
+    Each as in ``dense_laws_loop``, flattened: ``moves`` (n_kinds, n_states, n_moves) has ``step``, ``law_end`` and
+    ``drop`` of an interval one after the other, ``reads`` (n_states, n_reads) ``outputs``, ``ports`` and ``drop``
+    within an instant.
     """
 
-    step: FloatArray
-    law_end: FloatArray
-    drop: FloatArray
-    outputs: FloatArray
-    ports: FloatArray
+    moves: FloatArray
+    reads: FloatArray
 
 
-class Way(NamedTuple):
-    """Where each interval is.
+class Drive(NamedTuple):
+    """What is given to the strip.
 
     Parameters
     ----------
-    piece : int array, shape (n_intervals,)
-        The piece that it is in.
-    knot : int array, shape (n_pieces,)
-        The station at which, or after which, each piece is.
-    share : float array, shape (n_pieces,)
-        How far it is on the way to the next one: 0 to below 1.
+    course : Course
+    ends : float array, shape (n_intervals + 1,) [s]
+        When each interval ends, behind the begin of the record.
+    area : float [m^2]
+        Through which the laws leak together.
+    leaks : float array, shape (n_intervals,) or (0,) [A]
+        What leaks at the end of each interval where this system has no laws of its own.
     """
 
-    piece: IndexArray
-    knot: IndexArray
-    share: FloatArray
+    course: Course
+    ends: FloatArray
+    area: float
+    leaks: FloatArray
 
 
-@kernel
-def _blend(knots: FloatArray, knot: int, share: float, result: FloatArray) -> None:
-    after = knot if share == 0.0 else knot + 1
-    for i in range(result.shape[0]):
-        for j in range(result.shape[1]):
-            result[i, j] = (1.0 - share) * knots[knot, i, j] + share * knots[after, i, j]
+class Marching(NamedTuple):
+    """What goes along.
+
+    Parameters
+    ----------
+    x : float array, shape (2, n)
+        A state that goes on where parameters change: charges, not voltages, where capacitances do. The second row
+        keeps that with which a piece begins.
+    laws : float array, shape (2, 2 n_laws)
+        p and w, likewise.
+    walk : float array, shape (WALK,)
+        Where the water is.
+    """
+
+    x: FloatArray
+    laws: FloatArray
+    walk: FloatArray
 
 
 @kernel
 def drifting(
-    knots: Knots, way: Way, table: LawTable, course: Course, x: FloatArray, outputs: FloatArray, leaked: FloatArray
-) -> int:
-    """As ``dense_laws_loop.dense_laws``, each interval with the parameters of its place on the way.
+    track: Track,
+    panel: Panel,
+    knots: Knots,
+    table: LawTable,
+    drive: Drive,
+    first: int,
+    march: Marching,
+    water: FloatArray,
+    outputs: FloatArray,
+) -> tuple[int, bool]:
+    """As ``dense_laws_loop.dense_laws`` from an interval on, as far as a panel reaches.
 
     Parameters
     ----------
-    x : float array, shape (n,)
-        A state that goes on where parameters change: charges, not voltages, where capacitances do.
-    leaked : float array, shape (n_intervals,)
-        Written: what all laws together give at the end of each interval [A].
+    first : int
+        The interval.
+    march : Marching
+        Written.
+    water : float array, shape (4, n)
+        Its course (``track_loop.set_out``); written.
 
     Returns
     -------
-    failed : int
-        -1, or the interval in which no solution was found (only where numbers overflow).
+    interval : int
+        Up to which all is written; it needs another panel unless it is the end.
+    found : bool
+        False where laws have no solution in it (only where numbers overflow).
     """
-    interval, start, end, row, reading = course
+    interval, start, end, row, reading = drive.course
+    count, walk, ends = interval.shape[0], march.walk, drive.ends
     forms, coefficients = table
-    n, m, given = x.shape[0], forms.shape[0], start.shape[1]
-    step = np.empty((1, n, knots.step.shape[3]))
-    read = np.empty((knots.outputs.shape[1], knots.outputs.shape[2]))
-    law_end, ports = np.empty((n, m)), np.empty((m, given + n))
-    drop, within = np.empty((m, m)), np.empty((m, m))
-    now = AtLaws(np.empty(m), np.zeros(m), np.zeros(m), np.full(given, np.nan))
-    base, from_here = np.empty(n), np.empty(2 * given + n + m)
-    piece = kind = -1
-    last = knots.drop.shape[1] - 1
-    for i in range(row.shape[0]):
-        here = min(i, interval.shape[0] - 1)
-        if way.piece[here] != piece or interval[here] != kind:
-            kind = interval[here]
-            knot, share = way.knot[way.piece[here]], way.share[way.piece[here]]
-            _blend(knots.step[:, kind], knot, share, step[0])
-            _blend(knots.law_end[:, kind], knot, share, law_end)
-            _blend(knots.drop[:, kind], knot, share, drop)
-            if way.piece[here] != piece:
-                piece = way.piece[here]
-                _blend(knots.outputs, knot, share, read)
-                _blend(knots.ports, knot, share, ports)
-                _blend(knots.drop[:, last], knot, share, within)
-        k = row[i]
-        if k >= 0:
-            if m > 0 and not was_seen(reading, k, now):
-                see(ports, reading, k, x, now)
+    n, m, given = march.x.shape[1], forms.shape[0], start.shape[1]
+    columns = 2 * given + n + m
+    moves, reads = np.empty(knots.moves.shape[2]), np.empty(knots.reads.shape[1])
+    step, law_end = moves[: n * columns].reshape(1, n, columns), moves[n * columns : n * (columns + m)].reshape(n, m)
+    drop, within = moves[n * (columns + m) :].reshape(m, m), reads[reads.shape[0] - m * m :].reshape(m, m)
+    seen = given + n
+    shown = (reads.shape[0] - m * m - m * seen) // (seen + m)
+    read = reads[: shown * (seen + m)].reshape(shown, seen + m)
+    ports = reads[shown * (seen + m) : reads.shape[0] - m * m].reshape(m, seen)
+    share = np.empty(knots.reads.shape[0] + panel.contents.shape[0] + panel.temperatures.shape[0])
+    x, now = march.x[0], AtLaws(np.empty(m), march.laws[0, :m], march.laws[0, m:], np.full(given, np.nan))
+    base, from_here = np.empty(n), np.empty(columns)
+    i = first
+    while i < count:
+        march.x[1], march.laws[1] = x, march.laws[0]
+        last = _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk))
+        while True:
+            if not weigh(track, panel, walk, 0.5 * (ends[i] + ends[last]), share):
+                return i, True
+            blend(knots.reads, share, reads)
+            now.seen[:] = np.nan
+            lost, flowed, kind = 0.0, 0.0, -1
+            for j in range(i, last):
+                if interval[j] != kind:
+                    kind = interval[j]
+                    blend(knots.moves[kind], share, moves)
+                if row[j] >= 0:
+                    if m > 0 and not was_seen(reading, row[j], now):
+                        see(ports, reading, row[j], x, now)
+                        if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
+                            return j, False
+                    write(read, reading, row[j], x, now.w, outputs)
+                if m > 0 and not was_seen(start, j, now):
+                    see(ports, start, j, x, now)
+                    if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
+                        return j, False
+                begin(start, end, j, x, now.w, from_here)
+                multiply(step, 0, from_here, base)
+                length = ends[j + 1] - ends[j]
+                if m > 0:
+                    see(ports, end, j, base, now)
+                    if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
+                        return j, False
+                    for l in range(m):  # noqa: E741
+                        lost += abs(now.w[l]) * length
+                        flowed += now.w[l] * length
+                elif drive.leaks.shape[0] > 0:
+                    lost += abs(drive.leaks[j]) * length
+                    flowed += drive.leaks[j] * length
+                for s in range(n):
+                    total = base[s]
+                    for l in range(m):  # noqa: E741
+                        total += law_end[s, l] * now.w[l]
+                    x[s] = total
+            lost, flowed = lost / drive.area, flowed / drive.area
+            if last == i + 1 or not hurried(track, panel, walk, ends[last], lost, flowed):
+                break
+            last = min(last - 1, _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk)))
+            x[:], march.laws[0] = march.x[1], march.laws[1]
+        go_on(track, walk, ends[last], lost, flowed, water)
+        i = last
+        if i == count and row[i] >= 0:
+            if m > 0 and not was_seen(reading, row[i], now):
+                see(ports, reading, row[i], x, now)
                 if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
-                    return i
-            write(read, reading, k, x, now.w, outputs)
-        if i == interval.shape[0]:
-            break
-        if m > 0 and not was_seen(start, i, now):
-            see(ports, start, i, x, now)
-            if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
-                return i
-        begin(start, end, i, x, now.w, from_here)
-        multiply(step, 0, from_here, base)
-        if m > 0:
-            see(ports, end, i, base, now)
-            if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
-                return i
-        leaked[i] = 0.0
-        for l in range(m):  # noqa: E741
-            leaked[i] += now.w[l]
-        for j in range(n):
-            total = base[j]
-            for l in range(m):  # noqa: E741
-                total += law_end[j, l] * now.w[l]
-            x[j] = total
-    return -1
+                    return i, False
+            write(read, reading, row[i], x, now.w, outputs)
+    return i, True
+
+
+@kernel
+def _last_in(ends: FloatArray, first: int, count: int, until: float) -> int:
+    """The interval behind the last of a piece that begins with one and should end by a time [s]."""
+    last = first + 1
+    while last < count and ends[last + 1] <= until + 1e-9:
+        last += 1
+    # A long piece has one interval more, so that it ends behind the time of the water that it was made for.
+    return min(count, last + 1) if last - first >= _LONG else last

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
-from ipmclab.model.numerics.course import voltage_course
+from ipmclab.model.numerics.course import Course, voltage_course
 from ipmclab.model.numerics.dense import LONGEST, Dense
 from ipmclab.model.numerics.modal import Modes, exponential_integrals, modes
 from ipmclab.model.numerics.reduce import reduced, seen_states
@@ -23,7 +23,7 @@ from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 
-_JUMPS: Final = {"zero": 1, "zero-before": -1, "first": 0}
+JUMPS: Final = {"zero": 1, "zero-before": -1, "first": 0}
 
 
 Loop = Callable[[FloatArray, FloatArray], None]
@@ -46,34 +46,45 @@ def law_loop(structure: Structure, values: Mapping[str, float], period: float, h
         None where another way must answer: another structure, poles that nearly meet, a period so long that it is
         divided.
     """
-    if not structure.leak or structure.slow_leak:
+    if not goes_by_modes(structure, period):
         return None
-    if not replace(structure, leak="").is_lumped or period > LONGEST * (1 + 1e-6):
-        return None
-    # The strip without its leak; what leaks is a lower voltage at the front of the electrodes. What hangs on the node
-    # does not load it: of its motion the loop over the modes computes the plain one, and a richer one comes after.
-    linear = replace(structure, leak="")
-    plain = Structure(structure.branches, laser=structure.laser)
+    linear, plain = without_leak(structure)
     found = modes(plain.blocks(values), external="voltage", outputs=OUTPUT_PORTS, at_rest=left_at_rest(["voltage"]))
-    numbers = None if found is None else _numbers(found, period)
+    numbers = None if found is None else modal_numbers(found, period)
     if numbers is None:
         return None
     (law,) = structure.laws(values)
     series = Circuit(structure.branches).elements(values).series.real
     circuit = np.array([*numbers.circuit, series, numbers.weights[1, 6]])
     k = np.array(law.coefficients, dtype=np.float64)
-    jumps, form = _JUMPS[hold], law.form
+    jumps, form = JUMPS[hold], law.form
     motion = None if linear == plain else _Motion(linear.blocks(values), period)
 
     def loop(voltage: FloatArray, outputs: FloatArray) -> None:
         from ipmclab.model.numerics.law_modal_loop import law_modal
 
-        fronts = np.empty((3, 0 if motion is None else len(voltage)))
+        fronts = np.empty((4, 0 if motion is None else len(voltage)))
         law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, outputs, fronts)
         if motion is not None:
             motion.write(fronts, outputs[2:])
 
     return loop
+
+
+def goes_by_modes(structure: Structure, period: float) -> bool:
+    """Whether a strip has one leak at its node, and rows [s] between which what leaks goes in a straight line."""
+    lumped = bool(structure.leak) and not structure.slow_leak and replace(structure, leak="").is_lumped
+    return lumped and period <= LONGEST * (1 + 1e-6)
+
+
+def without_leak(structure: Structure) -> tuple[Structure, Structure]:
+    """A strip without its leak, which is a lower voltage at the front of the electrodes, and one that moves plainly.
+
+    What hangs on the node does not load it: of the motion the loop over the modes computes the plain one, and a richer
+    one comes after.
+    """
+    linear = replace(structure, leak="", hydration=False, coating=False, environment=())
+    return linear, Structure(structure.branches, laser=structure.laser)
 
 
 class _Motion:
@@ -87,14 +98,18 @@ class _Motion:
 
     def write(self, fronts: FloatArray, values: FloatArray) -> None:
         """From ``fronts`` of ``law_modal_loop.law_modal``."""
-        rows = fronts.shape[1]
-        kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
-        course = voltage_course(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2])
-        self._dense.run(course, np.zeros(self._size), values)
+        self._dense.run(behind(fronts), np.zeros(self._size), values)
+
+
+def behind(fronts: FloatArray) -> Course:
+    """What everything behind the electrodes goes along, of ``fronts`` of ``law_modal_loop.law_modal``."""
+    rows = fronts.shape[1]
+    kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
+    return voltage_course(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2])
 
 
 @dataclass(frozen=True, eq=False)
-class _Numbers:
+class ModalNumbers:
     """In the layout that ``law_modal_loop.law_modal`` documents; ``circuit`` without its last two."""
 
     circuit: list[float]
@@ -102,7 +117,7 @@ class _Numbers:
     weights: FloatArray
 
 
-def _numbers(found: Modes, period: float) -> _Numbers | None:
+def modal_numbers(found: Modes, period: float) -> ModalNumbers | None:
     """Transitions of the modes and weights of the outputs; None when these modes do not fit the loop."""
     if len(found.poles) != 3 or any(pole.imag for pole in found.poles[0]) or any(len(s) > 2 for s in found.poles):
         return None
@@ -128,7 +143,7 @@ def _numbers(found: Modes, period: float) -> _Numbers | None:
         return None
     a1r, _, _, a2r, *gains = moves[0]
     circuit = [a1r, gains[0], gains[2], a2r, gains[1], gains[3]]
-    return _Numbers(circuit, np.array(moves[1:]), weights)
+    return ModalNumbers(circuit, np.array(moves[1:]), weights)
 
 
 def _move(pole: complex, period: float) -> tuple[complex, complex, complex]:

@@ -136,43 +136,54 @@ def reaches(form: int, k1: float, k2: float, p: float, d: float, square: float, 
     return abs(d) <= 2e-4 * k2
 
 
+STATE = 27
+"""Numbers that one row leaves to the next."""
+
+
 @kernel
-def law_modal(
+def at_rest() -> FloatArray:
+    """The state of a loop before its first row."""
+    state = np.zeros(STATE)
+    state[21] = state[23] = -np.inf
+    return state
+
+
+@kernel
+def law_stretch(
     voltage: FloatArray,
+    begin: int,
+    end: int,
     jumps: int,
     circuit: FloatArray,
     mechanical: FloatArray,
     weights: FloatArray,
     form: int,
     k: FloatArray,
+    state: FloatArray,
+    store: FloatArray,
     outputs: FloatArray,
     fronts: FloatArray,
-) -> None:
-    """Two real modes of the circuit with a law, and two pairs behind them, from rest.
-
-    One row hangs on the one before through a few sums only: the law is expanded about where the row before the last
-    and those before it point to, which is known long before, and what is left is a short series.
+) -> tuple[float, float]:
+    """Some rows of ``law_modal``.
 
     Parameters
     ----------
-    voltage : float array, shape (n_time,) [V]
-    jumps : int
-        When the voltage jumps: 1 just before a row is read (hold ``zero``), -1 just after the row before (hold
-        ``zero-before``), 0 not at all (hold ``first``).
-    circuit : float array, shape (8,)
-        Of each mode: a, what e gives to it at the begin and at the end of a period; then the series resistance [ohm]
-        and the direct term of the node voltage.
-    mechanical : float array, shape (2, 8)
-        Of each pair: its matrix over a period (4), what e gives to both at the begin and at the end of a period.
-    weights : float array, shape (4, 7)
-        Of current, applied voltage, displacement and force: the six modes and the direct term.
-    form : int
-    k : float array, shape (3,)
-    outputs : float array, shape (4, n_time)
-        Written: current, applied voltage, displacement, force.
-    fronts : float array, shape (3, n_time) or (3, 0) [V]
-        Written, unless it is empty: e at the begin and at the end of the period before each row, and where the row is
-        read. With these in place of the voltage everything else behind the electrodes is a linear system.
+    begin, end : int
+        The rows, from which, and up to which.
+    state : float array, shape (STATE,)
+        What the row before has left: z1 to z6 (modes; the circuit's without what e now gives to them), the voltage, e
+        now, at the begin and at the end of the period, by how much it jumped since, w, p, the last four solutions at
+        the end of a period, those behind a jump, where exponentials were computed and what they were, and the
+        circuit's modes at that row. Written.
+    store : float array, shape (11, BLOCK)
+        Written.
+
+    The other parameters are those of ``law_modal``.
+
+    Returns
+    -------
+    lost, flowed : float [A]
+        Sums of what leaks at the end of each period, without and with its sign.
     """
     a1, begin1, end1 = circuit[0], circuit[1], circuit[2]
     a2, begin2, end2 = circuit[3], circuit[4], circuit[5]
@@ -197,20 +208,18 @@ def law_modal(
     b3, b4, c3, c4 = mechanical[0, 4], mechanical[0, 5], mechanical[0, 6], mechanical[0, 7]
     n3, n4, n5, n6 = mechanical[1, 0], mechanical[1, 1], mechanical[1, 2], mechanical[1, 3]
     b5, b6, c5, c6 = mechanical[1, 4], mechanical[1, 5], mechanical[1, 6], mechanical[1, 7]
-    store = np.empty((12, BLOCK))
     x1, x2, x3, x4, x5, x6 = store[0], store[1], store[2], store[3], store[4], store[5]
     begins, ends, reads, leaks, nodes = store[6], store[7], store[8], store[9], store[10]
-    z1 = z2 = z3 = z4 = z5 = z6 = 0.0  # modes; the circuit's without what e at this row gives to them
-    u = e = e_begin = 0.0  # the voltage, and e now and at the begin of a period
-    e_end = jump = 0.0  # e as a period ended, and by how much it jumped since
-    w = p = 0.0
+    z1, z2, z3, z4, z5, z6, u = state[0], state[1], state[2], state[3], state[4], state[5], state[6]
+    e, e_begin, e_end, jump, w, p = state[7], state[8], state[9], state[10], state[11], state[12]
+    p1, p2, p3, p4 = state[13], state[14], state[15], state[16]
+    j1, j2, j3, j4 = state[17], state[18], state[19], state[20]
+    at, there, at_jump, there_jump = state[21], state[22], state[23], state[24]
+    grown = lost = flowed = 0.0
+    rows = 1
     rate = sharp if form == EXPONENTIAL else 0.5 * sharp
-    at = at_jump = -np.inf  # where an exponential was computed, near which others are by a series
-    there = there_jump = grown = 0.0
-    p1 = p2 = p3 = p4 = 0.0  # the last solutions at the end of a period
-    j1 = j2 = j3 = j4 = 0.0  # and behind a jump
-    for first in range(0, voltage.shape[0], BLOCK):
-        rows = min(BLOCK, voltage.shape[0] - first)
+    for first in range(begin, end, BLOCK):
+        rows = min(BLOCK, end - first)
         for l in range(rows):  # noqa: E741
             new = voltage[first + l]
             jumping = new != u and (jumps != 0 or first + l == 0)
@@ -277,6 +286,8 @@ def law_modal(
                     e = u - series * w
                 p1, p2, p3, p4 = p, p1, p2, p3
                 e_end, jump = e, 0.0
+                lost += abs(w)
+                flowed += w
             if jumps <= 0:
                 x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
                 begins[l], ends[l] = e_begin, e_end
@@ -284,6 +295,7 @@ def law_modal(
             fronts[0, first : first + rows] = begins[:rows]
             fronts[1, first : first + rows] = ends[:rows]
             fronts[2, first : first + rows] = reads[:rows]
+            fronts[3, first : first + rows] = leaks[:rows]
         for l in range(rows):  # noqa: E741
             x1[l] += end1 * ends[l]
             x2[l] += end2 * ends[l]
@@ -295,17 +307,70 @@ def law_modal(
             z3, z4 = m3 * z3 + (m4 * z4 + x3[l]), m6 * z4 + (m5 * z3 + x4[l])
             z5, z6 = n3 * z5 + (n4 * z6 + x5[l]), n6 * z6 + (n5 * z5 + x6[l])
             x3[l], x4[l], x5[l], x6[l] = z3, z4, z5, z6
-        current = outputs[0, first : first + BLOCK]
+        current = outputs[0, first : first + rows]
         for l in range(rows):  # noqa: E741
             current[l] = (i1 * x1[l] + i2 * x2[l]) + (i0 * reads[l] + leaks[l])
-        applied = outputs[1, first : first + BLOCK]
+        applied = outputs[1, first : first + rows]
         for l in range(rows):  # noqa: E741
             applied[l] = nodes[l]
-        displacement = outputs[2, first : first + BLOCK]
+        displacement = outputs[2, first : first + rows]
         for l in range(rows):  # noqa: E741
             displacement[l] = ((d1 * x1[l] + d2 * x2[l]) + (d3 * x3[l] + d4 * x4[l])) + (
                 (d5 * x5[l] + d6 * x6[l]) + d0 * reads[l]
             )
-        force = outputs[3, first : first + BLOCK]
+        force = outputs[3, first : first + rows]
         for l in range(rows):  # noqa: E741
             force[l] = ((f1 * x1[l] + f2 * x2[l]) + (f3 * x3[l] + f4 * x4[l])) + f0 * reads[l]
+    state[0], state[1], state[2], state[3], state[4], state[5], state[6] = z1, z2, z3, z4, z5, z6, u
+    state[7], state[8], state[9], state[10], state[11], state[12] = e, e_begin, e_end, jump, w, p
+    state[13], state[14], state[15], state[16] = p1, p2, p3, p4
+    state[17], state[18], state[19], state[20] = j1, j2, j3, j4
+    state[21], state[22], state[23], state[24] = at, there, at_jump, there_jump
+    state[25], state[26] = x1[rows - 1], x2[rows - 1]
+    return lost, flowed
+
+
+@kernel
+def law_modal(
+    voltage: FloatArray,
+    jumps: int,
+    circuit: FloatArray,
+    mechanical: FloatArray,
+    weights: FloatArray,
+    form: int,
+    k: FloatArray,
+    outputs: FloatArray,
+    fronts: FloatArray,
+) -> None:
+    """Two real modes of the circuit with a law, and two pairs behind them, from rest.
+
+    One row hangs on the one before through a few sums only: the law is expanded about where the row before the last
+    and those before it point to, which is known long before, and what is left is a short series.
+
+    Parameters
+    ----------
+    voltage : float array, shape (n_time,) [V]
+    jumps : int
+        When the voltage jumps: 1 just before a row is read (hold ``zero``), -1 just after the row before (hold
+        ``zero-before``), 0 not at all (hold ``first``).
+    circuit : float array, shape (8,)
+        Of each mode: a, what e gives to it at the begin and at the end of a period; then the series resistance [ohm]
+        and the direct term of the node voltage.
+    mechanical : float array, shape (2, 8)
+        Of each pair: its matrix over a period (4), what e gives to both at the begin and at the end of a period.
+    weights : float array, shape (4, 7)
+        Of current, applied voltage, displacement and force: the six modes and the direct term.
+    form : int
+    k : float array, shape (3,)
+    outputs : float array, shape (4, n_time)
+        Written: current, applied voltage, displacement, force.
+    fronts : float array, shape (4, n_time) or (4, 0)
+        Written, unless it is empty: e [V] at the begin and at the end of the period before each row, and where the row
+        is read, and what leaks there [A]. With the former in place of the voltage everything else behind the
+        electrodes is a linear system.
+    """
+    store = np.empty((11, BLOCK))
+    law_stretch(
+        *(voltage, 0, voltage.shape[0], jumps, circuit, mechanical, weights, form, k),
+        *(at_rest(), store, outputs, fronts),
+    )
