@@ -33,7 +33,7 @@ from ipmclab.identification.search.assumed import (
 from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, settled_nearest, to_the_end, weigh
 from ipmclab.identification.search.doubts import impossible_current
 from ipmclab.identification.search.lowest import find_minima
-from ipmclab.identification.search.pose import need_as_many_readings
+from ipmclab.identification.search.pose import need_as_many_readings, without_leak
 from ipmclab.identification.search.rest import not_at_rest
 from ipmclab.identification.search.solve import Solution, entry_errors, null_directions
 from ipmclab.identification.search.starts.usual import usual_coupling
@@ -72,7 +72,7 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     unseen, beside = without_unseen(under), None
     if unseen:
         beside = under
-        problem, solution = _without_stages(problem, solution, unseen)
+        problem, solution = _without_stages(actuator, problem, solution, unseen)
         under, other = noisy(problem, solution)
     at = under.solution
     if problem.unknowns and len(null_directions(at.evaluation)):
@@ -151,12 +151,14 @@ def _usual(problem: Problem, near: Solution, ends: Sequence[Rival]) -> list[Riva
     return [] if theta is None else [Rival.of(problem, theta)]
 
 
-def _without_stages(problem: Problem, solution: Solution, unseen: Sequence[Unseen]) -> tuple[Problem, Solution]:
+def _without_stages(
+    actuator: Actuator, problem: Problem, solution: Solution, unseen: Sequence[Unseen]
+) -> tuple[Problem, Solution]:
     """Least squares without some stages."""
     gone = {unknown.name for one in unseen for unknown in one.unknowns}
     off = {name: value for one in unseen for name, value in one.off.items()}
     columns = [column for column, unknown in enumerate(problem.unknowns) if unknown.name in gone]
-    fewer = problem.without(columns, off)
+    fewer = without_leak(actuator, problem.without(columns, off))
     theta = np.delete(solution.theta, columns)
     first = replace(solution, theta=theta, evaluation=fewer.evaluate(theta), evaluations=solution.evaluations + 1)
     return weigh(fewer, minimum_beside(fewer, first)) if len(theta) else (fewer, first)

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.recovery import CASES, SEED, records_of, truth_of
 from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
+from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.along import held_at
 from ipmclab.identification.search.solve import Pinned, minimise
 from ipmclab.identification.solved import solved
@@ -105,3 +106,17 @@ def test_along_a_valley_no_other_start_ends_lower() -> None:
         for _ in range(6):
             start = np.delete(theta, column) + generator.normal(scale=1.0, size=len(theta) - 1)
             assert found <= minimise(pinned, start).evaluation.cost * (1.0 + 1e-5)
+
+
+def test_beside_a_leak_that_does_not_show_stands_the_fit_of_the_circuit_alone() -> None:
+    strip = load_actuator("friend-2")
+    clean = simulate(strip, "step 1 V", duration=20.0, rate=25.0)
+    assert clean.current is not None
+    noise = 1e-4 * np.random.default_rng(20261123).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise, hold="zero")
+    leaking = identify(with_stages(strip, "leak.exponential"), run, free="electrical,leak")
+    alone = identify(strip, run)
+    assert leaking.estimate is not None
+    assert isinstance(leaking.estimate.problem.responder, CircuitResponder)
+    for name, parameter in alone.parameters.items():
+        assert leaking.parameters[name].value == pytest.approx(parameter.value, rel=1e-6)

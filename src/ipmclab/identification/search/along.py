@@ -53,7 +53,7 @@ def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, s
     if {GAIN, ZERO} <= set(names.shared) and errors[ZERO] > _WEAK:
         fastest = fastest_rate(problem.records)
         found += held_at(problem, solution, ZERO, [part * fastest for part in _ZEROS])
-    if SLOW_TIME in names.shared and errors[SLOW_TIME] > _WEAK:
+    if errors.get(SLOW_TIME, 0.0) > _WEAK and SLOW_TIME in names.shared:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     if isinstance(problem.responder, CircuitResponder):
         found += branch_valley(problem, solution)

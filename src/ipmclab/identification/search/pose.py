@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from ipmclab.identification.problem.response import ActuatorResponder, CircuitRe
 from ipmclab.identification.problem.unknowns import SITES, unknowns_of
 from ipmclab.identification.search.starts.start import StartingPoint
 from ipmclab.model import Actuator
+from ipmclab.model.kinds import kind_of
 from ipmclab.model.parameters import Parameter
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,6 +44,27 @@ def problem_at(
     unknowns = unknowns_of(names, parameters, records, states=states, delays=point.delays)
     need_as_many_readings(len(unknowns), records)
     return Problem(actuator.parameter_values, records, unknowns, responder, noise)
+
+
+def without_leak(actuator: Actuator, problem: Problem) -> Problem:
+    """The problem of a circuit alone where every leak of it is switched off: poles and residues answer at once.
+
+    The problem itself where some leak is left, where more than the current is read, and where a run does not start from
+    rest, whose starting state is another.
+    """
+    free = {unknown.base for unknown in problem.unknowns}
+    leaks = 0
+    for name, value in problem.base.items():
+        kind = kind_of(name)
+        if kind is not None and kind.one_of == "leak" and kind.ending(name) in kind.off:
+            if value != 0.0 or name in free:
+                return problem
+            leaks += 1
+    only_current = all(set(one.readings) == {"current"} and one.start != "free" for one in problem.records)
+    if not leaks or not only_current or not replace(actuator.structure, leak="").is_lumped:
+        return problem
+    responder = CircuitResponder(actuator.circuit.branches)
+    return Problem(problem.base, problem.records, problem.unknowns, responder, problem.noise)
 
 
 def need_as_many_readings(unknowns: int, records: Sequence[PreparedRun]) -> None:
