@@ -22,14 +22,13 @@ from ipmclab.identification.environment.remarks import doubtful
 from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, places_of_mountings, with_mountings
+from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
 from ipmclab.identification.problem.free import FreeParameters, parse_free
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import (
     READ_OUTPUTS,
     PreparedRun,
-    as_read_before,
     disambiguated,
-    fitted_runs,
     label_of,
     noise_only,
     prepare,

@@ -16,16 +16,15 @@ from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.mountings.own_of_mounting import own_of_mounting
+from ipmclab.identification.problem.earlier_fit import fitted_runs, zeros_of_fit
 from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identification.problem.record import (
     LONGEST_DELAY,
     READ_OUTPUTS,
     PreparedRun,
-    fitted_runs,
     label_of,
     noise_only,
     prepare,
-    zeros_of_fit,
 )
 from ipmclab.identification.undetermined.open_coupling import open_coupling
 from ipmclab.model import Actuator
