@@ -34,9 +34,12 @@ FITTING = tuple(
         "posterior",
         "procedure",
         "independent",
+        "model",
+        "comparison",
+        "planning",
     )
 )
-"""Tests of these rooms fit: some of them are repeated with another processor's kernels."""
+"""Tests of these rooms fit, or stand on the same products: some are repeated with another processor's kernels."""
 
 THINNED = 6
 """One in so many of these tests: about a minute of the six that all of them take on one core."""
