@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ipmclab import InputError
+from ipmclab import InputError, identify, load_actuator, simulate, write_fit
+from ipmclab.cli.app import run
 from ipmclab.cli.output import print_json
 from ipmclab.cli.population import populations_document, print_populations
 from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.metric_model import MetricModel, model_metric
 from ipmclab.comparison.population import _Sums, population_of
 from ipmclab.comparison.table import RunRow
+from ipmclab.sample import Sample
 from tests.comparison.campaigns import campaign, row
 
 pytest.importorskip("emcee")
@@ -91,3 +95,28 @@ def test_two_strips_tell_nothing_of_a_third() -> None:
     rows = [row(size, sample=strip) for strip, size in (("a", 1.0), ("a", 1.1), ("b", 1.2), ("b", 1.3))]
     with pytest.raises(InputError, match="2 strips do not tell how far strips differ"):
         population_of(model_of(rows))
+
+
+def test_parameters_of_strips_tell_the_next_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    leak, strip = "circuit.dc_resistivity", load_actuator("friend-2")
+    paths = []
+    for name, value in (("a", 30.0), ("b", 40.0), ("c", 36.0)):
+        other = replace(strip.replace(**{leak: value}), sample=Sample(id=name))
+        write_fit(
+            identify(other, simulate(other, "step 1 V", duration=10, rate=10), free=leak), tmp_path / f"{name}.toml"
+        )
+        paths.append(str(tmp_path / f"{name}.toml"))
+    assert run(["compare", *paths, "--posterior", "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)["parameters"]
+    assert told["strips"] == ["a", "b", "c"]
+    assert told["values"] == pytest.approx([30.0, 40.0, 36.0], rel=1e-3)
+    sampled = told["sampled"]
+    assert sampled["convergence"]["r_hat"] <= 1.01
+    for low, high in (told["next_strip"], sampled["next_strip"]):
+        assert low < 30.0 < 40.0 < high
+    assert np.log(sampled["next_strip"]) == pytest.approx(np.log(told["next_strip"]), abs=1.0)
+    assert run(["compare", *paths]) == 0
+    assert "95 % of strips" in capsys.readouterr().out
+    assert run(["compare", paths[0], paths[0]]) == 2
+    assert "two fits are of the strip 'a'" in capsys.readouterr().err
+    assert run(["compare", *paths, "--by", "voltage"]) == 2

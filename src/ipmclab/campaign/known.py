@@ -73,6 +73,7 @@ def known_of(
     *,
     fits: Sequence[Fit] = (),
     free: Sequence[str] = (),
+    models: Path | None = None,
     tell: Tell = lambda _: None,
 ) -> tuple[dict[str, Known], tuple[str, ...]]:
     """What is known of each sample: by a fit that is given, or identified here from all of its runs.
@@ -88,6 +89,8 @@ def known_of(
         Each of runs of one of the samples.
     free : sequence of str
         As ``identify`` takes them; the circuit, and the coupling where the tip was read, where it is empty.
+    models : Path, optional
+        The folder of the models that the campaign identified: where the search of a sample begins.
     tell : callable
         Is told what is done next.
 
@@ -118,7 +121,7 @@ def known_of(
             continue
         tell(f"identifying {sample}")
         try:
-            found[sample] = _identified(strip, ours[sample], free)
+            found[sample] = _identified(_start(strip, models), ours[sample], free)
         except IpmclabError as error:
             remarks.append(f"{sample} is left out, for its model cannot be identified: {error.message}")
     if not found:
@@ -162,7 +165,10 @@ def _newer(sample: str, known: Known) -> Iterator[str]:
         yield f"{count} runs of {sample} are not in its fit: what they tell does not count here"
 
 
-def _identified(strip: Strip, results: Sequence[RunResult], free: Sequence[str]) -> Known:
+def _start(strip: Strip, models: Path | None) -> Actuator:
+    """What the campaign has identified of a sample from one of its runs, or else the actuator that it names."""
+    if models is not None and (path := models / f"{strip.sample.id}.toml").is_file():
+        return replace(load_actuator(path), fit_table=None)
     if strip.actuator is None:
         raise InputError(
             "the campaign names no actuator for it, which says what its model is",
@@ -170,7 +176,10 @@ def _identified(strip: Strip, results: Sequence[RunResult], free: Sequence[str])
             where=strip.sample.id,
             repair='add actuator = "friend-2" to the sample, or give a fit',
         )
-    actuator = replace(load_actuator(strip.actuator), fit_table=None)
+    return replace(load_actuator(strip.actuator), fit_table=None)
+
+
+def _identified(actuator: Actuator, results: Sequence[RunResult], free: Sequence[str]) -> Known:
     used = list(results)
     if not has_laws(actuator):
         counts = Counter(one.run.condition for one in results)

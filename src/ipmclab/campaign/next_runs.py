@@ -13,6 +13,7 @@ import numpy as np
 from ipmclab.campaign.blocks import CampaignRun
 from ipmclab.campaign.campaign import ROOM, Campaign
 from ipmclab.campaign.grown import lines_of
+from ipmclab.campaign.identified import MODELS
 from ipmclab.campaign.known import Known, Tell, has_laws, known_of, recorded_runs
 from ipmclab.campaign.planned import plan_campaign
 from ipmclab.errors import InputError
@@ -131,7 +132,8 @@ def propose_for_campaign(
     """
     tell: Tell = asked.pop("tell", lambda _: None)
     results, left = ((), 0) if folder is None else recorded_runs(campaign, folder)
-    known, remarks = known_of(campaign, results, fits=fits, free=free, tell=tell)
+    models = None if folder is None else folder / MODELS
+    known, remarks = known_of(campaign, results, fits=fits, free=free, models=models, tell=tell)
     ways = {sample: ways_of(campaign, sample, one, wishes or Wishes()) for sample, one in known.items()}
     tell("asking the model")
     proposal = propose_for_strips(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ipmclab.cli.compare_fits import compare_fits_of
 from ipmclab.cli.files import actuator_files, check_output
 from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import counting, print_json, print_paragraph, print_remarks, print_table, progress
@@ -29,7 +30,12 @@ _LISTED = 40
 
 def compare(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Runs (.nc), or folders of them.", show_default=False)
+        list[Path],
+        typer.Argument(
+            metavar="RUN...",
+            help="Runs (.nc), or folders of them; or fits (.toml) of one strip each.",
+            show_default=False,
+        ),
     ],
     by: Annotated[
         list[str] | None,
@@ -65,7 +71,11 @@ def compare(
     \b
     ipmclab compare runs --by thickness,voltage --out compare.html
     ipmclab compare runs --metric displacement.largest --posterior
+    ipmclab compare strip-1.toml strip-2.toml strip-3.toml --posterior
     """
+    if any(path.suffix == ".toml" for path in runs):
+        compare_fits_of(runs, (by, metric, strip, out, data), posterior=posterior, as_json=as_json)
+        return
     from ipmclab.comparison.compare import compare as compare_runs
     from ipmclab.comparison.factors import chosen_factors
     from ipmclab.model import load_actuator

@@ -3,8 +3,8 @@
 The same model as ``mixed``: a linear one of the factors with random intercepts of strip and of mounting. Coefficients
 and intercepts are normal under given standard deviations, and are integrated in closed form; Markov chains walk over
 the logarithms of the standard deviations alone. Beforehand every coefficient is as likely as any other, and each
-standard deviation has a half Cauchy distribution (Gelman, Bayesian Analysis 1 (2006) 515) whose scale is what the
-factors leave of the readings: hardly anything is said of it, and it is never below zero.
+standard deviation has a half Cauchy distribution (Gelman, Bayesian Analysis 1 (2006) 515) whose scale is three times
+what the factors leave of the readings: hardly anything is said of it, and it is never below zero.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from ipmclab.comparison.compare import HEADLINES, Comparison
+from ipmclab.comparison.fits import WIDE, mixture_quantiles
 from ipmclab.comparison.metric_model import MOUNTING, STRIP, MetricModel, StripApart, shares_of
 from ipmclab.comparison.mixed import RESIDUAL
 from ipmclab.comparison.table import RunRow
@@ -102,7 +103,7 @@ class Population:
         return self._told(centre, variance + self._components.sum(axis=1))
 
     def _told(self, centre: FloatArray, variance: FloatArray) -> tuple[float, tuple[float, float]]:
-        low, middle, high = _quantiles(centre, np.sqrt(variance), (0.025, 0.5, 0.975))
+        low, middle, high = mixture_quantiles(centre, np.sqrt(variance), (0.025, 0.5, 0.975))
         if self.model.is_ratio:
             low, middle, high = (math.exp(min(one, 700.0)) for one in (low, middle, high))
         return middle, (low, high)
@@ -281,7 +282,7 @@ def _walk(model: MetricModel, sums: _Sums, seed: int, steps: int) -> tuple[Chain
     def density(entries: FloatArray) -> FloatArray:
         inside = np.all((entries > lowest) & (entries < highest), axis=1)
         held = np.clip(entries, lowest, highest)
-        beforehand = np.sum(held - np.log1p(np.exp(2.0 * (held - math.log(scale)))), axis=1)
+        beforehand = np.sum(held - np.log1p(np.exp(2.0 * (held - math.log(WIDE * scale)))), axis=1)
         return np.where(inside, beforehand + sums.log_likelihood(_variances(held, names)), -np.inf)
 
     variances = [max(model.fit.variances[name], (0.1 * scale) ** 2) for name in names]
@@ -359,14 +360,3 @@ def _judged(found: list[tuple[str, float, float]], *, is_ratio: bool) -> tuple[S
         value = math.exp(min(away, 700.0)) if is_ratio else away
         results.append(StripApart(sample_id, value, largest, largest < _UNLIKE))
     return tuple(results)
-
-
-def _quantiles(centre: FloatArray, deviation: FloatArray, shares: Sequence[float]) -> tuple[float, ...]:
-    """Of a mixture of normal distributions, each as likely."""
-    from scipy.optimize import brentq
-
-    low, high = float(np.min(centre - 40.0 * deviation)), float(np.max(centre + 40.0 * deviation))
-    return tuple(
-        float(brentq(lambda x, share=share: float(np.mean(ndtr((x - centre) / deviation))) - share, low, high))
-        for share in shares
-    )
