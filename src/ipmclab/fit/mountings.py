@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 NEXT_STRIP: Final = (
-    "what another strip of this make will do is not known from one: ipmclab compare tells it from fits, or runs, of three "
-    "strips or more"
+    "what another strip of this make will do is not known from one: ipmclab compare tells it from fits, or runs, of "
+    "three strips or more"
 )
 """Said where the next mounting is unknown: a fit of one strip does not know the next strip, and this command does."""
 
