@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ipmclab import InputError
+from ipmclab import InputError, write_fit
 from ipmclab.campaign.blocks import blocks_of
 from ipmclab.campaign.campaign_file import load_campaign
 from ipmclab.campaign.conduct import Conduct, Sat
@@ -19,6 +19,7 @@ from ipmclab.store.journal.laboratory import Laboratory
 
 CAMPAIGN = """
 title = "two strips"   # a comment that stays
+identify = false
 [method]
 rate = "10 Hz"
 duration = "10 s"
@@ -81,6 +82,9 @@ def test_a_fit_of_a_sample_is_taken_and_another_is_refused(made: Path, tmp_path:
     mine = [one for one in results if one.run.sample == "friend-1"][:1]
     known, _ = known_of(campaign, mine, free=[LEAK])
     fit = known["friend-1"].fit
+    write_fit(fit, tmp_path / "friend-1.toml")
+    again, _ = known_of(campaign, mine, free=[LEAK], models=tmp_path)
+    assert again["friend-1"].fit.parameters[LEAK].value == pytest.approx(fit.parameters[LEAK].value, rel=1e-4)
     found = propose_for_campaign(campaign, made.with_suffix(""), fits=[fit], free=[LEAK], minutes=2, wishes=QUICK)
     assert set(found.proposal.of) == {"friend-1", "friend-3"}
     assert found.proposal.remarks == ("1 runs of friend-1 are not in its fit: what they tell does not count here",)

@@ -51,7 +51,8 @@ def lines_of(campaign: Campaign, proposal: StripsProposal, conditions: Mapping[s
 
     table = parse_table(campaign.text, where=campaign.where)
     parts = {part.name: one for part, one in zip(campaign.parts, table["experiments"], strict=True)}
-    many = {part.name: len(next(iter(part.experiments.values())).environments) > 1 for part in campaign.parts}
+    visited = {part.name: next(iter(part.experiments.values())).environments for part in campaign.parts}
+    many = {name: [one.name for one in each] if len(each) > 1 else [] for name, each in visited.items()}
     numbers = [int(found[1]) for part in campaign.parts if (found := _NAME.fullmatch(part.name))]
     counts = Counter((sample, run.experiment, run.candidate) for sample, run in proposal.runs)
     said = []
@@ -62,10 +63,9 @@ def lines_of(campaign: Campaign, proposal: StripsProposal, conditions: Mapping[s
         elsewhere = {*table.get("method", {}), *(once if "file" in source else ())}
         once = {key: value for key, value in once.items() if key in elsewhere or value > 1}
         new |= {"duration": f"{candidate.duration:g} s", **once, **source}
-        if candidate.condition is not None:
-            new["environments"] = [_condition(candidate.condition)]
-        elif many[experiment]:
-            new["environments"] = [conditions[sample]]
+        if many[experiment]:  # of one condition its table is the source's
+            own = candidate.condition
+            new["environments"] = [conditions[sample] or many[experiment][0] if own is None else _condition(own)]
         said.append(_LIST.sub(_in_one_line, tomli_w.dumps({"experiments": [new]})))
     return "\n".join(said)
 
