@@ -78,7 +78,7 @@ def print_next(of: OfCampaign, wishes: Mapping[str, Any], asked: Mapping[str, An
             where="--folder",
             repair="give --folder FOLDER, the one that characterise --out named, or fits of its samples (--fit)",
         )
-    _refuse_append(of)
+    _refuse_append(of, as_json=as_json)
     with progress("reading the runs") as tell:
         found = propose_for_campaign(
             campaign,
@@ -122,7 +122,7 @@ def _usual_folder(file: str) -> Path | None:
     return folder if folder != path and (folder / FILE).is_file() else None
 
 
-def _refuse_append(of: OfCampaign) -> None:
+def _refuse_append(of: OfCampaign, *, as_json: bool) -> None:
     """Before the work: whether the file can be written, and whether there is somebody to ask."""
     if of.append and not Path(of.file).is_file():
         raise InputError(
@@ -131,7 +131,7 @@ def _refuse_append(of: OfCampaign) -> None:
             where="--append",
             repair="leave --append out, and put the lines at the end of a file of your own",
         )
-    if of.append and not (of.yes or sys.stdin.isatty()):
+    if of.append and not (of.yes or (sys.stdin.isatty() and not as_json)):
         raise InputError(
             "nobody can be asked whether the file may be changed",
             code="usage",
