@@ -26,7 +26,7 @@ from ipmclab.errors import InputError
 PATIENCE: Final = 60.0
 """Seconds without any worker after which the work is given up."""
 
-ANSWER: Final = 10.0
+ANSWER: Final = 30.0
 """Seconds in which a scheduler has to answer."""
 
 _ADDRESS: Final = re.compile(r"(tcp|tls|ws|wss)://[^/\s]+:\d+")
