@@ -202,9 +202,11 @@ def _step(information: FloatArray, score: FloatArray) -> FloatArray:
     has, both have the same information to the last digit: only their sum can move. Eigenvalues of a symmetric matrix
     exist always, and their scale is that of information about one component alone.
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    own = np.diag(information)
+    scale = np.zeros(len(own))
+    scale[own > 0.0] = 1.0 / np.sqrt(own[own > 0.0])
     size, ways = np.linalg.eigh(information * np.outer(scale, scale))
-    known = size > _SINGULAR * size[-1]
+    known = size > _SINGULAR * max(size[-1], 0.0)
     return np.asarray(scale * (ways[:, known] @ (ways[:, known].T @ (scale * score) / size[known])), dtype=np.float64)
 
 
