@@ -14,6 +14,7 @@ import pytest
 import ipmclab
 from ipmclab.comparison.compare import Comparison, compare
 from ipmclab.reporting.comparison import comparison_figures, figure_csv, write_comparison, write_comparison_data
+from ipmclab.reporting.figures.comparison import effects_figure
 from tests.comparison.campaigns import campaign
 
 SIGNAL = "multisine 1 V 0.1 Hz 2 Hz harmonics=odd phases=random left_out=4"
@@ -87,3 +88,24 @@ def test_one_run_alone_makes_a_page(tmp_path: Path) -> None:
     page = write_comparison(found, tmp_path / "c.html").read_text("utf-8")
     assert "Comparison of 1 runs" not in page
     assert "Comparison of one run" in page
+
+
+def test_each_metric_says_its_own_levels_where_they_differ() -> None:
+    """Displacement was measured at 1 and 2 V, force at 1 and 3 V: no title holds for both."""
+    strip = ipmclab.load_actuator("friend-2")
+
+    def measured(channel: str, volts: float) -> ipmclab.Run:
+        run = ipmclab.simulate(strip, f"step {volts:g} V", duration=10.0, rate=10.0)
+        values = (1.0 + 0.01 * next(scatter)) * run.channels[channel]
+        return replace(run, **{"current": None, "displacement": None, "force": None, channel: values})
+
+    scatter = iter((0.0, 1.0, 2.0, 0.5, 1.5, 0.2, 0.7, 1.1))
+    runs = [measured("displacement", volts) for volts in (1.0, 1.0, 2.0, 2.0)]
+    runs += [measured("force", volts) for volts in (1.0, 1.0, 3.0, 3.0)]
+    figure = effects_figure(compare(runs))
+    assert figure is not None
+    (panel,) = figure.draw().axes
+    assert panel.get_title(loc="left").endswith("highest level over lowest")
+    said = " ".join(label.get_text() for label in panel.get_yticklabels())
+    assert "2 V over 1 V" in said
+    assert "3 V over 1 V" in said
