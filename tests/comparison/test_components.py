@@ -44,3 +44,20 @@ def test_components_that_nothing_tells_apart_do_not_stop_it() -> None:
     for weights in np.eye(len(DESIGN[0])):
         low, high = fit.contrast(weights).interval
         assert low <= high
+
+
+def test_rounding_decides_no_interval() -> None:
+    """Small campaigns whose strips and mountings do not differ at all, with rows in another order."""
+    draw = np.random.default_rng(3)
+    for _ in range(12):
+        strips = np.repeat(np.arange(5), 6)[draw.random(30) > 0.2]
+        mountings = 10 * strips + draw.integers(0, 2, len(strips))
+        design = np.column_stack([np.ones(len(strips)), strips % 2])
+        readings = draw.normal(size=len(strips))
+        turned = draw.permutation(len(strips))
+        both = [
+            fit_mixed(readings[order], design[order], {"strip": strips[order], "mounting": mountings[order]})
+            for order in (np.arange(len(strips)), turned)
+        ]
+        (low, high), (again, _) = (fit.contrast([0.0, 1.0]).interval for fit in both)
+        assert abs(low - again) < 1e-5 * (high - low)
