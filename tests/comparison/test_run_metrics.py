@@ -95,11 +95,11 @@ def test_the_baseline_of_the_mounting_that_came_last_before_the_run_counts() -> 
     ]
     names = []
     for mounting, when in (("m1", "2026-01-02"), ("m1", "2026-01-04"), ("m3", "2026-01-02")):
-        found = baseline_for(curling(0.0, 1e-4, mounting_id=mounting, recorded_at=when), drifts)
+        found = baseline_for(curling(0.0, 1e-4, mounting_id=mounting, recorded_at=when).metadata, drifts)
         names.append(found.name if found else None)
     assert names == ["m1-2026-01-01.nc", "m1-2026-01-03.nc", "m2-2026-01-02.nc"]
     nameless = replace(curling(0.0, 1e-4), metadata=RunMetadata())
-    assert baseline_for(nameless, drifts) is None
+    assert baseline_for(nameless.metadata, drifts) is None
 
 
 def test_times_of_baselines_are_moments_in_whatever_zone() -> None:
@@ -107,7 +107,7 @@ def test_times_of_baselines_are_moments_in_whatever_zone() -> None:
     early, late = "2026-03-01T09:30:00+02:00", "2026-03-01T08:15:00+00:00"
     drifts = [drift_of(curling(rate, 0.0, recorded_at=when)) for rate, when in ((1e-6, early), (2e-6, late))]
     found = [
-        baseline_for(curling(0.0, 1e-4, recorded_at=when), [one for one in drifts if one is not None])
+        baseline_for(curling(0.0, 1e-4, recorded_at=when).metadata, [one for one in drifts if one is not None])
         for when in ("2026-03-01T08:00:00+00:00", "2026-03-01T08:30:00+00:00", "2026-03-01T07:00:00+00:00", "yesterday")
     ]
     assert [round(1e6 * one.rate) for one in found if one is not None] == [1, 2, 1, 1]

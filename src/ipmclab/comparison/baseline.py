@@ -16,7 +16,7 @@ import numpy as np
 
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import NO_VOLTAGE
-from ipmclab.run import FloatArray, Run
+from ipmclab.run import FloatArray, Run, RunMetadata
 
 _FEWEST: Final = 20
 """Readings that make a rate."""
@@ -101,7 +101,7 @@ def _line(time: FloatArray, values: FloatArray) -> tuple[float, float]:
     return float(centred @ values) / weight, noise_of_readings(values) / math.sqrt(weight)
 
 
-def baseline_for(run: Run, drifts: Sequence[Drift]) -> Drift | None:
+def baseline_for(about: RunMetadata, drifts: Sequence[Drift]) -> Drift | None:
     """The baseline of the same strip that tells most of a run: of its mounting, and the last one before it.
 
     Times are compared as moments, whatever time zone they are written in; one without a zone is taken as local. Where
@@ -109,7 +109,8 @@ def baseline_for(run: Run, drifts: Sequence[Drift]) -> Drift | None:
 
     Parameters
     ----------
-    run : Run
+    about : RunMetadata
+        Of the run.
     drifts : sequence of Drift
 
     Returns
@@ -117,10 +118,10 @@ def baseline_for(run: Run, drifts: Sequence[Drift]) -> Drift | None:
     drift : Drift or None
         None where no baseline is of the same sample.
     """
-    sample = None if run.metadata.sample is None else run.metadata.sample.id
-    when = _moment(run.metadata.recorded_at or "")
+    sample = None if about.sample is None else about.sample.id
+    when = _moment(about.recorded_at or "")
     own = [one for one in drifts if one.sample == sample and sample is not None]
-    own = [one for one in own if one.mounting == run.metadata.mounting_id] or own
+    own = [one for one in own if one.mounting == about.mounting_id] or own
     before = [one for one in own if _moment(one.recorded_at) <= when]
     if before:
         return max(before, key=lambda one: _moment(one.recorded_at))

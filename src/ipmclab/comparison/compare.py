@@ -21,7 +21,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import Actuator
 from ipmclab.one_thread import on_one_thread
 from ipmclab.quality.check import check
-from ipmclab.run import Run
+from ipmclab.run import Run, RunMetadata
 from ipmclab.store.run_file import read_run
 
 Progress = Callable[[int, int], None]
@@ -234,6 +234,7 @@ class _Reader:
         self.doubtful: dict[str, tuple[str, ...]] = {}
         self.unread: list[Unread] = []
         self._drifts: list[Drift] = []
+        self._taken: dict[str, tuple[RunMetadata, Drift | None]] = {}  # what was taken from each run that has a voltage
 
     def read(self, runs: list[Run | str | os.PathLike[str]], tell: Progress) -> None:
         names = _labels(runs)
@@ -273,20 +274,22 @@ class _Reader:
 
     def _row(self, run: Run) -> RunRow:
         sample = "" if run.metadata.sample is None else run.metadata.sample.id
-        drift = None if is_baseline(run) else baseline_for(run, self._drifts)
+        drift = None
+        if not is_baseline(run):
+            drift = baseline_for(run.metadata, self._drifts)
+            self._taken[run.name] = run.metadata, drift
         return row_of(run, strip=self.strips.get(sample), drift=drift)
 
     def _correct(self, runs: Sequence[Run | str | os.PathLike[str]], names: Sequence[str]) -> None:
-        """Read those again whose baseline came after them."""
-        samples = {drift.sample for drift in self._drifts if drift.sample is not None}
+        """Read those again for which another baseline counts, now that all are known."""
         places = {row.run: place for place, row in enumerate(self.rows)}
         for one, name in zip(runs, names, strict=False):
-            place = places.get(name)
-            if place is None or self.rows[place].sample not in samples:
+            about, drift = self._taken.get(name, (None, None))
+            if about is None or baseline_for(about, self._drifts) is drift:
                 continue
             run = self._run(one, name)
-            if run is not None and not is_baseline(run):
-                self.rows[place] = self._row(run)
+            if run is not None:
+                self.rows[places[name]] = self._row(run)
 
 
 def _responses(run: Run) -> Iterator[FrequencyResponse]:
