@@ -16,8 +16,7 @@ import numpy.typing as npt
 from ipmclab.model.environment.conditions import WaterState
 from ipmclab.model.environment.hydration import PERCOLATION
 from ipmclab.model.environment.laws import check_conducts, conducts_above, moved_values
-from ipmclab.model.environment.path import Grid, chebyshev, steps
-from ipmclab.model.environment.track_loop import Panel
+from ipmclab.model.environment.path import Grid, Panel, chebyshev, steps
 
 FloatArray = npt.NDArray[np.float64]
 

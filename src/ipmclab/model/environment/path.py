@@ -80,6 +80,28 @@ class Grid(NamedTuple):
         return (wet[:, :, None] * warm[:, None, :]).reshape(len(contents), -1)
 
 
+class Panel(NamedTuple):
+    """Some states between which all numbers of a strip are polynomials.
+
+    Parameters
+    ----------
+    low, high : float
+        Logarithms of the water content that it is for.
+    contents, temperatures : float arrays
+        Chebyshev's points in the logarithm of the water content and in the temperature [degC].
+    by_content, by_temperature : float
+        By which part of itself the parameter that moves most does at most, for a factor of e of the content and for
+        1 K.
+    """
+
+    low: float
+    high: float
+    contents: FloatArray
+    temperatures: FloatArray
+    by_content: float
+    by_temperature: float
+
+
 def path_of(values: Mapping[str, float], water: WaterCourse, begin: float, end: float) -> Path:
     """The path of an actuator's parameters between two times [s].
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.environment.path import Panel
 from ipmclab.model.environment.transport_loop import LEAST, Membrane, advance, lagged, rate, vapour
 from ipmclab.model.numerics.compiled import kernel
 
@@ -42,28 +43,6 @@ class Track(NamedTuple):
     longest: float
     split: float
     renewed: float
-
-
-class Panel(NamedTuple):
-    """Some states between which all numbers of a strip are polynomials.
-
-    Parameters
-    ----------
-    low, high : float
-        Logarithms of the water content that it is for.
-    contents, temperatures : float arrays
-        Chebyshev's points in the logarithm of the water content and in the temperature [degC].
-    by_content, by_temperature : float
-        By which part of itself the parameter that moves most does at most, for a factor of e of the content and for
-        1 K.
-    """
-
-    low: float
-    high: float
-    contents: FloatArray
-    temperatures: FloatArray
-    by_content: float
-    by_temperature: float
 
 
 # Entries of a walk: the number of its interval; content, temperature, antisymmetric mode and rate of the content at the

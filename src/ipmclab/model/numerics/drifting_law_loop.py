@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.environment.track_loop import Panel, Track, blend, go_on, hurried, stay, weigh
+from ipmclab.model.environment.path import Panel
+from ipmclab.model.environment.track_loop import Track, blend, go_on, hurried, stay, weigh
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.law_modal_loop import BLOCK, follow, law_stretch
 

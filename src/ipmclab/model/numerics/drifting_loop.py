@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.environment.track_loop import NOW, Panel, Track, blend, go_on, hurried, stay, weigh
+from ipmclab.model.environment.path import Panel
+from ipmclab.model.environment.track_loop import NOW, Track, blend, go_on, hurried, stay, weigh
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_laws_loop import AtLaws, LawTable, begin, see, was_seen, write

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.blocks import Block
-from ipmclab.model.numerics.drifting_modal_loop import Pieces
 from ipmclab.model.numerics.modal import modes, recursion
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
 from ipmclab.run import Hold
+
+if TYPE_CHECKING:
+    from ipmclab.model.numerics.drifting_modal_loop import Pieces
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -86,6 +88,8 @@ def pieces_between(knots: FloatArray, weights: FloatArray, first: IndexArray) ->
     pieces : Pieces or None
         None where modes change their kind on the way, from two real ones to a pair.
     """
+    from ipmclab.model.numerics.drifting_modal_loop import Pieces
+
     kinds = knots[:, [3, 6]] != 0.0
     if np.any(kinds != kinds[0]):
         return None
