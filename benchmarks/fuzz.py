@@ -197,7 +197,11 @@ def fault(call: Callable[[], object]) -> str | None:
             own = [frame for frame in place if "ipmclab" in frame.filename] or list(place)
             return f"{type(error).__name__}: {error} ({own[-1].filename.split('ipmclab/')[-1]}:{own[-1].lineno})"
     where = nan_in(answer)
-    return f"nan given as {where}" if where else None
+    if where:
+        return f"nan given as {where}"
+    rows = answer.parameters.values() if isinstance(answer, ipmclab.Fit) else ()
+    open_ones = [one.name for one in rows if one.determined and {*map(abs, one.interval)} <= {0.0, math.inf}]
+    return f"called determined with an open interval: {', '.join(open_ones)}" if open_ones else None
 
 
 def nan_in(answer: object, where: str = "answer", depth: int = 6) -> str | None:

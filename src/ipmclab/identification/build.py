@@ -148,7 +148,10 @@ def build_fit(
             symbol=parameters[order(unknown.base)].symbol if unknown.base in parameters else "",
             standard_error=_standard_error(unknown, value, variance, error),
             interval=interval,
-            determined=agree and min(error, nearer_error) <= DETERMINED and not (at_bound and unknown.log),
+            determined=agree
+            and min(error, nearer_error) <= DETERMINED
+            and not (at_bound and unknown.log)
+            and interval != open_ends(unknown),
             at_bound=at_bound,
             prior=unknown.beforehand,
         )
