@@ -96,8 +96,8 @@ def go_through(
     scale = charged(actuator.state_names, values_in(stated, way.at_begin), stated)
     x = (np.asarray(state, dtype=np.float64) * scale)[seen]
     walk, water = way.set_out()
-    laws = np.zeros((2, 2 * len(table.forms)))
-    march = Marching(np.vstack([x, x]), laws, walk)
+    laws = np.zeros(2 * len(table.forms))
+    march = Marching(x, laws, walk)
     area = sum(abs(part) for _, _, part in actuator.structure.law_ports(stated)) or 1.0
     lengths = asked.durations[asked.course.interval]
     ends = way.begin + np.concatenate([[0.0], np.cumsum(lengths)])

@@ -60,11 +60,10 @@ class Marching(NamedTuple):
 
     Parameters
     ----------
-    x : float array, shape (2, n)
-        A state that goes on where parameters change: charges, not voltages, where capacitances do. The second row
-        keeps that with which a piece begins.
-    laws : float array, shape (2, 2 n_laws)
-        p and w, likewise.
+    x : float array, shape (n,)
+        A state that goes on where parameters change: charges, not voltages, where capacitances do.
+    laws : float array, shape (2 n_laws,)
+        p and w.
     walk : float array, shape (WALK,)
         Where the water is.
     """
@@ -107,7 +106,7 @@ def drifting(
     interval, start, end, row, reading = drive.course
     count, walk, ends = interval.shape[0], march.walk, drive.ends
     forms, coefficients = table
-    n, m, given = march.x.shape[1], forms.shape[0], start.shape[1]
+    n, m, given = march.x.shape[0], forms.shape[0], start.shape[1]
     columns = 2 * given + n + m
     moves, reads = np.empty(knots.moves.shape[2]), np.empty(knots.reads.shape[1])
     step, law_end = moves[: n * columns].reshape(1, n, columns), moves[n * columns : n * (columns + m)].reshape(n, m)
@@ -117,55 +116,52 @@ def drifting(
     read = reads[: shown * (seen + m)].reshape(shown, seen + m)
     ports = reads[shown * (seen + m) : reads.shape[0] - m * m].reshape(m, seen)
     share = np.empty(knots.reads.shape[0] + panel.contents.shape[0] + panel.temperatures.shape[0])
-    x, now = march.x[0], AtLaws(np.empty(m), march.laws[0, :m], march.laws[0, m:], np.full(given, np.nan))
+    x, now = march.x, AtLaws(np.empty(m), march.laws[:m], march.laws[m:], np.full(given, np.nan))
     base, from_here = np.empty(n), np.empty(columns)
     i = first
     while i < count:
-        march.x[1], march.laws[1] = x, march.laws[0]
         last = _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk))
-        while True:
-            if not weigh(track, panel, walk, 0.5 * (ends[i] + ends[last]), share):
-                return i, True
-            blend(knots.reads, share, reads)
-            now.seen[:] = np.nan
-            lost, flowed, kind = 0.0, 0.0, -1
-            for j in range(i, last):
-                if interval[j] != kind:
-                    kind = interval[j]
-                    blend(knots.moves[kind], share, moves)
-                if row[j] >= 0:
-                    if m > 0 and not was_seen(reading, row[j], now):
-                        see(ports, reading, row[j], x, now)
-                        if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
-                            return j, False
-                    write(read, reading, row[j], x, now.w, outputs)
-                if m > 0 and not was_seen(start, j, now):
-                    see(ports, start, j, x, now)
+        if not weigh(track, panel, walk, 0.5 * (ends[i] + ends[last]), share):
+            return i, True
+        blend(knots.reads, share, reads)
+        now.seen[:] = np.nan
+        lost, flowed, kind = 0.0, 0.0, -1
+        for j in range(i, last):
+            if interval[j] != kind:
+                kind = interval[j]
+                blend(knots.moves[kind], share, moves)
+            if row[j] >= 0:
+                if m > 0 and not was_seen(reading, row[j], now):
+                    see(ports, reading, row[j], x, now)
                     if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                         return j, False
-                begin(start, end, j, x, now.w, from_here)
-                multiply(step, 0, from_here, base)
-                length = ends[j + 1] - ends[j]
-                if m > 0:
-                    see(ports, end, j, base, now)
-                    if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
-                        return j, False
-                    for l in range(m):  # noqa: E741
-                        lost += abs(now.w[l]) * length
-                        flowed += now.w[l] * length
-                elif drive.leaks.shape[0] > 0:
-                    lost += abs(drive.leaks[j]) * length
-                    flowed += drive.leaks[j] * length
-                for s in range(n):
-                    total = base[s]
-                    for l in range(m):  # noqa: E741
-                        total += law_end[s, l] * now.w[l]
-                    x[s] = total
-            lost, flowed = lost / drive.area, flowed / drive.area
-            if last == i + 1 or not hurried(track, panel, walk, ends[last], lost, flowed):
+                write(read, reading, row[j], x, now.w, outputs)
+            if m > 0 and not was_seen(start, j, now):
+                see(ports, start, j, x, now)
+                if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
+                    return j, False
+            begin(start, end, j, x, now.w, from_here)
+            multiply(step, 0, from_here, base)
+            length = ends[j + 1] - ends[j]
+            if m > 0:
+                see(ports, end, j, base, now)
+                if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
+                    return j, False
+                for l in range(m):  # noqa: E741
+                    lost += abs(now.w[l]) * length
+                    flowed += now.w[l] * length
+            elif drive.leaks.shape[0] > 0:
+                lost += abs(drive.leaks[j]) * length
+                flowed += drive.leaks[j] * length
+            for s in range(n):
+                total = base[s]
+                for l in range(m):  # noqa: E741
+                    total += law_end[s, l] * now.w[l]
+                x[s] = total
+            if j + 1 < last and hurried(track, panel, walk, ends[j + 1], lost / drive.area, flowed / drive.area):
+                last = j + 1  # more leaks than was expected: the piece ends here
                 break
-            last = min(last - 1, _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk)))
-            x[:], march.laws[0] = march.x[1], march.laws[1]
+        lost, flowed = lost / drive.area, flowed / drive.area
         go_on(track, walk, ends[last], lost, flowed, water)
         i = last
         if i == count and row[i] >= 0:
