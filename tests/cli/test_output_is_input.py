@@ -62,6 +62,7 @@ OUTPUTS = [
     (("report", "fitted.toml", "--runs", "run.nc"), "--out", "run.nc"),
     (("report", "fitted.toml", "--runs", "run.nc", "--validation", "push.nc"), "--out", "push.nc"),
     (("sweep", "p.toml"), "--out", "p.toml"),
+    (("sweep", "p.toml", "--out", "results"), "--plot", "p.toml"),
     (("simulate", "strip.toml", *SAMPLED), "--out", "strip.toml"),
     (("simulate", "friend-2", *PLAYED), "--out", "record.csv"),
     (("import", "record.csv", "--map", "map.toml"), "--out", "record.csv"),

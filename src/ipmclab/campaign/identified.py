@@ -24,16 +24,15 @@ from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import read_fit, write_fit
 from ipmclab.identification.identify import identify
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.model.stages.beam import YOUNGS_MODULUS
 from ipmclab.model.stages.circuit import SHEET
-from ipmclab.model.stages.leak import Leak
+from ipmclab.model.stages.leak import LEAK, Leak
 from ipmclab.prediction.validate import Validation, validate
 from ipmclab.run import Run
 from ipmclab.signals import Step
 
 MODELS: Final = "models"
 """The folder of the fits, in that of the campaign."""
-
-MODULUS: Final = "beam.modulus"
 
 _MOST_ROWS: Final = 100_000
 """Of a run that a report may wait for."""
@@ -76,7 +75,7 @@ class Choice:
     @property
     def is_of_modulus(self) -> bool:
         """Whether the modulus alone is identified, after circuit and coupling."""
-        return self.free == (MODULUS,)
+        return self.free == (YOUNGS_MODULUS,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +156,7 @@ def choose_runs(results: Sequence[RunResult], strip: Actuator) -> tuple[Choice, 
     pushes = [one for one in here if one.run.measured == "force" and _height(one) > 0.0]
     if measured != "displacement" or not pushes:
         return (first,)
-    return first, _choice(here, "force", (MODULUS,))
+    return first, _choice(here, "force", (YOUNGS_MODULUS,))
 
 
 def _height(one: RunResult) -> float:
@@ -262,7 +261,7 @@ def _start(model: Actuator, stated: Actuator, choice: Choice) -> Actuator:
     leaks = bool(structure.leak) and _largest(choice.source.record) > _onset(stated)
     values = {**stated.parameter_values, **model.parameter_values}
     errors = {**stated.standard_uncertainties, **model.standard_uncertainties}
-    kept = {name: value for name, value in values.items() if leaks or not name.startswith("leak.")}
+    kept = {name: value for name, value in values.items() if leaks or not name.startswith(LEAK)}
     return replace(
         stated,
         parameter_values=kept,

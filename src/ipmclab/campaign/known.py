@@ -15,6 +15,8 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.identify import identify
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.model.declared import ELECTRICAL, MOTION, in_group
+from ipmclab.model.stages.coupling import ZERO
 from ipmclab.run import Run
 
 Tell = Callable[[str], None]
@@ -197,8 +199,8 @@ def has_laws(actuator: Actuator) -> bool:
 def _usual(actuator: Actuator, runs: Sequence[Run]) -> list[str]:
     """The circuit, and the coupling without its zero, which is faster than records are read."""
     tip = any(run.displacement is not None or run.force is not None for run in runs)
-    coupling = [name for name in actuator.parameters() if name in ("coupling.gain", "coupling.p1", "coupling.p2")]
-    return ["electrical", *(coupling if tip else [])]
+    coupling = [name for name in in_group(MOTION, actuator.parameters()) if name != ZERO]
+    return [ELECTRICAL, *(coupling if tip else [])]
 
 
 def _named(result: RunResult) -> Run:

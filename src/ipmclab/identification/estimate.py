@@ -14,7 +14,6 @@ from ipmclab.identification.noise.correlate import Correlated, with_noise
 from ipmclab.identification.noise.under_noise import at_rest_after_all
 from ipmclab.identification.noise.unseen import Unseen, without_unseen
 from ipmclab.identification.noise.weighting import weighted
-from ipmclab.identification.noise.worth import with_worth
 from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
@@ -126,10 +125,8 @@ def _noisy(
     problem: Problem, solution: Solution, names: FreeParameters, ends: Sequence[Rival]
 ) -> tuple[Correlated, Correlated | None]:
     """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
-    again = partial(_least, ends=ends)
-    least = with_noise(problem, solution, assumed_zeros(problem, names), again)
-    taken, other = weighted(least, partial(_from_everywhere, ends=ends))
-    return (taken if taken.is_weighted else with_worth(taken, again)), other
+    least = with_noise(problem, solution, assumed_zeros(problem, names), partial(_least, ends=ends))
+    return weighted(least, partial(_from_everywhere, ends=ends))
 
 
 def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:

@@ -19,6 +19,7 @@ from ipmclab.model.changing_general import Asked, go_through, way_along
 from ipmclab.model.changing_law import leaking
 from ipmclab.model.environment.charge import charged
 from ipmclab.model.environment.history import EnvironmentHistory
+from ipmclab.model.environment.hydration import SWELLING
 from ipmclab.model.environment.panels import values_at
 from ipmclab.model.environment.path import path_of, pieces_along
 from ipmclab.model.environment.transport import WaterCourse, curl_displacement, water_course
@@ -92,7 +93,7 @@ def changing_outputs(
         state = state_vector(strip.state_names, initial_state)
         water = go_through(strip, assembled, asked, state, way_along(strip, times, history), values)
     stated = actuator.parameter_values
-    if stated["hydration.linear_swelling"]:
+    if stated[SWELLING]:
         values[OUTPUTS.index("displacement")] += curl_displacement(stated, water.gradients(times))
     read_far(values, OUTPUTS, stated)
     return Changing(values, water)

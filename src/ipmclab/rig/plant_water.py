@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.model.environment import Environment
 from ipmclab.model.environment.history import EnvironmentHistory
-from ipmclab.model.environment.hydration import equilibrium
+from ipmclab.model.environment.hydration import SWELLING, equilibrium
 from ipmclab.model.environment.transport import WaterCourse, curl_displacement, water_course
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class StripWater:
     def curl(self, times: FloatArray) -> FloatArray:
         """What the water through its thickness adds to the displacement [m] at some times from now on [s]."""
         values = self._laws.parameter_values
-        if self._state is None or not values["hydration.linear_swelling"] or not len(times):
+        if self._state is None or not values[SWELLING] or not len(times):
             return np.zeros(len(times))
         if times[-1] <= self._now:
             return np.full(len(times), curl_displacement(values, self._gradient))

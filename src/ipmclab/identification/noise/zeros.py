@@ -4,10 +4,6 @@ A reading is model + N c + noise, where the columns of N are 1 and time, and c i
 For given parameters the best c is linear in the residual, so it is projected out. Rows at 0 V, before the strip is
 driven, show the sensor alone: their slope, with its standard error, is known beforehand. With P the precision of what
 is known, minus twice the log density of the best c is r' T^2 r with T^2 = I - N (N'N + P)^-1 N'.
-
-That holds for noise that is white. Readings with noise of covariance V say less of a slope with the column n: least
-squares finds it with the variance n'Vn / (n'n)^2, which is k = n'Vn / n'n times that of white noise. N'N then claims k
-times too much against P. Both are in proportion again where P counts k times.
 """
 
 from __future__ import annotations
@@ -23,7 +19,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import slope_at_rest
 from ipmclab.identification.noise.columns import constants
-from ipmclab.identification.noise.shape import Shape, spread_by
+from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
@@ -54,8 +50,6 @@ class Zero:
         The slope that the rows at 0 V have, and its standard error; infinite where nothing is known.
     most : float [SI]
         Standard deviation of the zero, where something is known of it beforehand; else infinite.
-    times : float
-        How many times as much the noise moves what all readings say of the slope as white noise would.
     """
 
     terms: Terms
@@ -66,7 +60,6 @@ class Zero:
     slope: float = 0.0
     error: float = math.inf
     most: float = math.inf
-    times: float = 1.0
 
     @classmethod
     def of(cls, record: PreparedRun, output: str, terms: Terms, noise: Shape, unit: float) -> Zero:
@@ -85,20 +78,6 @@ class Zero:
                 error = min(error, most / half)
         return cls(terms, constants(time)[:, held], inside, middle, half, slope, error, most)
 
-    def under(self, noise: Shape, steps: npt.NDArray[np.int64]) -> Zero:
-        """The same, what is known of the slope held against readings that are worth what a noise makes of them.
-
-        Parameters
-        ----------
-        noise : Shape
-        steps : int array, shape (n_measured,)
-            Steps of time between readings.
-        """
-        if not self.terms.trend or not math.isfinite(self.error) or math.isfinite(self.most):
-            return self
-        along = self.columns[:, -1:]
-        return replace(self, times=max(float(spread_by(along, steps, noise)[0, 0] / np.sum(along * along)), 1.0))
-
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""
         reading = record.readings[output]
@@ -109,13 +88,11 @@ class Zero:
 
     def projection(self, sigma: float) -> Projection:
         """In units of the noise of the rows."""
-        known = [(0.0, self.most, 1.0)] if self.terms.offset else []
-        known += [(self.slope * self.half, self.error * self.half, self.times)] if self.terms.trend else []
-        centre = np.array([middle for middle, _, _ in known]) / sigma
-        errors = np.array([error for _, error, _ in known]) / sigma
-        # Least squares counts every reading as one. Where they are worth fewer, so is what they say against the slope.
-        weights = np.array([times for _, _, times in known]) / errors**2
-        return Projection.of(self.columns, weights, centre, errors)
+        known = [(0.0, self.most)] if self.terms.offset else []
+        known += [(self.slope * self.half, self.error * self.half)] if self.terms.trend else []
+        precision = np.array([(sigma / error) ** 2 for _, error in known])
+        centre = np.array([middle / sigma for middle, _ in known])
+        return Projection.of(self.columns, precision, centre)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,12 +122,11 @@ class Projection:
     unsure: FloatArray
 
     @classmethod
-    def of(cls, columns: FloatArray, weights: FloatArray, centre: FloatArray, errors: FloatArray) -> Projection:
-        """Of constants that are known about a centre to some errors, each with a weight against the readings."""
-        inner = np.linalg.inv(columns.T @ columns + np.diag(weights))
+    def of(cls, columns: FloatArray, precision: FloatArray, centre: FloatArray) -> Projection:
+        inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
         orthonormal, triangle = np.linalg.qr(columns)
         share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
-        known = np.where(np.isfinite(errors), errors, 0.0)
+        known = np.where(precision > 0.0, 1.0 / np.sqrt(np.where(precision > 0.0, precision, 1.0)), 0.0)
         return cls(
             orthonormal @ turn,
             np.sqrt(np.clip(1.0 - share, 0.0, 1.0)),

@@ -19,6 +19,7 @@ SITES: Final = "hydration.site_density"
 LIQUID: Final = "hydration.liquid_water_content"
 FILM: Final = "hydration.film"
 ASYMMETRY: Final = "hydration.asymmetry"
+SWELLING: Final = "hydration.linear_swelling"
 
 _SORPTION: Final = tuple(
     Declaration(f"{PREFIX}{name}", NUMBER, f"s_{power}", -1e3, 1e3, "linear", default=value)
@@ -47,7 +48,7 @@ DECLARATIONS: Final = (
     # A strip of 0.25 mm between two films of 7 W/(m^2 K).
     Declaration("hydration.thermal_time", TIME, "τ_T", 0.0, 1e6, "linear", default=60.0, scale=60.0),
     Declaration("hydration.drag", NUMBER, "ξ", 0.0, 100.0, "linear", default=2.5),
-    Declaration("hydration.linear_swelling", NUMBER, "β_w", -1.0, 1.0, "linear", default=0.0, scale=0.01),
+    Declaration(SWELLING, NUMBER, "β_w", -1.0, 1.0, "linear", default=0.0, scale=0.01),
     *_SORPTION,
     Declaration(f"{PREFIX}scale", NUMBER, "s", 0.01, 100.0, default=1.0, likely=(0.8, 1.25)),
 )

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.model.environment.conditions import WaterState
 from ipmclab.model.environment.history import EnvironmentHistory
-from ipmclab.model.environment.hydration import SITES, equilibrium, reference
+from ipmclab.model.environment.hydration import SITES, SWELLING, equilibrium, reference
 from ipmclab.model.environment.sorption import COEFFICIENTS, PREFIX, WATER, activity, saturation_concentration, slope
 
 FloatArray = npt.NDArray[np.float64]
@@ -275,7 +275,7 @@ def curl(values: Mapping[str, float], gradient: Any) -> Any:
 
     beta_w g/h: the anode's face has more water where g is positive, and the strip bends away from it.
     """
-    return values["hydration.linear_swelling"] * gradient / values["geometry.thickness"]
+    return values[SWELLING] * gradient / values["geometry.thickness"]
 
 
 def curl_displacement(values: Mapping[str, float], gradient: Any) -> Any:

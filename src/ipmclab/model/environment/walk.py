@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.model.environment.conditions import WaterState
 from ipmclab.model.environment.history import EnvironmentHistory
-from ipmclab.model.environment.hydration import equilibrium
+from ipmclab.model.environment.hydration import SWELLING, equilibrium
 from ipmclab.model.environment.path import RENEWED
 from ipmclab.model.environment.sorption import WATER
 from ipmclab.model.environment.transport import WATER_FOR_A_COULOMB, Around, WaterCourse, around, water_course
@@ -67,7 +67,7 @@ def way_of(values: Mapping[str, float], history: EnvironmentHistory, begin: floa
     from ipmclab.model.environment.track_loop import Track
 
     zero = min(0.0, begin)
-    least = _FOR_CURL if values["hydration.linear_swelling"] else _LEAST_KEPT
+    least = _FOR_CURL if values[SWELLING] else _LEAST_KEPT
     corners = np.linspace(begin, end, least + 1) if leaks else np.empty(0)
     given = around(values, history, zero, end, corners)
     dry: WaterCourse = water_course(values, history, end - zero, start=history.start, begin=zero)

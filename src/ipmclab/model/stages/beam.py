@@ -14,6 +14,7 @@ from ipmclab.model.parameters import Declaration, Measurement, Values
 from ipmclab.model.stages.kind import LITTLE, Excitation, Numbers, StageKind, Trial, number_of
 from ipmclab.units import ANGULAR_RATE, DENSITY, MODULUS, NUMBER, STIFFNESS
 
+YOUNGS_MODULUS: Final = "beam.modulus"
 GAMMA: Final = 1.875
 """First solution of the clamped beam's characteristic equation, as rounded in Friend, section 4.2."""
 
@@ -146,7 +147,7 @@ class Beam:
             ),
             # From Pugal's model in water to sample 2 (Friend, Table 4.2); Nafion itself has 46 to 197 MPa (Tang 2006).
             Declaration(
-                *("beam.modulus", MODULUS, "Y", 1e3, 1e13),
+                *(YOUNGS_MODULUS, MODULUS, "Y", 1e3, 1e13),
                 typical=5e8,
                 likely=(4.1e7, 1.45e9),
                 measured=Measurement("measure Young's modulus (push the tip with a known force)", 7),

@@ -12,6 +12,7 @@ from ipmclab.model.parameters import Declaration, Values
 from ipmclab.model.stages.kind import CURRENT, LITTLE, Excitation, Numbers, StageKind, Trial, is_there
 from ipmclab.units import CURRENT_DENSITY, NUMBER, TIME, VOLTAGE, Quantity
 
+LEAK: Final = "leak."
 FORMS: Final = ("cubic", "exponential", "butler_volmer")
 """Forms of the law, in the order of the numbers by which the compiled loops know them."""
 
