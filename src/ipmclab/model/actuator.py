@@ -108,7 +108,7 @@ class Actuator(Shown):
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy and a pickle take along: the fields; what was worked out from them is worked out again."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: getattr(self, name) for name in _FIELDS}
 
     def keep(self, key: Hashable, make: Callable[[], _Kept]) -> _Kept:
         """What a computation works out of this actuator once, under a key of its own; the latest few are kept."""
@@ -361,6 +361,9 @@ class Actuator(Shown):
             When python-control is not installed.
         """
         return to_control(self.system, self.name)
+
+
+_FIELDS: Final = tuple(one.name for one in fields(Actuator))
 
 
 def _checked(declaration: Declaration, value: Any) -> float:

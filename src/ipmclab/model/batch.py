@@ -96,10 +96,17 @@ class Batch:
         return cls(actuator, sets, changes, record, voltage, chosen)
 
     def part(self, begin: int, end: int) -> Batch:
-        """Some of the sets."""
-        changes = {name: values[begin:end] for name, values in self.changes.items()}
-        voltage = self.voltage if len(self.voltage) == 1 else self.voltage[begin:end]
-        return replace(self, sets=end - begin, changes=changes, voltage=voltage)
+        """The sets from one place to another."""
+        return self._some(slice(begin, end), end - begin)
+
+    def of_sets(self, places: npt.NDArray[np.intp]) -> Batch:
+        """The sets at some places."""
+        return self._some(places, len(places))
+
+    def _some(self, chosen: slice | npt.NDArray[np.intp], sets: int) -> Batch:
+        changes = {name: values[chosen] for name, values in self.changes.items()}
+        voltage = self.voltage if len(self.voltage) == 1 else self.voltage[chosen]
+        return replace(self, sets=sets, changes=changes, voltage=voltage)
 
     def of_set(self, k: int) -> tuple[Actuator, FloatArray]:
         """The actuator of one set, and its voltage."""

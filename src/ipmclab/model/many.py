@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import Actuator
-from ipmclab.model.assemble import System
 from ipmclab.model.batch import Batch, Record, Signals
-from ipmclab.model.numerics.reduce import reduced, seen_states
+from ipmclab.model.batch_lanes import lanes_of
 from ipmclab.model.outputs import simulate_outputs
-from ipmclab.model.ports import choose_outputs
 from ipmclab.model.reductions import Reduced
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.platform import processors
@@ -24,8 +22,6 @@ from ipmclab.run import Hold
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
-
-    from ipmclab.model.numerics.lanes import Lanes
 
 FloatArray = npt.NDArray[np.float64]
 Outputs = Mapping[str, FloatArray]
@@ -304,44 +300,3 @@ def _check_finite(numbers: FloatArray, begin: int, output: str) -> None:
             where="simulate_many",
             repair="these numbers are beyond floating point: correct the voltage, the rate or the parameters",
         )
-
-
-def lanes_of(batch: Batch) -> Lanes | None:
-    """The loop in which the sets go side by side; None for an actuator that needs another."""
-    from ipmclab.model.numerics.lanes import MOST_STATES, Lanes
-
-    actuator, structure = batch.actuator, batch.actuator.structure
-    if structure.leak or structure.laser or any(_changes_the_loop(batch, name) for name in batch.changes):
-        return None
-    chosen = choose_outputs(batch.outputs)
-    own = _stacked(batch)
-    anywhere = replace(own, a=np.any(own.a != 0.0, axis=0), c=np.any(own.c != 0.0, axis=0))
-    seen = seen_states([actuator.system, anywhere], chosen)
-    if len(seen) > MOST_STATES:
-        return None
-    like = reduced(actuator.system, chosen, seen)
-    return Lanes(reduced(own, chosen, seen), like, 1.0 / batch.record.rate, batch.record.hold)
-
-
-def _changes_the_loop(batch: Batch, name: str) -> bool:
-    """Whether sets that differ in this parameter have no loop in common: other states, or water that is followed."""
-    counted = batch.actuator.structure.declarations[name].transform == "count"
-    return counted or name.startswith("hydration.")
-
-
-def _stacked(batch: Batch) -> System:
-    """The joined systems of all sets, with an axis of sets first in every matrix."""
-    actuator, structure = batch.actuator, batch.actuator.structure
-    if structure.takes_arrays:
-        every: Any = {**actuator.parameter_values, **batch.changes}
-        joined = actuator.assembled(every)
-        matrices = {
-            name: np.broadcast_to(matrix, (batch.sets, *matrix.shape[-2:]))
-            for name in ("a", "b", "c", "d")
-            for matrix in (getattr(joined, name),)
-        }
-    else:
-        systems = [batch.of_set(k)[0].system for k in range(batch.sets)]
-        joined = systems[0]
-        matrices = {name: np.stack([getattr(one, name) for one in systems]) for name in ("a", "b", "c", "d")}
-    return replace(joined, a=matrices["a"], b=matrices["b"], c=matrices["c"], d=matrices["d"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -10,15 +11,18 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import System
+from ipmclab.model.blocks import Block
+from ipmclab.model.numerics.cascade import Wiring, entries_of
 from ipmclab.model.numerics.dense import Dense, parts
 from ipmclab.model.numerics.law_modal import Loop, law_loop
-from ipmclab.model.numerics.modal import coefficients, modes
 from ipmclab.model.numerics.reduce import reduced, seen_states
 from ipmclab.model.numerics.regular import Regular
 from ipmclab.model.numerics.timeline import Timeline, divided, is_regular, side_by_side, timeline
 from ipmclab.model.ports import INPUTS, OUTPUT_PORTS, OUTPUTS, choose_outputs, left_at_rest
 from ipmclab.model.request import check_hold, checked_force, checked_record, state_vector
 from ipmclab.model.stages.laser import read_far
+from ipmclab.model.structure import Structure
+from ipmclab.model.written_out import WrittenOut, written_out
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
@@ -125,10 +129,26 @@ def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatAr
         return None
 
     def made() -> FloatArray | None:
-        found = modes(actuator.blocks(), external="voltage", outputs=OUTPUT_PORTS, at_rest=left_at_rest(["voltage"]))
-        return None if found is None else coefficients(found, period, hold)
+        written, wiring = set_up(actuator.structure)
+        if written is not None:
+            entries = written.entries(actuator.parameter_values)
+        else:
+            blocks = actuator.blocks()
+            entries, wiring = entries_of(blocks), _wiring(blocks)
+        return None if wiring is None else wiring.coefficients(entries, period, hold)
 
     return actuator.keep(("modal", period, hold), made)
+
+
+@lru_cache(maxsize=256)
+def set_up(structure: Structure) -> tuple[WrittenOut | None, Wiring | None]:
+    """The blocks of a structure written out, and which of them drives which."""
+    written = written_out(structure)
+    return written, None if written is None else _wiring(written.blocks)
+
+
+def _wiring(blocks: Sequence[Block]) -> Wiring | None:
+    return Wiring.of(blocks, external="voltage", outputs=OUTPUT_PORTS, at_rest=left_at_rest(["voltage"]))
 
 
 def leaking_loop(actuator: Actuator, period: float, hold: Hold) -> Loop | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import MISSING, Field, dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -238,6 +239,10 @@ class Signal(ABC):
 
     def __str__(self) -> str:
         """The signal as text that ``parse`` reads back to an equal signal."""
+        return self._text
+
+    @cached_property
+    def _text(self) -> str:
         words = [self.word]
         for parameter in fields(self):
             value = getattr(self, parameter.name)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.numerics.cascade_loop import cascade as _cascade
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.modal_loop import modal as _modal
@@ -14,7 +15,24 @@ from ipmclab.model.numerics.modal_loop import modal as _modal
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
+cascade = kernel(_cascade)
 modal = kernel(_modal)
+
+
+@kernel
+def cascades(
+    entries: FloatArray,
+    wiring: IndexArray,
+    ports: int,
+    nearly_meet: float,
+    period: float,
+    hold: int,
+    numbers: FloatArray,
+    found: npt.NDArray[np.bool_],
+) -> None:
+    """``cascade`` of many parameter sets: entries, numbers and what is returned have that axis first."""
+    for k in range(len(entries)):
+        found[k] = cascade(entries[k], wiring, ports, nearly_meet, period, hold, numbers[k])
 
 
 @kernel

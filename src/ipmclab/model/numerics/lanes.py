@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics import lanes_loop
 from ipmclab.model.numerics.compiled import kernel
-from ipmclab.model.numerics.lanes_loop import WIDTH
+from ipmclab.model.numerics.lanes_loop import ENTRY, NONE, ONE, WIDTH
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,36 +30,92 @@ _one_at_a_time: Final = threading.Lock()
 
 _LINE: Final = 8  # floats of a cache line: what begins on one is loaded at once
 
+_VOLTAGE: Final = -1
+_READS: Final[tuple[dict[int, int | None], ...]] = (
+    {0: 8, 1: 9, _VOLTAGE: 10},
+    {0: 11, 1: 12, _VOLTAGE: 13},
+    {0: 14, 1: 15, 2: 16, 3: 17, 4: 18, 5: 19, _VOLTAGE: 20},
+    {0: 21, 1: 22, 2: 23, 3: 24, _VOLTAGE: 25},
+)
+"""For each output, the modes that it reads and the voltage, and where ``modal_loop.modal`` has their weights."""
+
+_MOVES: Final[tuple[dict[int, int | None], ...]] = (
+    {0: 0, _VOLTAGE: None},
+    {1: 1, _VOLTAGE: None},
+    {2: 2, 3: 3, _VOLTAGE: None},
+    {2: None, 3: 4},
+    {4: 5, 5: 6, _VOLTAGE: None},
+    {4: None, 5: 7},
+)
+"""The same for what each mode is in the next row; None where that is a one."""
+
+_STARTS: Final = 26
+
 Gathered = tuple[tuple[int, str], ...]
 """Output and name in ``lanes_loop.TALLIES``."""
 
 
 class Lanes:
-    """The recursion of many systems over one period.
-
-    From rest, with the input straight between rows, ``x+ = E x + b0 u + b1 u+`` for every hold. With z = x - b1 u this
-    is ``z+ = E z + (b0 + E b1) u``: the voltage of one row only, whatever the hold, and z begins at -b1 u.
+    """The recursion of many systems of one structure over one period.
 
     Parameters
     ----------
-    system : System
-        With matrices of shape (n_sets, ...), linear, driven by the voltage alone.
-    like : System
-        The same for one parameter set. It gives the scales of the states, so that digits do not hang on which sets come
-        together.
-    period : float [s]
-    hold : "zero", "zero-before" or "first"
+    pattern : int array, shape (n_outputs + n_states, n_states + 1)
+        As in ``lanes_loop.loop_source``.
+    entries : float array, shape (n_sets, n_entries)
+        Of each system, in the order of the pattern.
+    start : float array, shape (n_sets, n_states)
+        The states at row 0 for 1 V there.
     """
 
-    def __init__(self, system: System, like: System, period: float, hold: Hold) -> None:
-        self.sets, self._outputs = len(system.a), system.c.shape[-2]
+    def __init__(self, pattern: npt.NDArray[np.int8], entries: FloatArray, start: FloatArray) -> None:
+        self.sets, self._outputs = len(entries), len(pattern) - start.shape[1]
+        self._pattern, self._entries, self._start = pattern, entries, start
+
+    @classmethod
+    def joined(cls, system: System, like: System, period: float, hold: Hold) -> Lanes:
+        """Of joined systems, whatever their poles.
+
+        From rest, with the input straight between rows, ``x+ = E x + b0 u + b1 u+`` for every hold. With z = x - b1 u
+        this is ``z+ = E z + (b0 + E b1) u``: the voltage of one row only, whatever the hold, and z begins at -b1 u.
+
+        Parameters
+        ----------
+        system : System
+            With matrices of shape (n_sets, ...), linear, driven by the voltage alone.
+        like : System
+            The same for one parameter set. It gives the scales of the states, so that digits do not hang on which sets
+            come together.
+        period : float [s]
+        hold : "zero", "zero-before" or "first"
+        """
         state, begin, end = _transition(system, like, period, hold)
         step = np.concatenate([state, begin + state @ end], axis=-1)
         read = np.concatenate([system.c, system.d + system.c @ end], axis=-1)
         matrices = np.concatenate([read, step], axis=-2)
-        self._pattern = _pattern(system, like, with_end=hold != "zero")
-        self._entries = matrices[:, self._pattern]
-        self._start = -end[..., 0]
+        pattern = _pattern(system, like, with_end=hold != "zero")
+        return cls(np.where(pattern, ENTRY, NONE).astype(np.int8), matrices[:, pattern], -end[..., 0])
+
+    @classmethod
+    def modal(cls, numbers: FloatArray, chosen: Sequence[int]) -> Lanes:
+        """Of the modes of cascades.
+
+        Parameters
+        ----------
+        numbers : float array, shape (n_sets, 32)
+            As ``modal_loop.modal`` has them.
+        chosen : sequence of int
+            Places of the outputs in ``ports.OUTPUTS``.
+        """
+        states = 1 + max(max(_READS[output]) for output in chosen)
+        rows = [*(_READS[output] for output in chosen), *_MOVES[:states]]
+        pattern = np.zeros((len(rows), states + 1), dtype=np.int8)
+        places: list[int] = []
+        for row, own in enumerate(rows):
+            for column, number in own.items():
+                pattern[row, column] = ONE if number is None else ENTRY
+                places += [] if number is None else [number]
+        return cls(pattern, numbers[:, places], numbers[:, _STARTS : _STARTS + states])
 
     def outputs(self, voltage: FloatArray, found: FloatArray) -> None:
         """Write the outputs of all sets.
@@ -156,7 +212,7 @@ def _made(
     """What Numba keeps of it on disk is known by its name."""
     asked = repr((shape, pattern, outputs, gathered, shared))
     name = f"lanes_{hashlib.sha256(asked.encode()).hexdigest()[:16]}"
-    entries = np.frombuffer(pattern, dtype=bool).reshape(shape)
+    entries = np.frombuffer(pattern, dtype=np.int8).reshape(shape)
     source = lanes_loop.loop_source(name, entries, outputs, gathered, shared=shared)
     made: dict[str, Any] = {}
     # Numba keeps compiled code for the file that a function stands in: this one's is the file that wrote it.

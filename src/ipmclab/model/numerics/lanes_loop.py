@@ -1,10 +1,11 @@
 """Many linear systems of one structure, side by side in the lanes of a processor.
 
 The state of one system moves by ``z+ = A z + b u`` and reads ``y = C z + d u`` for every hold (``lanes.Lanes``). Which
-entries of these matrices are not zero is the same for all parameter sets of an actuator. From that pattern
-``loop_source`` writes the loop out: one statement for each state and each output, in which every product is one load
-of a coefficient of all systems that lie side by side. A compiler turns exactly this form into vector operations: all
-in one flat array, at places that are numbers in the source, because it cannot know of two arrays that they are apart.
+entries of these matrices are not zero, and which are one, is the same for all parameter sets of an actuator. From that
+pattern ``loop_source`` writes the loop out: one statement for each state and each output, in which every product is one
+load of a coefficient of all systems that lie side by side. A compiler turns exactly this form into vector operations:
+all in one flat array, at places that are numbers in the source, because it cannot know of two arrays that they are
+apart.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ Of 32, outputs would be written a tenth faster still, and metrics, which change 
 
 CHUNK: Final = 32
 """Rows whose outputs are made before they are put where they belong: 16 kB, which stay in the first cache."""
+
+NONE, ENTRY, ONE = 0, 1, 2
+"""What a matrix may have at a place. A one costs no load and no product."""
 
 TALLIES: Final[dict[str, tuple[str, float]]] = {
     "sum": ("{sum} + y", 0.0),
@@ -137,7 +141,7 @@ def exponentials(generators: FloatArray, reach: float, weights: FloatArray, resu
 
 
 def loop_source(
-    name: str, pattern: npt.NDArray[np.bool_], outputs: int, gathered: Sequence[tuple[int, str]] | None, *, shared: bool
+    name: str, pattern: npt.NDArray[np.int8], outputs: int, gathered: Sequence[tuple[int, str]] | None, *, shared: bool
 ) -> str:
     """The loop for one pattern, as source text of a function.
 
@@ -148,8 +152,8 @@ def loop_source(
     ----------
     name : str
         Of the function.
-    pattern : bool array, shape (n_outputs + n_states, n_states + 1)
-        Where the matrices have entries: of the states, then of the voltage.
+    pattern : int array, shape (n_outputs + n_states, n_states + 1)
+        What the matrices have for the states, then for the voltage: NONE, an ENTRY, or a ONE.
     outputs : int
         How many of the rows are outputs, which come first; the others are the states.
     gathered : sequence of (output, name in TALLIES), optional
@@ -163,12 +167,14 @@ def loop_source(
     coefficient = first_tally + len(gathered or ())
     lines = ["u = volts" if shared else f"u = {_at(states)}", *(f"z{j} = {_at(j)}" for j in range(states))]
     for row, entries in enumerate(pattern):
-        products = [
-            f"{_at(coefficient + k)} * " + (f"z{column}" if column < states else "u")
-            for k, column in enumerate(np.flatnonzero(entries).tolist())
-        ]
-        coefficient += len(products)
-        total = " + ".join(products) or "0.0"
+        terms = []
+        for column in np.flatnonzero(entries).tolist():
+            term = f"z{column}" if column < states else "u"
+            if entries[column] == ENTRY:
+                term = f"{_at(coefficient)} * {term}"
+                coefficient += 1
+            terms.append(term)
+        total = " + ".join(terms) or "0.0"
         if row >= outputs:
             lines.append(f"{_at(row - outputs)} = {total}")
         elif gathered is None:

@@ -12,9 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from ipmclab.model.blocks import Block
 from ipmclab.run import Hold
 
@@ -203,32 +200,6 @@ class Recursion(NamedTuple):
     weights: list[list[float]]
     direct: list[float]
     starts: list[float]
-
-
-def coefficients(modes: Modes, period: float, hold: Hold) -> npt.NDArray[np.float64] | None:
-    """The numbers of ``kernels.modal`` for one period and hold.
-
-    Parameters
-    ----------
-    modes : Modes
-        With outputs in the order current, applied voltage, displacement, force.
-    period : float [s]
-    hold : "zero", "zero-before" or "first"
-
-    Returns
-    -------
-    coefficients : float array or None
-        In the layout that ``kernels.modal`` documents; None when these modes do not fit it.
-    """
-    found = recursion(modes, period, hold)
-    if found is None:
-        return None
-    current, applied, displacement, force = found.weights
-    if any(current[2:]) or any(applied[2:]) or any(force[4:]):
-        return None
-    direct = found.direct
-    reading = [*current[:2], direct[0], *applied[:2], direct[1], *displacement, direct[2], *force[:4], direct[3]]
-    return np.array([*found.numbers, *reading, *found.starts])
 
 
 def recursion(modes: Modes, period: float, hold: Hold) -> Recursion | None:

@@ -1,0 +1,247 @@
+"""From the matrices of a cascade of three blocks to the numbers of the modal loop, as plain Python.
+
+``kernels`` compiles it. It stands alone, as ``modal_loop`` does, so that a process that simulates one record need not
+load a compiler first. It knows real numbers only, each operation rounded by itself: compiled or not, the digits are the
+same.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+ZERO, ZERO_BEFORE = 0, 1
+"""Holds by number; any other is straight between rows."""
+
+_POLES: Final = 6
+_TERMS: Final = 19  # of the series of phi_2, enough for |z| up to 1/2
+
+
+def cascade(
+    entries: FloatArray,
+    wiring: IndexArray,
+    ports: int,
+    nearly_meet: float,
+    period: float,
+    hold: int,
+    numbers: FloatArray,
+) -> bool:
+    """Poles and residues of a cascade in closed form, and the modal recursion over one period.
+
+    A signal of the cascade is ``direct + sum of residue/(s - pole)`` (``modal.Fractions``). Behind a block with the
+    transfer function H it has its old poles, each residue times H there, and those of H, each residue times the signal
+    there. What is done with a pole and a hold stands in ``modal``.
+
+    Parameters
+    ----------
+    entries : float array
+        a, b, c and d of each block, row by row, one after the other.
+    wiring : int array
+        Of each of three blocks: states (1 or 2), inputs, outputs; then the number of the port of each input (-1 where
+        nothing happens at it) and of each output. The port 0 is driven from outside. Last the ports that are read:
+        current, applied voltage, displacement, force.
+    ports : int
+        How many there are.
+    nearly_meet : float
+        Relative gap between two poles below which there is no answer.
+    period : float [s]
+    hold : int
+    numbers : float array, shape (32,)
+        Written, in the layout of ``modal_loop.modal``.
+
+    Returns
+    -------
+    found : bool
+        False where these modes do not fit the loop, or two poles nearly meet.
+    """
+    direct, real, imaginary = np.zeros(ports), np.zeros((ports, _POLES)), np.zeros((ports, _POLES))
+    direct[0] = 1.0
+    pole_real, pole_imaginary = np.zeros(_POLES), np.zeros(_POLES)
+    count = np.zeros(3, dtype=np.int64)
+    # One over the difference of an own pole and an earlier one.
+    over_real, over_imaginary = np.zeros((2, _POLES)), np.zeros((2, _POLES))
+    own_real, own_imaginary = np.zeros(2), np.zeros(2)
+    sum_real, sum_imaginary = np.zeros(_POLES), np.zeros(_POLES)
+    at, wire = 0, 0
+    for section in range(3):
+        n, m, p = wiring[wire], wiring[wire + 1], wiring[wire + 2]
+        inputs, outputs = wire + 3, wire + 3 + m
+        wire = outputs + p
+        a, b, c, d = at, at + n * n, at + n * n + n * m, at + n * n + n * m + p * n
+        at = d + p * m
+        first = 2 * section
+        count[section] = n
+        a11, a12, a21, a22 = entries[a], 0.0, 0.0, 0.0
+        if n == 1:
+            pole_real[first] = a11
+        else:
+            a12, a21, a22 = entries[a + 1], entries[a + 2], entries[a + 3]
+            middle, half = 0.5 * (a11 + a22), 0.5 * (a11 - a22)
+            square = half * half + a12 * a21
+            if square < 0.0:
+                root = math.sqrt(-square)
+                pole_real[first], pole_imaginary[first] = middle, root
+                pole_real[first + 1], pole_imaginary[first + 1] = middle, -root
+            else:
+                # The larger root by addition, the smaller from the product, so that neither cancels.
+                root = math.sqrt(square)
+                larger = middle - root if middle < 0.0 else middle + root
+                pole_real[first] = larger
+                pole_real[first + 1] = (a11 * a22 - a12 * a21) / larger if larger != 0.0 else 0.0
+        for j in range(n):
+            for i in range(first + j):
+                if i < first and i % 2 >= count[i // 2]:
+                    continue
+                away_real = pole_real[first + j] - pole_real[i]
+                away_imaginary = pole_imaginary[first + j] - pole_imaginary[i]
+                away = away_real * away_real + away_imaginary * away_imaginary
+                one = pole_real[i] * pole_real[i] + pole_imaginary[i] * pole_imaginary[i]
+                other = (
+                    pole_real[first + j] * pole_real[first + j] + pole_imaginary[first + j] * pole_imaginary[first + j]
+                )
+                if away <= nearly_meet * nearly_meet * max(one, other):
+                    return False
+                over_real[j, i], over_imaginary[j, i] = away_real / away, -away_imaginary / away
+        for row in range(p):
+            port = wiring[outputs + row]
+            sum_direct = 0.0
+            sum_real[:] = 0.0
+            sum_imaginary[:] = 0.0
+            for column in range(m):
+                source = wiring[inputs + column]
+                if source < 0:
+                    continue
+                through = entries[d + row * m + column]
+                sum_direct += through * direct[source]
+                # The block's own residues, from c adj(s - a) b over det(s - a).
+                if n == 1:
+                    own_real[0], own_imaginary[0] = entries[c + row] * entries[b + column], 0.0
+                else:
+                    b1, b2 = entries[b + column], entries[b + m + column]
+                    c1, c2 = entries[c + 2 * row], entries[c + 2 * row + 1]
+                    linear = c1 * b1 + c2 * b2
+                    constant = c1 * (a12 * b2 - a22 * b1) + c2 * (a21 * b1 - a11 * b2)
+                    if pole_imaginary[first] != 0.0:
+                        own_real[0] = own_real[1] = 0.5 * linear
+                        own_imaginary[0] = -0.5 * (linear * pole_real[first] + constant) / pole_imaginary[first]
+                        own_imaginary[1] = -own_imaginary[0]
+                    else:
+                        apart = pole_real[first] - pole_real[first + 1]
+                        own_real[0] = (linear * pole_real[first] + constant) / apart
+                        own_real[1] = -(linear * pole_real[first + 1] + constant) / apart
+                        own_imaginary[0] = own_imaginary[1] = 0.0
+                for j in range(n):
+                    there_real, there_imaginary = direct[source], 0.0
+                    for i in range(first):
+                        there_real += real[source, i] * over_real[j, i] - imaginary[source, i] * over_imaginary[j, i]
+                        there_imaginary += (
+                            real[source, i] * over_imaginary[j, i] + imaginary[source, i] * over_real[j, i]
+                        )
+                    sum_real[first + j] += own_real[j] * there_real - own_imaginary[j] * there_imaginary
+                    sum_imaginary[first + j] += own_real[j] * there_imaginary + own_imaginary[j] * there_real
+                for i in range(first):
+                    there_real, there_imaginary = through, 0.0
+                    for j in range(n):
+                        there_real -= own_real[j] * over_real[j, i] - own_imaginary[j] * over_imaginary[j, i]
+                        there_imaginary -= own_real[j] * over_imaginary[j, i] + own_imaginary[j] * over_real[j, i]
+                    sum_real[i] += real[source, i] * there_real - imaginary[source, i] * there_imaginary
+                    sum_imaginary[i] += real[source, i] * there_imaginary + imaginary[source, i] * there_real
+            direct[port] = sum_direct
+            real[port, :] = sum_real
+            imaginary[port, :] = sum_imaginary
+    if pole_imaginary[0] != 0.0:
+        return False
+
+    reads = wire
+    weights, directs, starts = np.zeros((4, _POLES)), np.zeros(4), np.zeros(_POLES)
+    for output in range(4):
+        directs[output] = direct[wiring[reads + output]]
+    decay_real, decay_imaginary = np.zeros(2), np.zeros(2)
+    start_real, start_imaginary = np.zeros(2), np.zeros(2)
+    gain_real, gain_imaginary = np.zeros((4, 2)), np.zeros((4, 2))
+    for section in range(3):
+        first, n = 2 * section, count[section]
+        decay_real[1] = decay_imaginary[1] = start_real[1] = start_imaginary[1] = 0.0
+        gain_real[:, 1] = 0.0
+        gain_imaginary[:, 1] = 0.0
+        # Slow first: a chain must not carry what is gone within a period.
+        turned = n == 2 and pole_imaginary[first] == 0.0 and abs(pole_real[first + 1]) < abs(pole_real[first])
+        for j in range(n):
+            k = first + (1 - j if turned else j)
+            zr, zi = pole_real[k] * period, pole_imaginary[k] * period
+            size = math.exp(zr)
+            ar, ai = size * math.cos(zi), size * math.sin(zi)
+            square = zr * zr + zi * zi
+            if square > 0.25:
+                # phi_1 = (exp(z) - 1)/z and phi_2 = (phi_1 - 1)/z
+                ur, ui = (ar - 1.0) * zr + ai * zi, ai * zr - (ar - 1.0) * zi
+                ur, ui = ur / square, ui / square
+                vr, vi = (ur - 1.0) * zr + ui * zi, ui * zr - (ur - 1.0) * zi
+                vr, vi = vr / square, vi / square
+            else:
+                vr, vi, tr, ti = 0.5, 0.0, 0.5, 0.0
+                for term in range(3, _TERMS):
+                    tr, ti = (tr * zr - ti * zi) / term, (tr * zi + ti * zr) / term
+                    vr, vi = vr + tr, vi + ti
+                ur, ui = 1.0 + (zr * vr - zi * vi), zr * vi + zi * vr
+            if hold == ZERO:
+                gr, gi, hr, hi, sr, si = period * ur, period * ui, 0.0, 0.0, 0.0, 0.0
+            elif hold == ZERO_BEFORE:
+                away = ar * ar + ai * ai
+                if away < 1e-200:  # gone within a period: it cannot be carried in this form
+                    return False
+                hr, hi = period * ur, period * ui
+                gr, gi = ar * hr - ai * hi, ar * hi + ai * hr
+                sr, si = -ar / away, ai / away
+            else:
+                away = ur * ur + ui * ui
+                if away < 1e-6:  # an undamped mode that turns a whole number of times in a period
+                    return False
+                wr, wi = ur * ur - ui * ui, 2.0 * ur * ui
+                gr, gi, hr, hi = period * wr, period * wi, period * vr, period * vi
+                sr, si = -(vr * wr + vi * wi) / (away * away), -(vi * wr - vr * wi) / (away * away)
+            decay_real[j], decay_imaginary[j], start_real[j], start_imaginary[j] = ar, ai, sr, si
+            for output in range(4):
+                port = wiring[reads + output]
+                gain_real[output, j] = real[port, k] * gr - imaginary[port, k] * gi
+                gain_imaginary[output, j] = real[port, k] * gi + imaginary[port, k] * gr
+                directs[output] += real[port, k] * hr - imaginary[port, k] * hi
+        pair = n == 2 and pole_imaginary[first] != 0.0
+        apart = decay_imaginary[0] if pair and decay_imaginary[0] != 0.0 else decay_real[1] - decay_real[0]
+        starts[first] = start_real[0]
+        if section == 0:
+            numbers[0], numbers[1] = decay_real[0], decay_real[1]
+            starts[1] = start_real[1]
+            for output in range(4):
+                weights[output, 0], weights[output, 1] = gain_real[output, 0], gain_real[output, 1]
+            continue
+        chain = 2 + 3 * (section - 1)
+        if hold != ZERO and abs(apart) < 1e-9:
+            return False  # the chained modes at row 0 divide by it
+        if decay_imaginary[0] != 0.0:
+            numbers[chain], numbers[chain + 1], numbers[chain + 2] = decay_real[0], -(apart * apart), decay_real[0]
+            starts[first + 1] = start_imaginary[0] / apart if hold != ZERO else 0.0
+            for output in range(4):
+                weights[output, first] = 2.0 * gain_real[output, 0]
+                weights[output, first + 1] = -2.0 * gain_imaginary[output, 0] * apart
+        else:
+            numbers[chain], numbers[chain + 1], numbers[chain + 2] = decay_real[0], 0.0, decay_real[1]
+            starts[first + 1] = (start_real[1] - start_real[0]) / apart if hold != ZERO else 0.0
+            for output in range(4):
+                weights[output, first] = gain_real[output, 0] + gain_real[output, 1]
+                weights[output, first + 1] = gain_real[output, 1] * apart
+    for k in range(2, _POLES):
+        if weights[0, k] != 0.0 or weights[1, k] != 0.0 or (k >= 4 and weights[3, k] != 0.0):
+            return False
+    numbers[8:10], numbers[10] = weights[0, :2], directs[0]
+    numbers[11:13], numbers[13] = weights[1, :2], directs[1]
+    numbers[14:20], numbers[20] = weights[2], directs[2]
+    numbers[21:25], numbers[25] = weights[3, :4], directs[3]
+    numbers[26:32] = starts
+    return True
