@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from ipmclab.fit.fit_file import write_fit as write_fit
     from ipmclab.forecasting.forecast import forecast as forecast
     from ipmclab.identification.identify import identify as identify
+    from ipmclab.identification.refit import Refits as Refits
+    from ipmclab.identification.refit import refit as refit
     from ipmclab.identification.uncertainty.bootstrap import bootstrap as bootstrap
     from ipmclab.identification.uncertainty.profiles import profile as profile
     from ipmclab.identification.undetermined.identifiable import identifiability as identifiability
@@ -78,6 +80,8 @@ _HOMES: Final = {
     "write_comparison_data": "ipmclab.reporting.comparison",
     "follow_procedure": "ipmclab.procedure.follow",
     "forecast": "ipmclab.forecasting.forecast",
+    "Refits": "ipmclab.identification.refit",
+    "refit": "ipmclab.identification.refit",
     "identifiability": "ipmclab.identification.undetermined.identifiable",
     "identify": "ipmclab.identification.identify",
     "leave_one_run_out": "ipmclab.prediction.left_out",

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.unseen import Unseen
+from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.solve import (
-    Solution,
-)
+from ipmclab.identification.search.again import Fitted
+from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
+
+FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,3 +60,37 @@ def solved(fit: Fit) -> Estimate:
             repair="identify again from its runs, and use the fit that returns",
         )
     return fit.estimate
+
+
+def fitted(fit: Fit) -> Fitted:
+    """Where fits to other readings of the same runs start.
+
+    Raises
+    ------
+    InputError
+        As ``solved``.
+    """
+    estimate = solved(fit)
+    names = [unknown.name for unknown in estimate.problem.unknowns]
+    own = estimate.solution.theta
+    starts = [
+        np.array([rival.entries.get(name, entry) for name, entry in zip(names, own, strict=True)])
+        for rival in estimate.rivals
+    ]
+    correlated = estimate.correlated
+    return Fitted(correlated.problem, correlated.solution.theta, correlated.solution.evaluation, starts)
+
+
+def values_of(problem: Problem, thetas: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """The value [SI] of each parameter in each of some fits, shape (n_fits,).
+
+    Branches and modes are named by their place in the row of time constants, in each fit anew.
+    """
+    first = problem.records[0].place
+    asked = [(place, unknown) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    found: dict[str, list[float]] = {}
+    for theta in thetas:
+        order = Order(problem.in_reference(theta, first))
+        for place, unknown in asked:
+            found.setdefault(order(unknown.name), []).append(unknown.value(float(theta[place])))
+    return {name: np.array(values) for name, values in found.items()}

@@ -7,11 +7,12 @@ Y(s) = D + sum_j r_j/(s - lambda_j): with two branches five numbers, whatever th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.kernels import admittance_slopes
+from ipmclab.identification.problem.kernels import admittance_slopes, admittances_slopes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,28 +58,37 @@ class Admittance:
     poles: FloatArray
 
 
-def _modes(elements: Elements) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _modes(
+    series: FloatArray, leak: FloatArray, resistances: FloatArray, capacitances: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Poles, eigenvectors and inlets of the symmetric form, in which w_i = sqrt(C_i) v_i are the states.
 
     They are those of its inverse, diag(R C) + s/(1 + s/R_dc) sqrt(C) sqrt(C)', whose eigenvalues are the time
     constants: nothing cancels in that sum, and its rounding falls on the fastest mode, not on the slow ones that a
     record shows. By the interlacing theorem each time constant lies between two neighbouring R C, so that no pole can
-    come out with the wrong sign.
+    come out with the wrong sign. Of many circuits every array has that axis first.
     """
-    resistance, capacitance = elements.resistances, elements.capacitances
-    own, root = resistance * capacitance, np.sqrt(capacitance)
-    shared = elements.series / (1.0 + elements.series / elements.leak)
-    system = (shared * root)[:, None] * root
-    system.flat[:: len(own) + 1] += own
+    own, root = resistances * capacitances, np.sqrt(capacitances)
+    divider = (1.0 + series / leak)[..., None]
+    shared = series[..., None] / divider
+    system = (shared * root)[..., :, None] * root[..., None, :]
+    diagonal = np.arange(own.shape[-1])
+    system[..., diagonal, diagonal] += own
     times, vectors = np.linalg.eigh(system)
     least = np.sort(own)
-    times = np.clip(times, least, np.append(least[1:], least[-1] + shared * capacitance.sum()))
-    return -1.0 / times, vectors, root @ vectors / (times * (1.0 + elements.series / elements.leak))
+    most = least[..., -1:] + shared * capacitances.sum(axis=-1, keepdims=True)
+    times = times.clip(least, np.concatenate([least[..., 1:], most], axis=-1))
+    return -1.0 / times, vectors, (root[..., None, :] @ vectors)[..., 0, :] / (times * divider)
+
+
+def _of(elements: Elements) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The modes of one circuit."""
+    return _modes(np.float64(elements.series), np.float64(elements.leak), elements.resistances, elements.capacitances)  # type: ignore[arg-type]
 
 
 def capacitor_voltages(elements: Elements, amplitudes: FloatArray) -> FloatArray:
     """Voltages of the capacitors [V] that add to the current one decay of each mode with this amplitude [A]."""
-    _, vectors, seen = _modes(elements)
+    _, vectors, seen = _of(elements)
     voltages: FloatArray = vectors @ (-amplitudes / seen) / np.sqrt(elements.capacitances)
     return voltages
 
@@ -96,7 +106,7 @@ def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
         Of direct, residues and poles (rows) with respect to the series resistance [1/ohm] and to
         the logarithms of leak, resistances and capacitances (columns).
     """
-    poles, vectors, seen = _modes(elements)
+    poles, vectors, seen = _of(elements)
     residues = np.empty(len(poles))
     derivatives = np.empty((1 + 2 * len(poles), 2 + 2 * len(poles)))
     direct = admittance_slopes(
@@ -111,6 +121,31 @@ def admittance(elements: Elements) -> tuple[Admittance, FloatArray]:
         derivatives,
     )
     return Admittance(direct, residues, poles), derivatives
+
+
+class Admittances(NamedTuple):
+    """The admittances of many circuits, and their derivatives; as ``admittance``, with the axis of circuits first."""
+
+    direct: FloatArray
+    residues: FloatArray
+    poles: FloatArray
+    derivatives: FloatArray
+
+
+def admittances(series: FloatArray, leak: FloatArray, resistances: FloatArray, capacitances: FloatArray) -> Admittances:
+    """Poles and residues of many circuits, and their derivatives.
+
+    Parameters
+    ----------
+    series, leak : float array, shape (n_circuit,) [ohm]
+    resistances, capacitances : float array, shape (n_circuit, n_branch) [ohm, F]
+    """
+    poles, vectors, seen = _modes(series, leak, resistances, capacitances)
+    circuits, branches = poles.shape
+    direct, residues = np.empty(circuits), np.empty((circuits, branches))
+    derivatives = np.empty((circuits, 1 + 2 * branches, 2 + 2 * branches))
+    admittances_slopes(series, leak, resistances, capacitances, poles, vectors, seen, direct, residues, derivatives)
+    return Admittances(direct, residues, poles, derivatives)
 
 
 def elements(series: float, seen: Admittance) -> Elements:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 
-from ipmclab.model.kinds import kinds
+from ipmclab.model.kinds import edition, kinds
 
 
 class Order:
@@ -24,8 +25,7 @@ class Order:
     """
 
     def __init__(self, values: Mapping[str, float]) -> None:
-        speeds = {kind.prefix.removesuffix("."): kind.speed for kind in kinds() if kind.speed is not None}
-        self._numbered = re.compile(rf"\b({'|'.join(map(re.escape, speeds))})\.(\d+)\.")
+        speeds, self._numbered = _speeds(edition())
         found: dict[str, set[int]] = {}
         for name in values:
             match = self._numbered.match(name)
@@ -48,3 +48,10 @@ class Order:
     def __call__(self, text: str) -> str:
         """A name, or every name in a sentence, as it is called after sorting."""
         return self._numbered.sub(lambda match: f"{match[1]}.{self._places[match[1], int(match[2])]}.", text)
+
+
+@lru_cache(maxsize=4)
+def _speeds(_edition: int) -> tuple[Mapping[str, Callable[[Mapping[str, float], str], float]], re.Pattern[str]]:
+    """How fast one of each kind is that a strip has several of, and their names in a text; many fits ask for it."""
+    speeds = {kind.prefix.removesuffix("."): kind.speed for kind in kinds() if kind.speed is not None}
+    return speeds, re.compile(rf"\b({'|'.join(map(re.escape, speeds))})\.(\d+)\.")

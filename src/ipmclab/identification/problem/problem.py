@@ -26,7 +26,7 @@ Mask = npt.NDArray[np.bool_]
 Noise = Mapping[tuple[int, str], float]
 
 _RECTANGLE: Final = 3.0**0.5  # half width of a rectangular distribution, in its standard deviations
-_WELL_APART: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
+WELL_APART: Final = 1e-3  # part of a scaled column that the ones before it do not imitate
 
 ROUNDING: Final = 1e-10
 """Part of the largest reading below which noise is not believed."""
@@ -79,7 +79,7 @@ class Evaluation:
             factor = np.linalg.cholesky(products / (size[:, None] * size))
         except np.linalg.LinAlgError:
             factor = np.zeros_like(products)
-        if factor.diagonal().min() > _WELL_APART:
+        if factor.diagonal().min() > WELL_APART:
             return np.asarray(factor.T * size)
         found = np.linalg.qr(self.rows.T, mode="r")
         products[: len(found)], products[len(found) :] = found, 0.0

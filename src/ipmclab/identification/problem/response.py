@@ -71,25 +71,26 @@ def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> E
     )
 
 
-def lumped_derivatives(branches: int, values: Mapping[str, float], names: Sequence[str]) -> FloatArray:
+def lumped_derivatives(branches: int, values: Mapping[str, Any], names: Sequence[str]) -> FloatArray:
     """Derivatives of (series, log R_dc, log R_i, log C_i) with respect to parameters, by complex step.
 
-    Shape (2 + 2 n_branch, n_name).
+    Shape (2 + 2 n_branch, n_name); of many circuits, whose parameters ``names`` are arrays, with that axis first.
     """
     if not names:
         return np.zeros((2 + 2 * branches, 0))
-    steps = np.array([1e-30 * max(abs(values[name]), 1e-12) for name in names])
+    steps = 1e-30 * np.maximum(np.abs(np.stack([values[name] for name in names], axis=-1)), 1e-12)
     # All steps at once: each parameter is an array that has moved in its own column only.
     moved: dict[str, Any] = dict(values)
     for column, name in enumerate(names):
-        moved[name] = np.full(len(names), complex(values[name]))
-        moved[name][column] += 1j * steps[column]
+        moved[name] = np.zeros(steps.shape, dtype=np.complex128)
+        moved[name] += np.asarray(values[name])[..., None]
+        moved[name][..., column] += 1j * steps[..., column]
     parts = Circuit(branches).elements(moved)
-    elements = np.empty((2 + 2 * branches, len(names)), dtype=np.complex128)
+    elements = np.empty((*steps.shape[:-1], 2 + 2 * branches, len(names)), dtype=np.complex128)
     for row, element in enumerate([parts.series, parts.dc, *parts.branch_resistances, *parts.branch_capacitances]):
-        elements[row] = element
-    columns: FloatArray = elements.imag / steps
-    columns[1:] /= elements.real[1:]
+        elements[..., row, :] = element
+    columns: FloatArray = elements.imag / steps[..., None, :]
+    columns[..., 1:, :] /= elements.real[..., 1:, :]
     return columns
 
 
@@ -97,7 +98,7 @@ class CircuitResponder:
     """Current alone, from poles and residues. A start that is not rest is an amplitude of each mode [A]."""
 
     def __init__(self, branches: int) -> None:
-        self._branches = branches
+        self.branches = branches
         # The latest answers are kept: runs share their circuit, and a point is often asked again for other names.
         self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
         self._chains: dict[object, FloatArray] = {}
@@ -113,9 +114,9 @@ class CircuitResponder:
             self._seen.clear()
             self._chains.clear()
         if behind not in self._seen:
-            self._seen[behind] = admittance(lumped(self._branches, values, record.series_resistance))
+            self._seen[behind] = admittance(lumped(self.branches, values, record.series_resistance))
         if asked not in self._chains:
-            self._chains[asked] = lumped_derivatives(self._branches, values, names)
+            self._chains[asked] = lumped_derivatives(self.branches, values, names)
         seen, derivatives = self._seen[behind]
         return seen, derivatives @ self._chains[asked]
 
@@ -130,21 +131,21 @@ class CircuitResponder:
 
     def for_means(self) -> CircuitResponder:
         """One that has seen no rows."""
-        return CircuitResponder(self._branches)
+        return CircuitResponder(self.branches)
 
     def amplitudes(self, record: PreparedRun) -> int:  # noqa: ARG002  # the protocol's signature
         """One for each pole."""
-        return self._branches
+        return self.branches
 
     def start_columns(self, record: PreparedRun, values: Mapping[str, float], delay: float) -> FloatArray:  # noqa: ARG002
         """The decay of each mode."""
-        poles = admittance(lumped(self._branches, values, record.series_resistance))[0].poles
+        poles = admittance(lumped(self.branches, values, record.series_resistance))[0].poles
         return np.exp(np.outer(record.run.time - record.run.time[0], poles))[None]
 
     def initial_state(self, record: PreparedRun, values: Mapping[str, float], start: FloatArray) -> dict[str, float]:
         """Capacitor voltages [V]."""
-        voltages = capacitor_voltages(lumped(self._branches, values, record.series_resistance), start)
-        return dict(zip(Circuit(self._branches).state_names, map(float, voltages), strict=True))
+        voltages = capacitor_voltages(lumped(self.branches, values, record.series_resistance), start)
+        return dict(zip(Circuit(self.branches).state_names, map(float, voltages), strict=True))
 
     def respond(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
@@ -158,9 +159,9 @@ class CircuitResponder:
         if record.delay_is_free:
             # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
             by_delay -= seen.residues @ (seen.poles[:, None] * state + given.present)
-        decay = np.zeros((self._branches, 0))
+        decay = np.zeros((self.branches, 0))
         if record.start == "free":
-            free = start if len(start) else np.zeros(self._branches)
+            free = start if len(start) else np.zeros(self.branches)
             since = record.run.time - record.run.time[0]
             decay = np.exp(np.outer(seen.poles, since))
             current += free @ decay

@@ -25,7 +25,10 @@ SETTLED: Final = 1e-9
 """Of a standard error: a step shorter than that is none."""
 
 _FAR: Final = 1.0  # standard errors: from farther away a search has not ended
-_MOST_STEPS: Final = 12
+MOST_STEPS: Final = 12
+FARTHEST_STEP: Final = 3.0
+NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
+HARDLY: Final = 1e-9  # of the cost: where it does not fall, a decrease that need not have come
 _NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
 
@@ -104,17 +107,17 @@ def polish(problem: Solvable, theta: FloatArray, here: Evaluation | None = None)
     spent = 0
     if here is None:
         here, spent = problem.evaluate(theta), 1
-    for _ in range(_MOST_STEPS):
+    for _ in range(MOST_STEPS):
         step, expected = _gauss_newton(here)
-        if expected <= max(NEGLIGIBLE, 1e-12 * here.cost):
+        if expected <= max(NEGLIGIBLE, NOTHING * here.cost):
             return Solution(theta, here, True, _REASONS[1], spent)
         trial = theta + step
-        if not _is_inside(problem, trial) or np.abs(step).max() > 3.0:
+        if not _is_inside(problem, trial) or np.abs(step).max() > FARTHEST_STEP:
             return None
         there = problem.evaluate(trial)
         spent += 1
         if not there.cost < here.cost:
-            stopped = expected <= 1e-9 * here.cost
+            stopped = expected <= HARDLY * here.cost
             return Solution(theta, here, True, _REASONS[2], spent) if stopped else None
         theta, here = trial, there
     return None
@@ -139,7 +142,7 @@ def settled_to(problem: Solvable, solution: Solution, ending: float) -> tuple[So
     step, length = _step_beside_bounds(problem, theta, here)
     if not length < _FAR:
         return solution, length
-    for _ in range(_MOST_STEPS):
+    for _ in range(MOST_STEPS):
         if length <= ending:
             break
         there = problem.evaluate(theta + step)

@@ -6,29 +6,26 @@ is made, and nothing is simulated.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.engine import Engine, Here, in_order
+from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Evaluation, Problem
-from ipmclab.identification.search.solve import descend
-from ipmclab.identification.solved import solved
+from ipmclab.identification.search.again import fits_again
+from ipmclab.identification.solved import fitted, solved, values_of
 from ipmclab.one_thread import on_one_thread
-from ipmclab.progress import Tell, stage, telling, tick
+from ipmclab.progress import Tell, stage, telling
 
 FloatArray = npt.NDArray[np.float64]
 
 SEED: Final = 20261121
 FEWEST_DRAWS: Final = 40  # draws of which a 95 % interval leaves one out on each side
-_NEAR: Final = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,98 +106,28 @@ def bootstrap(
             where="count",
             repair="give 1000, or at least 40",
         )
-    estimate = solved(fit)
+    correlated = solved(fit).correlated
     with telling(progress):
-        thetas = _draws(estimate.correlated, _starts(fit), count, np.random.default_rng(seed), engine or Here())
+        stage(f"bootstrap of {count} fits", 0.0, 1.0, usual=count)
+        shifts = _shifts(correlated, count, np.random.default_rng(seed))
+        thetas = fits_again(fitted(fit), shifts, count, engine or Here())
     return _told(fit, thetas, count)
 
 
-class Drawn:
-    """A problem as it is for readings drawn anew.
-
-    Parameters
-    ----------
-    problem : Problem
-    here : Evaluation
-        At the parameters from which readings are drawn.
-    noise : float array, shape (n_rows,)
-        Of its residuals; zeros and slopes of sensors are taken out.
-    """
-
-    def __init__(self, problem: Problem, here: Evaluation, noise: FloatArray) -> None:
-        self._problem = problem
-        # Away from what a bound says, a residual is model less reading, and the reading is the model here and noise.
-        self._shift = noise - here.residual
-        self.lower, self.upper = problem.lower, problem.upper
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian."""
-        return self.shifted(self._problem.evaluate(theta))
-
-    def shifted(self, there: Evaluation) -> Evaluation:
-        """An evaluation of the problem itself, as one of this."""
-        rows = there.rows.copy()
-        rows[-1] += self._shift
-        return Evaluation(rows, there.beforehand)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """What every fit to readings drawn anew starts from."""
-
-    problem: Problem
-    theta: FloatArray
-    here: Evaluation
-    starts: list[FloatArray]
-
-
-def _draws(
-    correlated: Correlated, starts: list[FloatArray], count: int, generator: np.random.Generator, engine: Engine
-) -> list[FloatArray | None]:
-    stage(f"bootstrap of {count} fits", 0.0, 1.0, usual=count)
+def _shifts(correlated: Correlated, count: int, generator: np.random.Generator) -> Iterator[FloatArray]:
+    """What residuals at the fit are shifted by where only noise that is drawn anew is left of them."""
     here = correlated.solution.evaluation
     silent = np.asarray(~here.rows[:-1].any(axis=0))  # readings at the end of their range, which only bound the model
-    drawn = (np.where(silent, 0.0, correlated.drawn(generator)) for _ in range(count))
-    fitted = _Fitted(correlated.problem, correlated.solution.theta, here, starts)
-    return in_order(engine, _fit_again, fitted, drawn, count)
-
-
-@on_one_thread
-def _fit_again(fitted: _Fitted, noise: FloatArray) -> FloatArray | None:
-    """Where the fit to one draw ends; None where it does not."""
-    drawn = Drawn(fitted.problem, fitted.here, noise)
-    best = descend(drawn, fitted.theta, drawn.shifted(fitted.here), tolerance=_NEAR)
-    for start in fitted.starts:
-        other = descend(drawn, start, evaluations=40, tolerance=_NEAR)
-        best = other if other.evaluation.cost < best.evaluation.cost else best
-    tick()
-    return best.theta if best.converged else None
-
-
-def _starts(fit: Fit) -> list[FloatArray]:
-    """Other fits as good, from which the search begins too."""
-    estimate = solved(fit)
-    names = [unknown.name for unknown in estimate.problem.unknowns]
-    own = estimate.solution.theta
-    return [
-        np.array([rival.entries.get(name, entry) for name, entry in zip(names, own, strict=True)])
-        for rival in estimate.rivals
-    ]
+    for _ in range(count):
+        # Away from what a bound says, a residual is model less reading, and the reading is the model here and noise.
+        yield np.where(silent, 0.0, correlated.drawn(generator)) - here.residual
 
 
 def _told(fit: Fit, thetas: list[FloatArray | None], count: int) -> Bootstrap:
-
     problem = solved(fit).problem
-    first = problem.records[0].place
-    asked = [(place, unknown) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
-    samples: dict[str, list[float]] = {name: [] for name in fit.parameters}
     done = [theta for theta in thetas if theta is not None]
-    for theta in done:
-        # Branches and modes are named by their place in the row of time constants, in each fit anew.
-        order = Order(problem.in_reference(theta, first))
-        for place, unknown in asked:
-            samples[order(unknown.name)].append(unknown.value(float(theta[place])))
-    found = {name: np.array(values) for name, values in samples.items() if len(values) == len(done) > 0}
+    samples = values_of(problem, done)
+    found = {name: samples[name] for name in fit.parameters if len(samples.get(name, ())) == len(done) > 0}
     seen = {name: np.isfinite(fit.parameters[name].standard_error) for name in found}
     ends = {name: np.quantile(values, [0.025, 0.975]) for name, values in found.items()}
     return Bootstrap(

@@ -129,7 +129,8 @@ class _Seen:
     def at(self, theta: FloatArray, **fixed: float) -> dict[str, float]:
         """For a vector, and for other fixed values."""
         values = {**self.problem.values(theta, self.record.place), **fixed}
-        strip = Actuator(self.actuator.name, {name: values[name] for name in self.actuator.parameter_values})
+        own = self.actuator.parameter_values
+        strip = self.actuator.replace(**{name: values[name] for name in own if values[name] != own[name]})
         told = quantities_of(strip, tuple(self.record.readings), 0.5 * self.record.run.rate)
         # A capacitance of rounding alone, a resistance of none: no logarithm.
         return {

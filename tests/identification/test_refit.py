@@ -1,0 +1,134 @@
+"""Fits to other readings of the same runs: each is what a fit alone says of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, refit, simulate
+from ipmclab.engine import Here
+from ipmclab.fit.fit import Fit
+from ipmclab.identification.search.again import Fitted, Shifted, fits_again
+from ipmclab.identification.search.solve import descend
+from ipmclab.identification.solved import fitted
+from tests.independent.bounds import ELECTRICAL, noisy_current, step_and_sine
+from tests.independent.thesis import FRIEND_2
+
+SEED, NOISE = 20261123, 1e-4
+FRIEND = load_actuator("friend-2")
+
+
+def runs(seed: int = SEED) -> list[Run]:
+    """A step and a sine of 2,000 rows."""
+    generator = np.random.default_rng(seed)
+    return [
+        Run.from_arrays(
+            time=time,
+            voltage=voltage,
+            current=noisy_current(FRIEND_2, voltage, 50.0, NOISE, generator),
+            hold="zero",
+            metadata=RunMetadata(starts_from_rest=True),
+        )
+        for time, voltage in step_and_sine()
+    ]
+
+
+@pytest.fixture(scope="module")
+def fit() -> Fit:
+    """The electrical model."""
+    return identify(FRIEND, runs())
+
+
+def shifts(start: Fitted, count: int) -> np.ndarray:
+    noise = np.random.default_rng(3).standard_normal((count, start.here.residual.size))
+    return noise - start.here.residual
+
+
+def alone(start: Fitted, shift: np.ndarray) -> np.ndarray:
+    shifted = Shifted(start.problem, shift)
+    return descend(shifted, start.theta, shifted.shifted(start.here), tolerance=1e-8).theta
+
+
+@pytest.mark.parametrize("free", [["electrical"], ["electrical", "observation.offset.current"]])
+def test_side_by_side_each_ends_where_it_ends_alone(free: list[str]) -> None:
+    """Also where something else is free, and every fit goes alone."""
+    start = fitted(identify(FRIEND, runs(), free=free))
+    assert (start.beside is not None) == (len(free) == 1)
+    given = shifts(start, 70)
+    found = fits_again(start, given, len(given), Here())
+    for place in (0, 1, 63, 64, 69):
+        theta = found[place]
+        assert theta is not None
+        np.testing.assert_allclose(theta, alone(start, given[place]), rtol=0.0, atol=1e-9)
+
+
+def test_with_a_leak_of_each_run_they_go_side_by_side_too() -> None:
+    start = fitted(identify(FRIEND, runs(), per_run=["circuit.dc_resistivity"]))
+    assert start.beside is not None
+    given = shifts(start, 3)
+    for theta, shift in zip(fits_again(start, given, 3, Here()), given, strict=True):
+        assert theta is not None
+        np.testing.assert_allclose(theta, alone(start, shift), rtol=0.0, atol=1e-9)
+
+
+def test_readings_that_lie_far_off_are_searched_alone(fit: Fit) -> None:
+    """Gauss-Newton steps lead out of bounds there, and another search goes on."""
+    start = fitted(fit)
+    beside = start.beside
+    assert beside is not None
+    far = -start.here.residual + 4000.0 * np.sin(np.arange(start.here.residual.size) / 700.0)
+    ended = beside.polished(start.theta, far[None]).ended
+    found = fits_again(start, [far], 1, Here())[0]
+    if not ended[0] and found is not None:
+        np.testing.assert_allclose(found, alone(start, far), rtol=0.0, atol=1e-9)
+
+
+def test_it_finds_other_strips(fit: Fit) -> None:
+    """And, given the readings of the fit itself, the fit."""
+    strips = [FRIEND.replace(**{ELECTRICAL[0]: FRIEND[ELECTRICAL[0]] * by}) for by in (0.8, 1.0, 1.3)]
+    other = [[simulate(strip, run).current for strip in strips] for run in runs()]
+    found = refit(fit, [{"current": np.array(one)} for one in other])
+    assert len(found) == 3
+    assert found.converged.all()
+    for name in ELECTRICAL:
+        np.testing.assert_allclose(found[name], [strip[name] for strip in strips], rtol=1e-6)
+    same = refit(fit, [{"current": run.current} for run in runs()])
+    for name in ELECTRICAL:
+        assert same[name][0] == pytest.approx(fit.parameters[name].value, rel=1e-6)
+
+
+def test_rows_that_the_fit_did_not_use_may_hold_anything() -> None:
+    first, second = runs()
+    assert first.current is not None
+    gap = np.array(first.current)
+    gap[100:140] = np.nan
+    fit = identify(FRIEND, [replace(first, current=gap), second])
+    found = refit(fit, [{"current": gap}, {"current": second.current}])
+    for name in ELECTRICAL:
+        assert found[name][0] == pytest.approx(fit.parameters[name].value, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("readings", "code"),
+    [
+        ([], "unequal-lengths"),
+        ([{"current": np.zeros(2000)}, {}], "missing-readings"),
+        ([{"current": np.zeros(2000)}, {"current": np.zeros(1999)}], "unequal-lengths"),
+        ([{"current": np.zeros((2, 2000))}, {"current": np.zeros((3, 2000))}], "unequal-lengths"),
+        ([{"current": np.full(2000, np.nan)}, {"current": np.zeros(2000)}], "bad-readings"),
+    ],
+)
+def test_readings_that_do_not_belong_to_the_runs_are_refused(fit: Fit, readings: list, code: str) -> None:
+    rows = [len(record.run.time) for record in fitted(fit).problem.records]
+    given = [{k: _as_long(v, n) for k, v in one.items()} for one, n in zip(readings, rows, strict=False)]
+    with pytest.raises(InputError) as caught:
+        refit(fit, given)
+    assert caught.value.code == code
+
+
+def _as_long(values: np.ndarray, rows: int) -> np.ndarray:
+    """2000 stands for as many rows as the run has."""
+    lost = 2000 - values.shape[-1]
+    return np.full((*values.shape[:-1], rows - lost), values.flat[0])
