@@ -60,6 +60,22 @@ def test_a_usage_error_is_one_message_with_status_2() -> None:
     assert "did you mean 'simulate'" in done.stderr.lower()
 
 
+@pytest.mark.parametrize(
+    ("words", "lacking", "example"),
+    [
+        (["identify", "friend-2", "step.nc"], "--out", "ipmclab identify friend-2 step.nc"),
+        (["validate"], "ACTUATOR", "ipmclab validate fitted.toml"),
+        (["rig", "check"], "RIG", "ipmclab rig check rig.toml"),
+    ],
+)
+def test_what_a_command_lacks_is_named_with_a_whole_command(command, words, lacking, example) -> None:
+    done = command(*words, "--json")
+    assert done.status == 2
+    error = done.document["error"]
+    assert lacking in error["message"]
+    assert error["repair"].startswith(f"write for example: {example}")
+
+
 def test_a_usage_error_with_json_is_a_document_on_stdout_and_the_message_on_stderr() -> None:
     done = program("simulate", "--json", "--rat", "5")
     assert done.returncode == 2

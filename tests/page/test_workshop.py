@@ -238,3 +238,13 @@ def test_what_a_fit_cannot_start_from_is_told_before_a_worker_is_asked(workshop:
         workshop.identify(asked("next", "vain"))
     assert workshop.fits == [vain]
     assert len(jobs) == 1
+
+
+def test_who_waits_for_a_look_waits_for_the_one_that_took_its_place(workshop: Workshop, jobs: list[Job]) -> None:
+    """Of two windows the first one's look never begins: it has to follow the other's."""
+    first = workshop.looks()
+    own = next(first)
+    other = next(workshop.looks())
+    own._end("cancelled", error=JobCancelled())
+    assert [*first] == [other]
+    assert [job.task for job in jobs] == ["inspect", "inspect"]

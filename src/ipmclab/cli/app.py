@@ -199,7 +199,8 @@ def _explain(error: Exception) -> IpmclabError:
         context = getattr(error, "ctx", None)
         path = context.command_path if context else PROGRAM
         message = " ".join(error.format_message().split()).rstrip(".")
-        return InputError(message, code="usage", where=path, repair=f"see {path} --help")
+        example = _example(context) if type(error).__name__ == "MissingParameter" else ""
+        return InputError(message, code="usage", where=path, repair=example or f"see {path} --help")
     if isinstance(error, UnicodeDecodeError):
         return InputError(
             f"this is not UTF-8 text (byte {error.start})", code="not-utf-8", repair="save the file as UTF-8"
@@ -219,6 +220,14 @@ def _explain(error: Exception) -> IpmclabError:
         repair=f"this is a fault in {PROGRAM}: run the same command once more with the environment variable "
         f"{TRACEBACK} set to 1, and report what it prints",
     )
+
+
+def _example(context: Any) -> str:
+    """The first command in the help of a verb, as a repair of one that lacks something."""
+    help_of = (context.command.help or "") if context is not None else ""
+    lines = (line.strip() for line in help_of.splitlines())
+    first = next((line for line in lines if line.startswith(f"{PROGRAM} ")), None)
+    return f"write for example: {first}" if first else ""
 
 
 _FILE_REPAIRS: Final[dict[type[OSError], str]] = {

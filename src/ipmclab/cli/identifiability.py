@@ -6,17 +6,14 @@ from typing import Annotated
 
 import typer
 
-from ipmclab.cli.options import ActuatorName, Json, positive
+from ipmclab.cli.options import ActuatorName, Free, Json, positive
 from ipmclab.cli.output import print_json, print_paragraph
 from ipmclab.units import VOLTAGE
 
 
 def identifiability(
     actuator: ActuatorName,
-    free: Annotated[
-        list[str],
-        typer.Option(metavar="NAMES", help="As in identify; repeat it, or use commas."),
-    ],
+    free: Free,
     outputs: Annotated[
         list[str] | None,
         typer.Option(metavar="NAMES", help="What is read: current (unless given), displacement, force."),

@@ -14,6 +14,7 @@ from ipmclab.cli.options import (
     ActuatorName,
     Details,
     Force,
+    Free,
     Json,
     PerMounting,
     PerRun,
@@ -43,14 +44,7 @@ if TYPE_CHECKING:
 def identify(
     actuator: ActuatorName,
     runs: RunFiles,
-    free: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAMES",
-            help="Groups (electrical, coupling, leak, relaxation, viscoelastic, clamp, environment) or dotted names, "
-            "age.runs.NAME for how fast a parameter ages; repeat it, or use commas.",
-        ),
-    ],
+    free: Free,
     out: Annotated[
         Path, typer.Option(metavar="FITTED.toml", help="The fitted actuator to write; a folder with --each-strip.")
     ],

@@ -45,6 +45,16 @@ ActuatorName = Annotated[
 ]
 RunFile = Annotated[Path, typer.Argument(metavar="RUN", help="A run (.nc).", show_default=False)]
 RunFiles = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs (.nc).", show_default=False)]
+Free = Annotated[
+    list[str],
+    typer.Option(
+        metavar="NAMES",
+        default_factory=lambda: ["electrical"],
+        show_default="electrical",
+        help="What is identified: groups (electrical, coupling, leak, relaxation, viscoelastic, clamp, environment) or "
+        "dotted names, age.runs.NAME for how fast a parameter ages; repeat it, or use commas.",
+    ),
+]
 PerRun = Annotated[
     list[str],
     typer.Option(

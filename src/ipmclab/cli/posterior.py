@@ -12,6 +12,7 @@ from ipmclab.cli.options import (
     ActuatorName,
     Details,
     Force,
+    Free,
     Json,
     PerMounting,
     PerRun,
@@ -39,7 +40,7 @@ _FIGURES = (".svg", ".png", ".pdf")
 def posterior(
     actuator: ActuatorName,
     runs: RunFiles,
-    free: Annotated[list[str], typer.Option(metavar="NAMES", help="As in identify; repeat it, or use commas.")],
+    free: Free,
     out: Annotated[Path, typer.Option(metavar="POSTERIOR.nc", help="The samples to write; ArviZ reads them.")],
     per_run: PerRun,
     per_mounting: PerMounting,

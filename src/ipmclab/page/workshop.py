@@ -9,7 +9,7 @@ import secrets
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -183,19 +183,23 @@ class Workshop:
         known = self.catalogue()
         return known.query(RunQuery(laboratory=known.laboratory)) if known.exists else []
 
-    def look_again(self) -> Job:
-        """Bring the catalogue up to date with the files, in a worker."""
+    def looks(self) -> Iterator[Job]:
+        """Bring the catalogue up to date with the files, in a worker; wait for each of these jobs before the next.
+
+        A look of another window takes the place of one that has not begun. The last one is the newest.
+        """
         arguments = {"folder": str(self.lab.root)}
         self._look = self.jobs.submit("inspect", arguments, title="looking at the runs", replaces="inspect")
-        return self._look
+        job = None
+        while job is not self._look:
+            job = self._look
+            yield job
 
     async def looked(self) -> None:
-        """Look again, and wait until the newest look is over; a file that cannot be read stops nobody."""
-        job: Job | None = self.look_again()
-        while job is not None:
+        """Look at the files, and wait until the newest look is over; a file that cannot be read stops nobody."""
+        for job in self.looks():
             with contextlib.suppress(JobCancelled, IpmclabError):  # Runs says what was wrong
                 await asyncio.wrap_future(job.future)
-            job = self._look if self._look is not job else None
 
     def run_path(self, key: str) -> Path:
         """The file of a run, by its path below the folder.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -38,6 +39,7 @@ class _View:
         self._rows: list[CatalogueRow] = []
         self._curves: str | None = None
         self._asked = 0
+        self._reads, self._read = 0, 0  # of the catalogue: how many were begun, and which one is shown
         self._is_looking = True  # until a worker has been through the files
 
     def build(self) -> None:
@@ -79,7 +81,11 @@ class _View:
             await self._refresh()
 
     async def _read_rows(self) -> None:
-        self._rows = await asyncio.to_thread(self._workshop.rows)
+        self._reads += 1
+        number = self._reads
+        rows = await asyncio.to_thread(self._workshop.rows)
+        if number > self._read:  # one that was begun later may have come first
+            self._read, self._rows = number, rows
         self._fill_choices()
         self._filter_rows()
 
@@ -131,17 +137,17 @@ class _View:
 
     async def _refresh(self) -> None:
         """Let a worker look at the files, then show what the catalogue has."""
-        job = self._workshop.look_again()
         self._is_looking = True
         self._filter_rows()
-        while not job.is_over:
-            await asyncio.sleep(0.2)
-            if job.sentence.startswith("run "):
-                self._told.set_text(f"checking {job.sentence}")
+        problems: list[dict[str, str]] = []
         try:
-            problems = (await asyncio.wrap_future(job.future)).document["problems"]
-        except JobCancelled:
-            return  # another look was asked for
+            for job in self._workshop.looks():
+                while not job.is_over:
+                    await asyncio.sleep(0.2)
+                    if job.sentence.startswith("run "):
+                        self._told.set_text(f"checking {job.sentence}")
+                with contextlib.suppress(JobCancelled):  # another window's look took its place
+                    problems = (await asyncio.wrap_future(job.future)).document["problems"]
         except IpmclabError as error:
             self._is_looking = False
             self._filter_rows()
