@@ -274,6 +274,11 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+def keeps_what_is_open() -> bool:
+    """Whether this system replaces, renames and removes no file that somebody has open."""
+    return _KEEPS_WHAT_IS_OPEN
+
+
 def replace_file(source: Path, target: Path) -> None:
     """Rename a file within one folder, over another of that name: who reads it has the one or the other, whole.
 
@@ -288,7 +293,7 @@ def replace_file(source: Path, target: Path) -> None:
             source.replace(target)
             return
         except PermissionError:
-            if not _KEEPS_WHAT_IS_OPEN or time.monotonic() > until:
+            if not keeps_what_is_open() or time.monotonic() > until:
                 raise
             time.sleep(0.02)
 

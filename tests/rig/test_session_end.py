@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import io
 import os
+import queue
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +47,78 @@ def test_windows_gets_its_answer_whatever_fails() -> None:
         raise RuntimeError(why)
 
     assert answer(WM_ENDSESSION, 1, fail) == 0
+
+
+class Windows:
+    """What the window asks of Windows: messages are a queue, and a handler is called by whoever takes them."""
+
+    def __init__(self) -> None:
+        self.messages: queue.SimpleQueue[tuple[int, int] | None] = queue.SimpleQueue()
+        self.answers: list[int] = []
+        self.asked: list[tuple[str, int, str]] = []
+        self.procedure: Any = None
+        for name in ("SetThreadExecutionState", "SetProcessShutdownParameters"):
+            setattr(self, name, self._noting(name))
+        self.GetModuleHandleW = self._giving(4)
+        self.CreateWindowExW = self._giving(7)
+        self.DefWindowProcW = self._giving(-1)
+
+    def _noting(self, name: str) -> Any:
+        return lambda value, *_: self.asked.append(
+            (name, getattr(value, "value", value), threading.current_thread().name)
+        )
+
+    @staticmethod
+    def _giving(value: int) -> Any:
+        def function(*_: object) -> int:
+            return value
+
+        return function
+
+    def RegisterClassW(self, told: Any) -> None:  # the names of Windows
+        self.procedure = told._obj.procedure
+
+    def PostMessageW(self, handle: Any, message: int, detail: int, _: int) -> None:
+        assert handle.value == 7
+        self.messages.put((message, detail))
+
+    def PostQuitMessage(self, _: int) -> None:
+        self.messages.put(None)
+
+    def GetMessageW(self, told: Any, *_: object) -> int:
+        found = self.messages.get()
+        if found is not None:
+            told._obj.message, told._obj.wParam = found
+        return found is not None
+
+    def DispatchMessageW(self, told: Any) -> None:
+        self.answers.append(self.procedure(7, told._obj.message, told._obj.wParam, 0))
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_windows_tells_a_window_of_its_own_and_stays_awake_as_long_as_it_is_there(
+    monkeypatch: pytest.MonkeyPatch, last: bool
+) -> None:
+    windows = Windows()
+    monkeypatch.setattr(session_end.sys, "platform", "win32")
+    monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
+    monkeypatch.setattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE, raising=False)
+    acted: list[tuple[str, str]] = []
+    with told_of_the_end(lambda why: acted.append((why, threading.current_thread().name)), last=last):
+        [thread] = [one for one in threading.enumerate() if one.name == "end of session"]
+        # Windows lets a computer sleep again when the thread that asked it not to has ended.
+        awake = ("SetThreadExecutionState", 0x80000001, thread.name)
+        assert windows.asked == [*([("SetProcessShutdownParameters", 0x100, thread.name)] if last else []), awake]
+        for message in (
+            (WM_PAINT, 0),
+            (WM_QUERYENDSESSION, 0),
+            (WM_ENDSESSION, 1),
+            (WM_POWERBROADCAST, PBT_APMSUSPEND),
+        ):
+            windows.messages.put(message)
+    assert not thread.is_alive()
+    assert windows.answers[:4] == [-1, 1, 0, 1]
+    assert acted == [(SESSION_ENDS, thread.name), (SLEEP, thread.name)]
 
 
 def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,8 @@
 """The end of a user's session, and sleep: a computer that is about to leave drives no strip.
 
 A process without a window is told of neither on Windows once it has loaded the library of windows, which NI's driver
-does: so there is a window, which nobody sees, to be told. What these messages come to is in ``answer``, which is tested
-everywhere; the window itself was run nowhere but on paper.
+does: so there is a window, which nobody sees, to be told. What these messages come to is in ``answer``. The window was
+run with a stand-in for Windows only.
 """
 
 from __future__ import annotations

@@ -21,7 +21,15 @@ import numpy.typing as npt
 
 from ipmclab.checksum import ArrayChecksum, content_checksum
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import detached, is_still_at, lock_file, move_file, python_child, sync_file
+from ipmclab.platform import (
+    detached,
+    is_still_at,
+    keeps_what_is_open,
+    lock_file,
+    move_file,
+    python_child,
+    sync_file,
+)
 from ipmclab.store.document import attributes_of, document_of
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.record import JournalRecord, read_journal
@@ -151,9 +159,9 @@ def finish_here(journal: Path, laboratory: Laboratory) -> Finished:
             if not is_still_at(stream.fileno(), journal):
                 return Finished(str(journal), "gone")
             finished, put_at = _deal_with(journal, stream, laboratory)
-            if os.name != "nt":
+            if not keeps_what_is_open():
                 move_file(journal, put_at)
-        if os.name == "nt":  # which renames no open file
+        if keeps_what_is_open():
             move_file(journal, put_at)
     except FileNotFoundError:
         if journal.exists():
