@@ -182,6 +182,12 @@ def test_what_is_refused(fit: Fit, asked: dict[str, object], message: str) -> No
         propose_runs(fit, allowed=QUICK, **asked)  # type: ignore[arg-type]
 
 
+def test_a_fit_that_lost_the_noise_of_its_runs_is_refused(fit: Fit) -> None:
+    for left in ([replace(one, noise={}) for one in fit.observations], []):
+        with pytest.raises(InputError, match="the fit does not say how much noise its runs had"):
+            propose_runs(replace(fit, observations=tuple(left)), allowed=QUICK, minutes=10)
+
+
 def test_a_fit_from_its_file_proposes_the_same(fit: Fit, tmp_path: Path) -> None:
     write_fit(fit, tmp_path / "fit.toml")
     one, other = (propose_runs(each, minutes=8.0, allowed=QUICK) for each in (fit, read_fit(tmp_path / "fit.toml")))

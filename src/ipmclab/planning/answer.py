@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now
@@ -67,9 +68,21 @@ class FittedStrip:
     Parameters
     ----------
     fit : Fit
+
+    Raises
+    ------
+    InputError
+        None of its runs has the noise that was found.
     """
 
     def __init__(self, fit: Fit) -> None:
+        if not any(one.noise for one in fit.observations):
+            raise InputError(
+                "the fit does not say how much noise its runs had: what another run would tell is not known",
+                code="no-noise",
+                where="fit",
+                repair="take the file as identify wrote it, or identify again",
+            )
         self.fit = fit
         mounting = fit.observations[-1].mounting
         self.actuator = fit.actuator.replace(**own_of_mounting(fit, mounting))
