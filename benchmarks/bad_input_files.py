@@ -7,6 +7,7 @@ import gzip
 import re
 import shlex
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +21,9 @@ import ipmclab
 from ipmclab.procedure.template import TEMPLATE as PROCEDURE
 from ipmclab.rig.experiments.experiment import TEMPLATE as EXPERIMENT
 from ipmclab.run import RunMetadata
+from ipmclab.sample import Sample
 from ipmclab.store.journal.journal import Journal, JournalHeader
+from ipmclab.sweep.template import TEMPLATE as SWEEP
 
 ROWS: Final = 60
 PERIOD: Final = 0.02  # s
@@ -60,6 +63,27 @@ Delta_X\t0.020000\t0.020000
 X_Value\tvoltage\tcurrent\tComment
 """
 
+CAMPAIGN: Final = """title = "two voltages"
+seed = 1
+order = "randomised"
+measure = ["mass"]
+[method]
+rate = "50 Hz"
+duration = "2 s"
+rest_before = "1 s"
+limits = { voltage = "4 V" }
+[[samples]]
+id = "friend-2"
+actuator = "strip.toml"
+[[experiments]]
+name = "displacement"
+measured = ["current", "displacement"]
+signals = ["step 1 V", "sine 1 V 2 Hz"]
+environments = ["20 degC, 80 percent"]
+repeats = 2
+baseline = true
+"""
+
 COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {
     "simulate": (
         "simulate strip.toml --signal 'step 1 V' --duration '1 s' --rate '50 Hz' --out out.nc",
@@ -83,6 +107,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {
         "export step.nc --out out.mat",
         "export step.nc --out out.xlsx",
         "export fitted.toml --to matlab --out strip.m",
+        "export kept --to ro-crate --out crate.zip --title Steps --person 'Ada Example <0000-0002-1825-0097>'",
     ),
     "check": ("check step.nc sine.nc --actuator strip.toml --fail-on error", "check strip.toml step.nc"),
     "plot": ("plot step.nc --out out.svg",),
@@ -119,6 +144,31 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {
         "rig sheet rig.toml --width '5 mm' --count 3",
         "rig serve rig.toml --port 0 --clock x10 --fault 'freeze at 2 s' --levels levels.json",
     ),
+    "identifiability": (
+        "identifiability strip.toml --free electrical,coupling.gain --outputs current --voltage '2 V'",
+    ),
+    "baseline": ("baseline rest.nc --displacement '1.3 mm' --test '1 s' --share 0.1",),
+    "smooth": ("smooth step.nc --below '5 Hz' --out out.nc",),
+    "compare": (
+        "compare step.nc sine.nc long.nc --by voltage,thickness --metric displacement.largest --strip strip.toml",
+        "compare step.nc sine.nc --out out.html --posterior",
+        "compare fitted.toml other.toml --posterior",
+    ),
+    "next": (
+        "next fitted.toml --minutes 3 --longest '10 s' --rest '5 s' --limit 'current=200 mA' --rate '50 Hz'",
+        "next fitted.toml --goal prediction --input 'sine 1 V 1 Hz for 5 s' --minutes 2 --longest '5 s' --rest '5 s' "
+        "--draws 2",
+        "next campaign.toml --fit fitted.toml --minutes 40 --longest '10 s' --append --yes",
+    ),
+    "sweep": (
+        "sweep sweep.toml --out swept --plot out.svg",
+        "sweep table.toml --out swept --workers 2",
+        "sweep --template --out new.toml",
+    ),
+    "characterise": (
+        "characterise campaign.toml --plan",
+        "characterise campaign.toml --out chapter --yes --answer clamp=done",
+    ),
 }
 
 _ODD: Final = (
@@ -145,23 +195,30 @@ ODD_WORDS: Final = st.one_of(
 
 def make_files(folder: Path) -> dict[str, bytes]:
     """Every file that the commands name, sound."""
-    strip = ipmclab.load_actuator("friend-2")
+    strip = replace(ipmclab.load_actuator("friend-2"), sample=Sample(id="friend-2"))
+    about = RunMetadata(sample=strip.sample)
     ipmclab.write_actuator(strip, folder / "strip.toml")
     generator = np.random.default_rng(20261121)
     for name, signal, rows in (
         ("step", "step 1 V delay=0.2 s", ROWS),
         ("sine", "sine 1 V 2 Hz", ROWS),
         ("long", "step 1 V delay=0.2 s", 1000),
+        ("rest", "step 0 V", ROWS),
     ):
         run = ipmclab.simulate(strip, signal, duration=rows * PERIOD, rate=1.0 / PERIOD)
         noisy = {
             channel: run.channels[channel] + scale * generator.standard_normal(rows)
             for channel, scale in (("current", 1e-4), ("displacement", 2e-6))
         }
-        ipmclab.write_run(ipmclab.Run.from_arrays(time=run.time, voltage=run.voltage, **noisy), folder / f"{name}.nc")
+        noisy_run = ipmclab.Run.from_arrays(time=run.time, voltage=run.voltage, metadata=about, **noisy)
+        ipmclab.write_run(noisy_run, folder / f"{name}.nc")
     step = ipmclab.read_run(folder / "step.nc")
     fit = ipmclab.identify(strip, step, free="circuit.dc_resistivity")
     ipmclab.write_fit(fit, folder / "fitted.toml")
+    (folder / "kept").mkdir()
+    ipmclab.write_run(step, folder / "kept" / "step.nc")
+    other = replace(strip, sample=Sample(id="friend-3"))
+    ipmclab.write_fit(ipmclab.identify(other, step, free="circuit.dc_resistivity"), folder / "other.toml")
     columns = {"time": step.time, "voltage": step.voltage, "current": 1e3 * step.channels["current"]}
     table = [list(row) for row in zip(*columns.values(), strict=True)]
     text = ",".join(columns) + "\n" + "".join(",".join(f"{value:.6g}" for value in row) + "\n" for row in table)
@@ -192,6 +249,12 @@ def make_files(folder: Path) -> dict[str, bytes]:
     )
     library = Path(ipmclab.__file__).parent / "rig" / "files" / "library" / "thesis.toml"
     (folder / "rig.toml").write_bytes(library.read_bytes())
+    (folder / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
+    sweep = SWEEP.replace('"friend-2"', '"strip.toml"').replace('"10 s"', '"1 s"').replace("512", "8")
+    (folder / "sweep.toml").write_text(sweep, encoding="utf-8")
+    of_a_table = re.sub(r"\n\[design\].*?\n# In place", "\n# In place", sweep, flags=re.DOTALL)
+    (folder / "table.toml").write_text(of_a_table.replace("# table = ", "table = "), encoding="utf-8")
+    (folder / "strips.csv").write_text("beam.modulus [GPa],coupling.gain\n1.2,6e-9\n0.9,7e-9\n", encoding="utf-8")
     _write_journal(folder)
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 

@@ -32,6 +32,7 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from time import monotonic, process_time
 from typing import Any, Final, NoReturn
@@ -50,9 +51,10 @@ SEED: Final = 20261121
 SHARES: Final = {
     "simulate": 16, "import": 26, "check": 10, "export": 6, "validate": 6, "record": 8, "identify": 5, "forecast": 4,
     "procedure": 4, "rig": 3, "runs": 1, "recover": 1, "plot": 1, "choose": 2, "report": 2, "profile": 1,
-    "bootstrap": 1, "posterior": 1, "page": 1, "demo": 1,
+    "bootstrap": 1, "posterior": 1, "page": 1, "demo": 1, "identifiability": 2, "baseline": 2, "smooth": 2,
+    "compare": 4, "next": 4, "sweep": 4, "characterise": 4,
 }  # fmt: skip
-"""Of a hundred inputs; what reads many kinds of files has most."""
+"""Of a hundred inputs and some more; what reads many kinds of files has most."""
 
 SLICE: Final = 20
 KEEP: Final = "IPMCLAB_BAD_INPUTS"
@@ -169,10 +171,16 @@ def nothing_set_going(chance: random.Random) -> Iterator[None]:
             ("ipmclab.cli.demo._record", stop),
             ("virtual_cdaq.server.Server.__init__", stop),
             ("ipmclab.rig.checks.prove.prove", stop),
+            ("ipmclab.campaign.conduct.Conduct.run", stop),
+            ("ipmclab.comparison.population.populations_of", stop),
+            ("ipmclab.comparison.fits._sampled", stop),
+            ("ipmclab.engine.processes.Processes.__init__", stop),
             ("time.sleep", lambda _: None),
             ("typer.main.get_command", functools.cache(typer.main.get_command)),  # made anew it takes most of the time
         ):
             stack.enter_context(patch(where, what))
+        sweeping = import_module("ipmclab.sweep.run_sweep")  # its package calls the function so
+        stack.enter_context(patch.object(sweeping, "_run", seldom(sweeping._run)))
         assert recover_module.finish is not None
         yield
 
