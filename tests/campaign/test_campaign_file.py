@@ -7,7 +7,7 @@ import pytest
 from ipmclab.campaign.blocks import blocks_of
 from ipmclab.campaign.campaign_file import campaign_from_text, load_campaign
 from ipmclab.campaign.planned import plan_campaign
-from ipmclab.campaign.sitting import sittings_of, virtual_rig
+from ipmclab.campaign.sitting import experiment_for, sittings_of, virtual_rig
 from ipmclab.campaign.template import TEMPLATE
 from ipmclab.errors import InputError
 
@@ -44,6 +44,24 @@ def test_an_experiment_file_is_a_part(tmp_path):
     assert block.experiment.rate == 100.0
     assert block.experiment.sample.id == "a"
     assert [run.label for run in block.runs] == ["step 2 V"]
+
+
+@pytest.mark.parametrize("order", ["listed", "randomised"])
+@pytest.mark.parametrize("clamped", ["for each block", "for each run"])
+def test_a_campaign_that_grows_keeps_its_mountings(order, clamped):
+    text = TEMPLATE.replace('"randomised"', f'"{order}"').replace('"for each block"  ', f'"{clamped}"  ')
+    more = '\n[[experiments]]\nname = "next-1"\nsignals = ["sine 1 V 0.2 Hz"]\nduration = "10 s"\n'
+    before, after = (mountings(campaign_from_text(one)) for one in (text, text + more))
+    assert before.items() < after.items()
+    added = {mounting for run, mounting in after.items() if run not in before}
+    assert added.isdisjoint(before.values())
+    assert len(added) == 2  # strips
+
+
+def mountings(campaign):
+    """The mounting of each run of a campaign at a virtual bench."""
+    sittings = list(sittings_of(campaign, blocks_of(campaign)))
+    return {run.id: experiment_for(campaign, one, "a title").mounting_id for one in sittings for run in one.runs}
 
 
 def test_each_repeat_of_a_random_order_is_a_whole_of_its_own():

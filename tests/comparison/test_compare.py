@@ -61,6 +61,28 @@ def test_a_baseline_counts_for_runs_before_it_in_the_list() -> None:
         assert row.metrics["displacement.largest"].value == pytest.approx(1e-3, rel=0.02)
 
 
+def test_a_baseline_in_another_air_takes_nothing(tmp_path: Path) -> None:
+    """A strip that curls in the room does not at 80 %RH; rows stand as they were given, whatever is read first."""
+    time = np.arange(0.0, 20.0, 0.1)
+
+    def recorded(name: str, humidity: float, volts: float, signal: str) -> Path:
+        about = RunMetadata(sample=Sample("s1"), relative_humidity=humidity, temperature=20.0, signal=signal)
+        moved = (1e-5 * time if humidity < 60.0 else 0.0 * time) + volts * (time > 1.0) * 1e-3
+        run = Run.from_arrays(time=time, voltage=volts * (time > 1.0), displacement=moved, metadata=about)
+        write_run(run, tmp_path / f"{name}.nc")
+        return tmp_path / f"{name}.nc"
+
+    paths = [
+        recorded("wet", 80.0, 1.0, "step 1 V"),
+        recorded("dry", 48.0, 1.0, "step 1 V"),
+        recorded("still", 46.0, 0.0, "step 0 V"),
+    ]
+    rows = compare(paths).rows
+    assert [(row.run, row.baseline) for row in rows] == [("wet.nc", ""), ("dry.nc", "still.nc"), ("still.nc", "")]
+    for row in rows[:2]:
+        assert row.metrics["displacement.largest"].value == pytest.approx(1e-3, rel=0.02)
+
+
 def test_what_was_not_asked_for_stays_in_the_model() -> None:
     """A factor that varies unasked would otherwise be taken for scatter."""
     from tests.comparison.campaigns import campaign

@@ -14,10 +14,13 @@ from ipmclab import InputError, identify, load_actuator, simulate, write_fit
 from ipmclab.cli.app import run
 from ipmclab.cli.output import print_json
 from ipmclab.cli.population import populations_document, print_populations
+from ipmclab.comparison.compare import Comparison
 from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.metric_model import MetricModel, model_metric
-from ipmclab.comparison.population import _Sums, population_of
+from ipmclab.comparison.population import Population, _Sums, population_of
 from ipmclab.comparison.table import RunRow
+from ipmclab.reporting.comparison import comparison_figures, write_comparison
+from ipmclab.reporting.figures.population import population_figures
 from ipmclab.sample import Sample
 from tests.comparison.campaigns import campaign, row
 
@@ -52,7 +55,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance(components: tuple[float,
 
 
 def test_the_next_strip_is_where_the_mixed_model_has_it_and_one_strip_is_unlike(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     rows = campaign(np.random.default_rng(20261124), strips=12, scatter=(0.15, 0.1, 0.05))
     odd = [one.metrics["displacement.largest"] for one in rows]
@@ -85,6 +88,29 @@ def test_the_next_strip_is_where_the_mixed_model_has_it_and_one_strip_is_unlike(
     print_json(populations_document({"step": found}, {}))
     document = json.loads(capsys.readouterr().out)["metrics"]["step"]
     assert document["next_strip"][0]["by_mixed_model"]["value"] == pytest.approx(mixed[0])
+    _is_on_the_page(found, rows, tmp_path)
+
+
+def _is_on_the_page(found: Population, rows: list[RunRow], folder: Path) -> None:
+    """What a terminal says of the posterior stands on the page too, with its figure and the data of it."""
+    comparison = Comparison(tuple(rows), (FACTORS["humidity"],), (), {}, {}, {}, ())
+    posterior = ({"step: displacement": found}, {"sine: force": "2 strips are too few"})
+    page = write_comparison(comparison, folder / "c.html", posterior=posterior).read_text("utf-8")
+    assert "By its posterior" in page
+    assert "strip-7 is unlike the others: x" in page
+    assert "sine: force: nothing is told of the next strip: 2 strips are too few." in page
+    assert page.count('<svg class="figure"') == len(comparison_figures(comparison)) + 1
+    (figure,) = population_figures(posterior[0])
+    condition, told = found.model.conditions()[0], dict(zip(figure.columns, figure.data[0], strict=True))
+    value, interval = found.next_strip(condition)
+    assert (told["next [m]"], told["next_low [m]"], told["next_high [m]"]) == (value, *interval)
+    assert len(figure.data) == len(found.model.conditions())
+
+
+def test_a_run_without_a_sample_is_a_strip_of_its_own() -> None:
+    rows = [replace(one, run=f"{place}.nc", sample="") for place, one in enumerate(campaign(np.random.default_rng(2)))]
+    model = model_of(rows)
+    assert _Sums.of(model.design, model.values, model.rows).strips.shape == (len(rows), len(rows))
 
 
 def _factors(values: Mapping[str, float]) -> dict[str, float]:

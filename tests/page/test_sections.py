@@ -18,17 +18,19 @@ from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ipmclab import Run, load_actuator, read_fit, read_run, simulate, write_run
+from ipmclab import Allowance, Run, load_actuator, propose_runs, read_fit, read_run, simulate, write_run
 from ipmclab.errors import InputError
 from ipmclab.page import curves
-from ipmclab.page.commands import identify_step, import_step, report_step, simulate_step, validate_step
+from ipmclab.page.commands import identify_step, import_step, next_step, report_step, simulate_step, validate_step
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
 from ipmclab.page.elements.column_map import Said, channel_tables
+from ipmclab.page.jobs.tasks import find_task
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows, told_runs
 from ipmclab.page.workshop import FitRequest, Workshop
 from ipmclab.prediction.bands import Bands
+from ipmclab.rig.safety.limits import Limits
 from ipmclab.store.catalogue.catalogue import Catalogue
 from ipmclab.store.catalogue.query import CatalogueRow
 from ipmclab.store.guess.guess import guess_channels, guess_file
@@ -419,6 +421,21 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
     assert Path("again.toml").read_text().splitlines()[:20] == Path("fitted.toml").read_text().splitlines()[:20]
     assert run_command(shlex.split(validate_step(["fitted.toml", "friend-2"], ["runs/sine.nc"]).command)[1:]) == 0
     assert run_command(shlex.split(report_step("fitted.toml", ["runs/step.nc"], [], "r.html").command)[1:]) == 0
+    limits = {"voltage": "1 V", "current": "200 mA"}
+    asked = next_step("fitted.toml", "prediction", 4.0, limits=limits, longest="10 s", inputs=["step 1 V for 5 s"])
+    exec(asked.python, {})
+    assert run_command(shlex.split(asked.command)[1:]) == 0
+    arguments = {"fit": "fitted.toml", "goal": "prediction", "minutes": 4.0, "limits": limits, "longest": 10.0}
+    told = find_task("propose")({**arguments, "inputs": ["step 1 V for 5 s"], "rival": ""}, lambda *_: None).document
+    proposed = propose_runs(
+        read_fit("fitted.toml"),
+        goal="prediction",
+        minutes=4.0,
+        allowed=Allowance(limits=Limits.from_table(limits), longest=10.0),
+        inputs=["step 1 V for 5 s"],
+    )
+    assert [row["signal"] for row in told["runs"]] == [str(one.candidate.signal) for one in proposed.runs]
+    assert [row["name"] for row in told["expected"]] == ["circuit.dc_resistivity"]
     simulated = simulate_step("friend-2", {"beam.modulus": 2e9}, signal="step 1 V", duration=1.0, rate=50.0)
     exec(simulated.python, {})
     first = read_run("run.nc")

@@ -165,6 +165,12 @@ class Campaign:
         """Whether it runs in lock-step, at a bench that is computed."""
         return self.rig.bench == "virtual"
 
+    @property
+    def models(self) -> tuple[Actuator, ...]:
+        """The models that the campaign names, each of its sample: their dimensions make a displacement a strain."""
+        named = [(strip.sample, load_actuator(strip.actuator)) for strip in self.strips if strip.actuator is not None]
+        return tuple(replace(model, sample=sample) for sample, model in named)
+
     def strip(self, sample: str) -> Strip:
         """The strip of a sample's id."""
         return next(strip for strip in self.strips if strip.sample.id == sample)

@@ -67,8 +67,9 @@ def experiment_for(campaign: Campaign, one: Sitting, title: str) -> Experiment:
     block = one.block
     mounting = None
     if campaign.is_virtual:  # nobody takes its strip out of the clamp
-        of = one.runs[0].id if campaign.clamped == "for each run" else f"{campaign.title}/{block.number}"
-        mounting = f"virtual-{zlib.crc32(of.encode()):08x}"
+        # A block is known by its first run: its number moves where the campaign grows.
+        first = one.runs[0] if campaign.clamped == "for each run" else block.runs[0]
+        mounting = f"virtual-{zlib.crc32(f'{campaign.title}/{first.id}'.encode()):08x}"
     rig = "virtual" if isinstance(campaign.rig_file, str) else campaign.rig_file
     return replace(one.experiment, title=title, rig=rig, mounting_id=one.experiment.mounting_id or mounting)
 

@@ -235,7 +235,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
     comparison = None
     with progress("holding the runs side by side"):
         if kept := comparable(results):
-            comparison = compare(kept)
+            comparison = compare(kept, strips=campaign.models)
             write_comparison(
                 comparison, folder / COMPARISON, command=f"ipmclab characterise {campaign.where}", overwrite=True
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -99,8 +99,9 @@ def compare(
             where=found.unread[0].run,
             repair="give runs (.nc); import foreign records first",
         )
-    written = _write(found, out, data, runs, by or [], force=force)
     sampled = _sampled(found) if posterior else None
+    asked = {"--by": [",".join(by)] if by else [], "--metric": metric or [], "--strip": strip or []}
+    written = _write(found, sampled, out, data, _command(runs, asked, posterior=posterior), force=force)
     if as_json:
         told = None if sampled is None else populations_document(*sampled)
         print_json({**_document(found), "populations": told, "out": out, "data": data, "files": written})
@@ -158,8 +159,21 @@ def _strip_with_sample(name: str, strip: Any) -> Any:
     return strip
 
 
+def _command(runs: list[Path], options: Mapping[str, list[str]], *, posterior: bool) -> str:
+    """The command as a page keeps it: of many runs the first."""
+    shown = [*map(str, runs[:3]), *(["..."] if len(runs) > 3 else [])]
+    said = [word for name, values in options.items() for value in values for word in (name, value)]
+    return shlex.join(["ipmclab", "compare", *shown, *said, *(["--posterior"] if posterior else [])])
+
+
 def _write(
-    found: Comparison, out: Path | None, data: Path | None, runs: list[Path], by: list[str], *, force: bool
+    found: Comparison,
+    sampled: tuple[dict[str, Population], dict[str, str]] | None,
+    out: Path | None,
+    data: Path | None,
+    command: str,
+    *,
+    force: bool,
 ) -> list[Path]:
     if out is None and data is None:
         return []
@@ -168,11 +182,9 @@ def _write(
 
         written = []
         if out is not None:
-            shown = [*map(str, runs[:3]), *(["..."] if len(runs) > 3 else [])]
-            command = shlex.join(["ipmclab", "compare", *shown, *(["--by", ",".join(by)] if by else [])])
-            written.append(write_comparison(found, out, command=command, overwrite=force))
+            written.append(write_comparison(found, out, posterior=sampled, command=command, overwrite=force))
         if data is not None:
-            written += write_comparison_data(found, data, overwrite=force)
+            written += write_comparison_data(found, data, posterior=sampled, overwrite=force)
     return written
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ipmclab.cli.expected import AIMS, print_expected
+from ipmclab.cli.expected import print_expected
 from ipmclab.cli.options import Json, answers_in, positive
-from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
+from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress
 from ipmclab.errors import InputError
 from ipmclab.units import FREQUENCY, TIME
 
@@ -147,31 +147,27 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
 
 
 def _print(proposal: Proposal, minutes: float) -> None:
+    from ipmclab.planning.told import bench_time, of_goal, of_limits, of_time
+
     print_table(
         ["run", "signal", "for", *_where(proposal.runs), "on the bench"],
-        [[str(place), *_cells(run, proposal.runs), _minutes(run.time)] for place, run in enumerate(proposal.runs, 1)],
+        [[str(place), *_cells(run, proposal.runs), bench_time(run.time)] for place, run in enumerate(proposal.runs, 1)],
     )
-    print_paragraph(
-        f"{len(proposal.runs)} runs take {proposal.time / 60.0:.3g} of {minutes:g} min, with rests. Each is the one "
-        f"that {AIMS[proposal.goal]} most for its time, after those before it."
-    )
+    print_paragraph(of_time(proposal, minutes))
     print()
     print_expected(proposal)
-    said = [f"{name} {_percent(before)} to {_percent(after)}" for name, (before, after) in proposal.predicted.items()]
-    print_paragraph(f"Error of what is predicted for the inputs, of the size of the answer: {', '.join(said)}.")
-    for text in _about_rivals(proposal):
+    for text in of_goal(proposal):
         print_paragraph(text)
     print()
     print_table(
         ["best of its kind, as the next run", "for", *_where(proposal.best_of_kind), "on the bench", "of the best"],
         [
-            [*_cells(run, proposal.best_of_kind), _minutes(run.time), _part(run, proposal.best_of_kind[0])]
+            [*_cells(run, proposal.best_of_kind), bench_time(run.time), _part(run, proposal.best_of_kind[0])]
             for run in proposal.best_of_kind
         ],
     )
-    if proposal.refused:
-        listed = ", ".join(f"{name} {count}" for name, count in proposal.refused.items())
-        print_paragraph(f"Of {proposal.tried} runs that were tried some would pass a limit: {listed}.")
+    if told := of_limits(proposal):
+        print_paragraph(told)
     print_remarks([f"run {place}: {text}" for place, run in enumerate(proposal.runs, 1) for text in run.remarks])
     print_remarks(proposal.remarks)
 
@@ -185,28 +181,5 @@ def _cells(run: ProposedRun, runs: Sequence[ProposedRun]) -> list[str]:
     return [str(one.signal), f"{one.duration:g} s", *([str(one.condition)] if _where(runs) else [])]
 
 
-def _minutes(time: float) -> str:
-    return f"{time / 60.0:.1f} min"
-
-
 def _part(run: ProposedRun, best: ProposedRun) -> str:
     return f"{100.0 * run.gain_per_minute / best.gain_per_minute:.0f} %" if best.gain_per_minute > 0.0 else "-"
-
-
-def _percent(part: float) -> str:
-    return f"{significant(100.0 * part, 2)} %" if part < 1.0 else "unknown"
-
-
-def _about_rivals(proposal: Proposal) -> list[str]:
-    said = []
-    for name, (first, last) in proposal.evidence.items():
-        least = proposal.shows.get(name, {})
-        if least:
-            amounts = ", ".join(f"{key} of {significant(value, 2)} {unit}" for key, (value, unit) in least.items())
-            said.append(f"These runs would show a stage {name} from {amounts} on, at two standard errors.")
-        elif name not in proposal.shows:
-            said.append(
-                f"If {name} is true, the first run shows it by {significant(first, 2)} standard errors, all of them by "
-                f"{significant(last, 2)}."
-            )
-    return said

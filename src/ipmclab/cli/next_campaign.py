@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ipmclab.cli.expected import AIMS, print_expected
+from ipmclab.cli.expected import print_expected
 from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
 from ipmclab.errors import InputError
 from ipmclab.toml_file import glance
@@ -146,6 +146,7 @@ def _agreed(file: str) -> bool:
 
 def _print(proposal: StripsProposal, lines: str, minutes: float) -> None:
     from ipmclab.cli.record_view import duration_text
+    from ipmclab.planning.told import AIMS
 
     rows = []
     for sample, run in proposal.runs:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.cli.output import print_paragraph, print_remarks, print_table, read
@@ -18,28 +18,16 @@ _CONDITIONS = 12
 
 def print_populations(found: Mapping[str, Population], unknown: Mapping[str, str]) -> None:
     """Print scatter, next strip and strips apart of each metric, with how the chains did."""
+    from ipmclab.comparison.population_words import sentences
+
     for name, one in found.items():
-        print()
+        print(f"\n{name}")
         rows = [_next_cells(one, condition) for condition in one.model.conditions()]
         print_table(["the next strip", "middle", "95 % by the posterior", "by the mixed model"], rows[:_CONDITIONS])
         if len(rows) > _CONDITIONS:
             print(f"{len(rows) - _CONDITIONS} more conditions: see --json")
-        words = ", ".join(f"{each.name} {_spread(one.model, each.median, each.interval)}" for each in one.scatter)
-        print_paragraph(f"{name}: one standard deviation between {words}.")
-        unlike = [each for each in one.strips_apart if each.is_unlike]
-        for each in unlike:
-            size = f"x {each.value:.3g}" if one.model.is_ratio else _read(one.model, each.value)
-            print_paragraph(
-                f"{each.sample} is unlike the others: {size} of what they let expect (p = {each.p_value:.2g})."
-            )
-        if one.strips_apart and not unlike:
-            print_paragraph(f"None of {len(one.strips_apart)} strips is unlike the others.")
-        worst = max(each.convergence.r_hat for each in one.scatter)
-        least = min(min(each.convergence.bulk, each.convergence.tail) for each in one.scatter)
-        print_paragraph(
-            f"The chains agree after {one.steps} steps: R-hat is at most {worst:.4f}, with {least:.0f} effective "
-            "samples or more."
-        )
+        for words in sentences(one, partial(_read, one.model)):
+            print_paragraph(words)
     print_remarks([f"{name}: nothing is told of the next strip: {why}" for name, why in unknown.items()])
 
 
@@ -102,11 +90,3 @@ def _read(model: MetricModel, value: float) -> str:
 
 def _interval(model: MetricModel, interval: tuple[float, float]) -> str:
     return f"{_read(model, interval[0])} to {_read(model, interval[1])}"
-
-
-def _spread(model: MetricModel, median: float, interval: tuple[float, float]) -> str:
-    """A scatter as people read it: of magnitudes the factor that one standard deviation is."""
-    if model.is_ratio:
-        low, middle, high = (math.exp(min(each, 700.0)) for each in (interval[0], median, interval[1]))
-        return f"a factor {middle:.3g} ({low:.3g} to {high:.3g})"
-    return f"{_read(model, median)} ({_interval(model, interval)})"

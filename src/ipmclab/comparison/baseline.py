@@ -18,11 +18,58 @@ from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import NO_VOLTAGE
 from ipmclab.run import FloatArray, Run, RunMetadata
 
+BASELINE: Final = "baseline"
+NO_SIGNAL: Final = "step 0 V"
+"""What a run notes that was recorded without voltage: as its purpose, or as its signal."""
+
 _FEWEST: Final = 20
 """Readings that make a rate."""
 
+_WARMER: Final = 4.0
+_WETTER: Final = 6.0
+"""Further apart [K, percent], the air of two runs is another: twice what counts as one level of a factor."""
+
 _BLOCKS: Final = 10
 """Pieces of a baseline whose own rates tell how straight its curl is."""
+
+
+@dataclass(frozen=True)
+class Air:
+    """The air around a strip, as far as it is known.
+
+    Parameters
+    ----------
+    temperature : float [degC], optional
+    relative_humidity : float [percent], optional
+    """
+
+    temperature: float | None = None
+    relative_humidity: float | None = None
+
+    def is_other(self, other: Air) -> bool:
+        """Whether a strip curls otherwise in the other air; not where that is not known."""
+        pairs = (
+            (self.temperature, other.temperature, _WARMER),
+            (self.relative_humidity, other.relative_humidity, _WETTER),
+        )
+        return any(one is not None and its is not None and abs(one - its) > most for one, its, most in pairs)
+
+
+def air_of(run: Run) -> Air:
+    """The mean temperature and humidity that a run read, or else those that it notes.
+
+    Examples
+    --------
+    >>> air_of(Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0], temperature=[20.0, 22.0])).temperature
+    21.0
+    """
+    noted = run.metadata
+    return Air(_mean(run.temperature, noted.temperature), _mean(run.relative_humidity, noted.relative_humidity))
+
+
+def _mean(values: FloatArray | None, noted: float | None) -> float | None:
+    read = np.zeros(0) if values is None else values[np.isfinite(values)]
+    return float(read.mean()) if len(read) else noted
 
 
 @dataclass(frozen=True)
@@ -39,6 +86,8 @@ class Drift:
     sample, mounting : str, optional
     recorded_at : str
         Empty where it is not known.
+    air : Air
+        Around the strip meanwhile.
     """
 
     rate: float
@@ -47,6 +96,7 @@ class Drift:
     sample: str | None = None
     mounting: str | None = None
     recorded_at: str = ""
+    air: Air = Air()
 
 
 def is_baseline(run: Run) -> bool:
@@ -57,7 +107,7 @@ def is_baseline(run: Run) -> bool:
     >>> is_baseline(Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0]))
     True
     """
-    return run.metadata.purpose == "baseline" or float(np.abs(run.voltage).max()) < NO_VOLTAGE
+    return run.metadata.purpose == BASELINE or float(np.abs(run.voltage).max()) < NO_VOLTAGE
 
 
 def drift_of(run: Run) -> Drift | None:
@@ -91,6 +141,7 @@ def drift_of(run: Run) -> Drift | None:
         sample=None if sample is None else sample.id,
         mounting=run.metadata.mounting_id,
         recorded_at=run.metadata.recorded_at or "",
+        air=air_of(run),
     )
 
 
@@ -101,26 +152,29 @@ def _line(time: FloatArray, values: FloatArray) -> tuple[float, float]:
     return float(centred @ values) / weight, noise_of_readings(values) / math.sqrt(weight)
 
 
-def baseline_for(about: RunMetadata, drifts: Sequence[Drift]) -> Drift | None:
+def baseline_for(about: RunMetadata, drifts: Sequence[Drift], air: Air = Air()) -> Drift | None:
     """The baseline of the same strip that tells most of a run: of its mounting, and the last one before it.
 
-    Times are compared as moments, whatever time zone they are written in; one without a zone is taken as local. Where
-    every baseline came after the run it is the first of them.
+    A strip curls because it dries: a baseline in another air says nothing of the run, and none is better. Times are
+    compared as moments, whatever time zone they are written in; one without a zone is taken as local. Where every
+    baseline came after the run it is the first of them.
 
     Parameters
     ----------
     about : RunMetadata
         Of the run.
     drifts : sequence of Drift
+    air : Air, optional
+        Around the strip during the run.
 
     Returns
     -------
     drift : Drift or None
-        None where no baseline is of the same sample.
+        None where no baseline is of the same sample in such air.
     """
     sample = None if about.sample is None else about.sample.id
     when = _moment(about.recorded_at or "")
-    own = [one for one in drifts if one.sample == sample and sample is not None]
+    own = [one for one in drifts if one.sample == sample and sample is not None and not one.air.is_other(air)]
     own = [one for one in own if one.mounting == about.mounting_id] or own
     before = [one for one in own if _moment(one.recorded_at) <= when]
     if before:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from ipmclab.comparison.baseline import Drift, baseline_for, drift_of, is_baseline
+from ipmclab.comparison.baseline import BASELINE, NO_SIGNAL, Air, Drift, air_of, baseline_for, drift_of, is_baseline
 from ipmclab.comparison.factors import FACTORS, Factor, chosen_factors
 from ipmclab.comparison.frequency_response import FrequencyResponse, frequency_response
 from ipmclab.comparison.metric_model import MetricModel, StripApart, model_metric
@@ -22,7 +23,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.one_thread import on_one_thread
 from ipmclab.quality.check import check
 from ipmclab.run import Run, RunMetadata
-from ipmclab.store.run_file import read_run
+from ipmclab.store.run_file import peek, read_run
 
 Progress = Callable[[int, int], None]
 
@@ -234,20 +235,23 @@ class _Reader:
         self.doubtful: dict[str, tuple[str, ...]] = {}
         self.unread: list[Unread] = []
         self._drifts: list[Drift] = []
-        self._taken: dict[str, tuple[RunMetadata, Drift | None]] = {}  # what was taken from each run that has a voltage
+        self._taken: dict[str, tuple[RunMetadata, Air, Drift | None]] = {}  # from each run that has a voltage
 
     def read(self, runs: list[Run | str | os.PathLike[str]], tell: Progress) -> None:
         names = _labels(runs)
-        again: list[int] = []
-        for place, one in enumerate(runs):
-            run = self._run(one, names[place])
+        # Baselines come first: what they take from a run is known then when the run is read.
+        order = sorted(range(len(runs)), key=lambda place: not _notes_a_baseline(runs[place]))
+        rows: dict[int, RunRow] = {}
+        for done, place in enumerate(order, start=1):
+            run = self._run(runs[place], names[place])
             if run is not None:
-                baselines = len(self._drifts)
-                self._add(run)
-                again += [place] if len(self._drifts) > baselines else []
-            tell(place + 1, len(runs))
-        if again:
-            self._correct(runs[: again[-1]], names)
+                rows[place] = self._add(run)
+            tell(done, len(runs))
+        for place in rows:
+            again = self._corrected(runs[place], names[place])
+            rows[place] = again or rows[place]
+        self.rows = [rows[place] for place in sorted(rows)]
+        self.responses = {row.run: self.responses[row.run] for row in self.rows if row.run in self.responses}
 
     def _run(self, one: Run | str | os.PathLike[str], name: str) -> Run | None:
         if isinstance(one, Run):
@@ -258,38 +262,49 @@ class _Reader:
             self.unread.append(Unread(name, f"{error.message}; {error.repair}" if error.repair else error.message))
             return None
 
-    def _add(self, run: Run) -> None:
+    def _add(self, run: Run) -> RunRow:
         if is_baseline(run):
             drift = drift_of(run)
             if drift is not None:
                 self._drifts.append(drift)
-        self.rows.append(self._row(run))
+        row = self._row(run)
         errors = tuple(dict.fromkeys(one.code for one in check(run) if one.severity == "error"))
         if errors:
             self.doubtful[run.name] = errors
-        if self.rows[-1].waveform == "multisine" and len(self.responses) < _RESPONSES:
+        if row.waveform == "multisine" and len(self.responses) < _RESPONSES:
             found = tuple(_responses(run))
             if found:
                 self.responses[run.name] = found
+        return row
 
     def _row(self, run: Run) -> RunRow:
         sample = "" if run.metadata.sample is None else run.metadata.sample.id
         drift = None
         if not is_baseline(run):
-            drift = baseline_for(run.metadata, self._drifts)
-            self._taken[run.name] = run.metadata, drift
+            air = air_of(run)
+            drift = baseline_for(run.metadata, self._drifts, air)
+            self._taken[run.name] = run.metadata, air, drift
         return row_of(run, strip=self.strips.get(sample), drift=drift)
 
-    def _correct(self, runs: Sequence[Run | str | os.PathLike[str]], names: Sequence[str]) -> None:
-        """Read those again for which another baseline counts, now that all are known."""
-        places = {row.run: place for place, row in enumerate(self.rows)}
-        for one, name in zip(runs, names, strict=False):
-            about, drift = self._taken.get(name, (None, None))
-            if about is None or baseline_for(about, self._drifts) is drift:
-                continue
-            run = self._run(one, name)
-            if run is not None:
-                self.rows[places[name]] = self._row(run)
+    def _corrected(self, one: Run | str | os.PathLike[str], name: str) -> RunRow | None:
+        """The row of a run for which another baseline counts, now that all are known; None where the same one does.
+
+        So it is where a baseline does not note that it is one.
+        """
+        if name not in self._taken:
+            return None
+        about, air, drift = self._taken[name]
+        if baseline_for(about, self._drifts, air) is drift:
+            return None
+        run = self._run(one, name)
+        return None if run is None else self._row(run)
+
+
+def _notes_a_baseline(one: Run | str | os.PathLike[str]) -> bool:
+    if isinstance(one, Run):
+        return is_baseline(one)
+    noted = peek(one, ("purpose", "signal"))
+    return noted.get("purpose") == BASELINE or noted.get("signal") == NO_SIGNAL
 
 
 def _responses(run: Run) -> Iterator[FrequencyResponse]:
@@ -307,7 +322,7 @@ def _responses(run: Run) -> Iterator[FrequencyResponse]:
 def _labels(runs: Sequence[Run | str | os.PathLike[str]]) -> list[str]:
     """A name for each run: that of its file, with its folder where two are called alike, else numbered."""
     names = [one.name if isinstance(one, Run) else Path(one).name for one in runs]
-    counts = {name: names.count(name) for name in set(names)}
+    counts = Counter(names)
     found = []
     for place, (one, name) in enumerate(zip(runs, names, strict=True)):
         if counts[name] > 1 or not name:

@@ -108,11 +108,13 @@ def levels_of(factor: Factor, values: Sequence[float]) -> list[float]:
             _settle(found, group, values)
             group = []
         group.append(place)
-    _settle(found, group, values)
+    if group:
+        _settle(found, group, values)
     return found
 
 
 def _settle(found: list[float], group: list[int], values: Sequence[float]) -> None:
-    equal = len({values[place] for place in group}) == 1
+    own = [values[place] for place in group]
+    level = own[0] if len(set(own)) == 1 else sum(own) / len(own)
     for place in group:
-        found[place] = values[place] if equal else sum(values[each] for each in group) / len(group)
+        found[place] = level

@@ -341,10 +341,12 @@ def shares_of(rows: Sequence[RunRow]) -> dict[str, float]:
 
 
 def _is_constant_within(column: FloatArray, groups: Sequence[str]) -> bool:
-    return all(
-        np.ptp([value for value, group in zip(column, groups, strict=True) if group == one]) < _SAME
-        for one in dict.fromkeys(groups)
-    )
+    codes: dict[str, int] = {}
+    group = np.array([codes.setdefault(one, len(codes)) for one in groups])
+    low, high = np.full(len(codes), np.inf), np.full(len(codes), -np.inf)
+    np.minimum.at(low, group, column)
+    np.maximum.at(high, group, column)
+    return bool(np.all(high - low < _SAME))
 
 
 def _repeats(groups: Sequence[str]) -> bool:

@@ -228,19 +228,19 @@ class _Sums:
     @classmethod
     def of(cls, design: FloatArray, values: FloatArray, rows: Sequence[RunRow]) -> _Sums:
         columns = np.column_stack([design, values])
-        mountings = [(row.sample, row.mounting) for row in rows]
+        mountings = [(row.strip, row.mounting) for row in rows]
         each = list(dict.fromkeys(mountings))
         chosen = [np.array([one == of for of in mountings]) for one in each]
         within = sum(
             ((part := columns[of] - columns[of].mean(axis=0)).T @ part for of in chosen),
             np.zeros((columns.shape[1],) * 2),
         )
-        samples = list(dict.fromkeys(sample for sample, _ in each))
+        strips = list(dict.fromkeys(strip for strip, _ in each))
         return cls(
             np.asarray(within),
             np.array([columns[of].sum(axis=0) for of in chosen]),
             np.array([float(of.sum()) for of in chosen]),
-            np.array([[float(one == sample) for one, _ in each] for sample in samples]),
+            np.array([[float(one == strip) for one, _ in each] for strip in strips]),
         )
 
     def log_likelihood(self, components: FloatArray) -> FloatArray:

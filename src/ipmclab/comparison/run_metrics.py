@@ -11,6 +11,7 @@ import numpy as np
 
 from ipmclab.comparison.baseline import Drift, without_drift
 from ipmclab.confidence import NORMAL_95
+from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, harmonics, measure
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import NO_VOLTAGE
@@ -53,7 +54,7 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
     """
     if drift is not None and run.displacement is not None:
         duration = float(run.time[-1] - run.time[0])
-        metrics = tuple(_less_drift(one, drift, duration) for one in measure(without_drift(run, drift)))
+        metrics = tuple(_less_drift(one, drift, duration) for one in measure(without_drift(run, drift), check(run)))
     else:
         metrics = measure(run)
     return (*metrics, *_electrical(run, metrics), *_gains(run, metrics), *_strain(metrics, strip))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ipmclab.comparison.baseline import Drift, is_baseline
+from ipmclab.comparison.baseline import Drift, air_of, is_baseline
 from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.run_metrics import metrics_of_run
 from ipmclab.destination import replacing
@@ -73,15 +73,15 @@ def row_of(run: Run, *, strip: Actuator | None = None, drift: Drift | None = Non
     >>> row.waveform, row.values["frequency"], f"{1e3 * row.metrics['displacement.amplitude'].value:.4f} mm"
     ('sine', 0.1, '0.4126 mm')
     """
-    metadata, sample = run.metadata, run.metadata.sample
+    metadata, sample, air = run.metadata, run.metadata.sample, air_of(run)
     waveform, voltage, frequency = _drive(run)
     known = {
         "thickness": None if sample is None else sample.nominal_membrane_thickness,
         "loading": None if sample is None else sample.plating_loading,
         "voltage": voltage,
         "frequency": frequency,
-        "humidity": _mean(run.relative_humidity, metadata.relative_humidity),
-        "temperature": _mean(run.temperature, metadata.temperature),
+        "humidity": air.relative_humidity,
+        "temperature": air.temperature,
         "clamp_pressure": metadata.clamp_pressure,
     }
     metrics = metrics_of_run(run, strip=strip, drift=drift)
@@ -112,14 +112,6 @@ def _drive(run: Run) -> tuple[str, float | None, float | None]:
     record = Record.of(run)
     is_step = bool(len(record.edges)) and record.steps_from_rest and bool(record.constant_after[0])
     return ("step", abs(float(record.heights[0])), None) if is_step else ("", size, None)
-
-
-def _mean(values: object, noted: float | None) -> float | None:
-    if values is None:
-        return noted
-    read = np.asarray(values, dtype=np.float64)
-    read = read[np.isfinite(read)]
-    return float(read.mean()) if len(read) else noted
 
 
 def table_csv(rows: Sequence[RunRow]) -> str:

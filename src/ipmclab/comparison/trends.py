@@ -146,8 +146,10 @@ def trend_of(key: str, waveform: str, rows: Sequence[RunRow], factor: Factor) ->
     along = levels_of(factor, [row.values[factor.name] for row in told])
     groups = _alike(told, factor)
     # A group at one level says nothing of the course.
-    counts = {group: len({x for x, one in zip(along, groups, strict=True) if one == group}) for group in set(groups)}
-    kept = [place for place, group in enumerate(groups) if counts[group] > 1]
+    seen: dict[tuple[object, ...], set[float]] = {}
+    for group, level in zip(groups, along, strict=True):
+        seen.setdefault(group, set()).add(level)
+    kept = [place for place, group in enumerate(groups) if len(seen[group]) > 1]
     x = np.array([along[place] for place in kept])
     levels = tuple(sorted(set(x.tolist())))
     if len(levels) < 3 or levels[0] <= 0.0:
@@ -223,9 +225,10 @@ def _held_out(law: Law, place: FloatArray, ratio: float, logs: FloatArray, membe
             return math.nan
         shape = _best_shape(law, place[~out], ratio, logs[~out], member[~out])
         apart = logs - law.shape(shape, place, ratio)
-        for row in np.flatnonzero(out):
-            others = ~out & (member == member[row])
-            if others.any():
-                errors.append(float(apart[row] - apart[others].mean()))
+        counts = np.bincount(member[~out], minlength=member.max() + 1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            means = np.bincount(member[~out], apart[~out], minlength=len(counts)) / counts
+        told = member[out][counts[member[out]] > 0]
+        errors += (apart[out][counts[member[out]] > 0] - means[told]).tolist()
     finite = [one for one in errors if math.isfinite(one)]
     return math.sqrt(float(np.mean(np.square(finite)))) if len(finite) == len(errors) and errors else math.nan

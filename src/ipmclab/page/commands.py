@@ -234,3 +234,44 @@ def smooth_step(run: str, below: float, out: str) -> Step:
         f"ipmclab.write_run(smoothed, {out!r})\n"
     )
     return Step(shlex.join(command), python)
+
+
+def next_step(
+    fit: str,
+    goal: str,
+    minutes: float,
+    *,
+    limits: Mapping[str, str],
+    longest: str,
+    inputs: Sequence[str] = (),
+    rival: str = "",
+) -> Step:
+    """Ask which runs to record next.
+
+    Examples
+    --------
+    >>> limits = {"voltage": "3 V"}
+    >>> next_step("fitted.toml", "model", 15.0, limits=limits, longest="40 s", rival="leak.exponential").command
+    "ipmclab next fitted.toml --goal model --minutes 15 --limit 'voltage=3 V' --longest '40 s' --rival leak.exponential"
+    """
+    command = ["ipmclab", "next", fit, "--goal", goal, "--minutes", _exact(minutes)]
+    for name, value in limits.items():
+        command += ["--limit", f"{name}={value}"]
+    command += ["--longest", longest]
+    own = ""
+    for text in inputs:
+        command += ["--input", text]
+    if inputs:
+        own += f", inputs={list(inputs)!r}"
+    if rival:
+        command += ["--rival", rival]
+        own += f", rival=ipmclab.load_actuator({rival!r})" if rival.endswith(".toml") else f", rival={rival!r}"
+    python = (
+        "import ipmclab\nfrom ipmclab.rig.safety.limits import Limits\n"
+        "from ipmclab.units import TIME, parse_quantity\n\n"
+        f'longest = parse_quantity({longest!r}, TIME, where="longest")\n'
+        f"allowed = ipmclab.Allowance(limits=Limits.from_table({dict(limits)!r}), longest=longest)\n"
+        f"fit = ipmclab.read_fit({fit!r})\n"
+        f"print(ipmclab.propose_runs(fit, goal={goal!r}, minutes={minutes!r}, allowed=allowed{own}))\n"
+    )
+    return Step(shlex.join(command), python)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,7 +17,7 @@ from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
 from ipmclab.quality.steady import settle
 from ipmclab.quality.usable import usable
-from ipmclab.run import FloatArray, Run
+from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 
 _HARMONICS: Final = 5
@@ -68,7 +69,7 @@ class _Response:
     rest_error: float
 
 
-def measure(run: Run) -> tuple[Metric, ...]:
+def measure(run: Run, findings: Sequence[Finding] | None = None) -> tuple[Metric, ...]:
     """The metrics that a run allows, channel by channel.
 
     A voltage that jumps and stands gives the peak at the first edge, the time to it and, where the
@@ -80,6 +81,8 @@ def measure(run: Run) -> tuple[Metric, ...]:
     Parameters
     ----------
     run : Run
+    findings : sequence of Finding, optional
+        Those of the record that the run was made of, where it is no longer as it was read; else ``check`` is asked.
 
     Returns
     -------
@@ -94,12 +97,14 @@ def measure(run: Run) -> tuple[Metric, ...]:
     >>> {metric.name: round(metric.value, 4) for metric in measure(run)}
     {'largest': 0.06, 'peak_at_first_edge': 0.06, 'time_to_peak': 0.0, 'steady_value': 0.01, 'mean_of_last_tenth': 0.01}
     """
-    return kept(run, "metrics", lambda: _measured(run))
+    if findings is not None:
+        return _measured(run, findings)
+    return kept(run, "metrics", lambda: _measured(run, check(run)))
 
 
-def _measured(run: Run) -> tuple[Metric, ...]:
+def _measured(run: Run, findings: Sequence[Finding]) -> tuple[Metric, ...]:
     record = Record.of(run)
-    masks = usable(run, [finding for finding in check(run) if finding.effect == "mask"])
+    masks = usable(run, [finding for finding in findings if finding.effect == "mask"])
     periodic = periodic_part(run)
     metrics: list[Metric] = []
     for channel in record.channels.values():

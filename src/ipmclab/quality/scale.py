@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -255,7 +256,7 @@ def _best_lag(voltage: FloatArray, readings: FloatArray, name: str) -> float | N
     power = float(centred @ centred)
     if power <= 0.0:
         return None
-    times = np.geomspace(0.3, 1.5 * len(voltage), _LAGS)
+    times = _times(len(voltage))
     lagged = _lags(voltage, times)[known]
     # What a constant, and for a current the voltage itself, explain is taken off both sides.
     left, lagged, beside = centred, lagged - lagged.mean(axis=0), voltage[known] - voltage[known].mean()
@@ -267,6 +268,12 @@ def _best_lag(voltage: FloatArray, readings: FloatArray, name: str) -> float | N
     unexplained = float(left @ left) - float(explained[best])
     shows = unexplained <= (1.0 - _EXPLAINED[name]) * power and explained[best] >= _OWN_SHARE * power
     return float(times[best]) if shows and 0 < best < _LAGS - 1 else None
+
+
+@lru_cache(maxsize=64)
+def _times(rows: int) -> FloatArray:
+    """The time constants that are tried over so many rows, in rows."""
+    return np.geomspace(0.3, 1.5 * rows, _LAGS)
 
 
 def _lags(voltage: FloatArray, times: FloatArray) -> FloatArray:

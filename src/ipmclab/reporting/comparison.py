@@ -6,9 +6,10 @@ import base64
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from ipmclab.comparison.compare import Comparison
 from ipmclab.comparison.display import metric_label, quantity_of
@@ -16,15 +17,24 @@ from ipmclab.comparison.metric_model import Effect, MetricModel
 from ipmclab.comparison.mixed import RESIDUAL
 from ipmclab.comparison.table import RunRow, table_csv, write_csv
 from ipmclab.reporting.figures.comparison import ComparedFigure, effects_figure, factor_figures, strips_figures
+from ipmclab.reporting.figures.population import population_figures
 from ipmclab.reporting.figures.responses import response_figures
 from ipmclab.reporting.page_file import render, write_page
+from ipmclab.reporting.population import population_parts
 from ipmclab.reporting.save import save_figure
 from ipmclab.reporting.svg import inline_svg
 from ipmclab.reporting.wording import plain, spelled_unit, with_unit
 from ipmclab.units import DISPLACEMENT, FORCE
 
+if TYPE_CHECKING:
+    from ipmclab.comparison.population import Population
+
 _ROWS_SHOWN = 200
 """Runs in the table of the page; all of them are in its data."""
+
+
+Posterior: TypeAlias = "tuple[Mapping[str, Population], Mapping[str, str]]"
+"""What ``populations_of`` found of some metrics, and why nothing is told of others."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,7 @@ class _Shown:
     link: str
 
 
-def comparison_figures(comparison: Comparison) -> list[ComparedFigure]:
+def comparison_figures(comparison: Comparison, posterior: Posterior | None = None) -> list[ComparedFigure]:
     """Every figure of a comparison, each with its data.
 
     Examples
@@ -54,11 +64,19 @@ def comparison_figures(comparison: Comparison) -> list[ComparedFigure]:
         *([effects] if effects else []),
         *factor_figures(comparison),
         *strips_figures(comparison),
+        *(population_figures(posterior[0]) if posterior else []),
         *response_figures(comparison),
     ]
 
 
-def write_comparison(comparison: Comparison, path: str | Path, *, command: str = "", overwrite: bool = False) -> Path:
+def write_comparison(
+    comparison: Comparison,
+    path: str | Path,
+    *,
+    posterior: Posterior | None = None,
+    command: str = "",
+    overwrite: bool = False,
+) -> Path:
     """Write one self-contained HTML file of a comparison; its tables and the data of its figures are in it.
 
     Parameters
@@ -67,6 +85,8 @@ def write_comparison(comparison: Comparison, path: str | Path, *, command: str =
         What ``compare`` returned.
     path : str or Path
         Ending in .html.
+    posterior : tuple, optional
+        What ``populations_of`` returned.
     command : str
         How it was asked for, kept in it.
     overwrite : bool
@@ -81,10 +101,14 @@ def write_comparison(comparison: Comparison, path: str | Path, *, command: str =
     InputError
         Another suffix, a folder that does not exist, or a file that does.
     """
-    return write_page(lambda: comparison_html(comparison, command=command), path, overwrite=overwrite)
+    return write_page(
+        lambda: comparison_html(comparison, posterior=posterior, command=command), path, overwrite=overwrite
+    )
 
 
-def write_comparison_data(comparison: Comparison, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
+def write_comparison_data(
+    comparison: Comparison, folder: str | Path, *, posterior: Posterior | None = None, overwrite: bool = False
+) -> list[Path]:
     """Write the table of a comparison and every figure, each as CSV and as SVG, into a folder.
 
     Parameters
@@ -92,6 +116,8 @@ def write_comparison_data(comparison: Comparison, folder: str | Path, *, overwri
     comparison : Comparison
     folder : str or Path
         One that is there.
+    posterior : tuple, optional
+        What ``populations_of`` returned.
     overwrite : bool
         Whether existing files may be replaced.
 
@@ -106,7 +132,7 @@ def write_comparison_data(comparison: Comparison, folder: str | Path, *, overwri
     """
     place = Path(folder)
     paths = [write_csv(table_csv(comparison.rows), place / "runs.csv", overwrite=overwrite)]
-    for figure in comparison_figures(comparison):
+    for figure in comparison_figures(comparison, posterior):
         paths.append(write_csv(figure_csv(figure), place / f"{figure.name}.csv", overwrite=overwrite))
         paths.append(save_figure(figure.draw, place / f"{figure.name}.svg", overwrite=overwrite))
     return paths
@@ -121,7 +147,7 @@ def figure_csv(figure: ComparedFigure) -> str:
     return stream.getvalue()
 
 
-def comparison_html(comparison: Comparison, *, command: str = "") -> str:
+def comparison_html(comparison: Comparison, *, posterior: Posterior | None = None, command: str = "") -> str:
     """The text of the report of a comparison."""
     shown = [
         _Shown(
@@ -131,7 +157,7 @@ def comparison_html(comparison: Comparison, *, command: str = "") -> str:
             file=f"{one.name}.csv",
             link=_link(figure_csv(one)),
         )
-        for one in comparison_figures(comparison)
+        for one in comparison_figures(comparison, posterior)
     ]
     rows = comparison.rows
     return render(
@@ -159,6 +185,8 @@ def comparison_html(comparison: Comparison, *, command: str = "") -> str:
             for name, strips in comparison.strips_apart.items()
         ],
         following=[row for model in comparison.models for row in _next_rows(model)],
+        populations=population_parts(posterior[0]) if posterior else [],
+        unknown=list(posterior[1].items()) if posterior else [],
         performances=[
             (
                 one.sample or "–",

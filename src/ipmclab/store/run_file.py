@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -102,8 +102,8 @@ def read_run(path: str | os.PathLike[str]) -> Run:
     try:
         with h5py.File(source, "r") as file:
             document, checksum = _text(file, "metadata_json"), _text(file, "metadata_sha256")
-            names = [name for name, item in file.items() if isinstance(item, h5py.Dataset)]
-            arrays = {name: np.asarray(file[name][()]) for name in names if _is_ours(name)}
+            there = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            arrays = {name: np.asarray(item[()]) for name, item in there.items() if _is_ours(name)}
     except Exception as error:  # a damaged file makes HDF5 raise nearly anything, from OSError to KeyError
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         cut = "truncated" in reason
@@ -115,7 +115,7 @@ def read_run(path: str | os.PathLike[str]) -> Run:
         ) from error
     if document is None:
         raise InputError(
-            f"a netCDF file, but no run: it has no attribute metadata_json (variables: {', '.join(names) or 'none'})",
+            f"a netCDF file, but no run: it has no attribute metadata_json (variables: {', '.join(there) or 'none'})",
             code="not-a-run",
             where=where,
             repair="import a foreign record with an import map",
@@ -129,6 +129,43 @@ def read_run(path: str | os.PathLike[str]) -> Run:
             repair="the metadata were changed after they were written: take another copy of the file",
         )
     return replace(from_document(document, arrays, where=where), file=source.name)
+
+
+def peek(path: str | os.PathLike[str], names: Collection[str]) -> dict[str, str]:
+    """Some of what a run notes, as its file has it for people; nothing is checked.
+
+    Parameters
+    ----------
+    path : str or path
+    names : collection of str
+        Such as ``"purpose"`` and ``"signal"``.
+
+    Returns
+    -------
+    noted : mapping of name to str
+        Without what the run does not note; empty where this is no run that can be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from ipmclab.run import RunMetadata
+    >>> run = Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0], metadata=RunMetadata(signal="step 0 V"))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_run(run, pathlib.Path(folder) / "still.nc")
+    ...     peek(pathlib.Path(folder) / "still.nc", ("purpose", "signal"))
+    {'signal': 'step 0 V'}
+    """
+    source = Path(path)
+    try:
+        _check_signature(source)
+        refuse_endless_heap(source)
+        import h5py
+
+        with h5py.File(source, "r") as file:
+            found = {name: _text(file, name) for name in names if name in file.attrs}
+    except Exception:  # whoever reads the file is told
+        return {}
+    return {name: text for name, text in found.items() if text is not None}
 
 
 def _check_signature(source: Path) -> None:

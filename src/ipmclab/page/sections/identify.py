@@ -16,6 +16,7 @@ from ipmclab.page.elements.run_table import Chosen, RunTable
 from ipmclab.page.run_table import RunFilter, table_rows
 from ipmclab.page.sections.fit_view import FitView
 from ipmclab.page.sections.kept import Kept, texts
+from ipmclab.page.sections.next_runs import NextRunsView
 from ipmclab.page.sections.parts import card, fail_at, sentence, step_view, text
 from ipmclab.page.sections.prediction import PredictionView
 from ipmclab.page.workshop import FitCard, FitRequest
@@ -61,6 +62,8 @@ class _View:
                 self._fit.build()
                 self._prediction = PredictionView(self._workshop, self._kept, lambda: self._table.chosen["held"])
                 self._prediction.build()
+                self._next = NextRunsView(self._workshop, self._kept)
+                self._next.build()
         for name, field in (("actuator", self._actuator), ("name", self._name)):
             self._kept.keep(name, field)
         for name, table in (("runs", self._table), ("free", self._free)):
@@ -115,6 +118,7 @@ class _View:
             self._show(done[-1])
         self._awaited = at_work[-1] if at_work else None
         self._prediction.go_on(kept)
+        self._next.go_on(kept)
         await self._workshop.looked()
         await self._read_rows()
         if not self._rows:
@@ -292,11 +296,13 @@ class _View:
             return
         self._fit.show(one)
         self._prediction.offer(one)
+        self._next.offer(one)
 
     def _refill(self) -> None:
         """A fit was saved: it can be chosen as an actuator."""
         self._actuator.set_autocomplete(list(self._workshop.actuators()))
         self._prediction.refill()
+        self._next.refill()
         self._tell_step()
 
 

@@ -47,6 +47,7 @@ TASKS: Final[dict[str, Entry]] = {
     "identify": Entry("identify", WORK, None),
     "validate": Entry("validate", WORK, None),
     "report": Entry("report", WORK, None),
+    "propose": Entry("propose", WORK, None),
 }
 
 

@@ -1,0 +1,100 @@
+"""The next strip by its posterior: what one will read, and what strips of this make read on the average."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from matplotlib.figure import Figure
+
+from ipmclab.comparison.display import quantity_of
+from ipmclab.reporting.figures.comparison import ComparedFigure
+from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.style import COLOURS, label_text, style
+from ipmclab.reporting.wording import spelled_unit, with_unit
+
+if TYPE_CHECKING:
+    from ipmclab.comparison.population import Population
+
+MOST_CONDITIONS: Final = 12
+"""That are drawn, and stand in the table; all of them are in the data."""
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is told of one condition [SI]: the next strip, the mean of strips, and the next strip by the mixed model."""
+
+    condition: str
+    values: tuple[float, ...]
+    middle: float
+    interval: Interval
+    mean: float
+    of_mean: Interval
+    mixed: tuple[float, Interval] | None
+
+
+def told_of(one: Population) -> list[Told]:
+    """What a population tells of each condition that was measured."""
+    found = []
+    for condition in one.model.conditions():
+        shown = ", ".join(with_unit(condition[each.name], each.quantity, trim=True) for each in one.model.factors)
+        values = tuple(condition[each.name] for each in one.model.factors)
+        (middle, interval), (mean, of_mean) = one.next_strip(condition), one.mean(condition)
+        mixed = one.model.next_strip(condition)
+        found.append(Told(shown or "as measured", values, middle, interval, mean, of_mean, mixed))
+    return found
+
+
+def population_figures(populations: Mapping[str, Population]) -> list[ComparedFigure]:
+    """A figure of the next strip for each metric that was sampled."""
+    return [_figure(one, told_of(one)) for one in populations.values()]
+
+
+def _figure(one: Population, told: Sequence[Told]) -> ComparedFigure:
+    model = one.model
+    factors = (f"{each.name} [{each.quantity.unit}]" for each in model.factors)
+    ends = ("mean", "mean_low", "mean_high", "next", "next_low", "next_high", "mixed", "mixed_low", "mixed_high")
+    rows = ((*each.values, each.mean, *each.of_mean, each.middle, *each.interval, *_mixed(each)) for each in told)
+    return ComparedFigure(
+        name=f"posterior-{model.waveform}-{model.key}".replace(".", "-").replace("_", "-").replace(" ", "-"),
+        title=f"The next strip by its posterior: {model.label}, {model.waveform}",
+        caption="Thin: what a strip of this make that was not measured will read, once, in 95 of 100 cases. Thick: the "
+        "mean of such strips, with 95 %. Grey: the next strip by the mixed model.",
+        draw=lambda: _draw(one, told[:MOST_CONDITIONS]),
+        columns=(*factors, *(f"{end} [{model.metric.unit}]" if model.metric.unit else end for end in ends)),
+        data=tuple(rows),
+    )
+
+
+def _mixed(told: Told) -> tuple[float | str, ...]:
+    return ("", "", "") if told.mixed is None else (told.mixed[0], *told.mixed[1])
+
+
+def _draw(one: Population, told: Sequence[Told]) -> Figure:
+    quantity = quantity_of(one.model.metric.unit)
+
+    def shown(interval: Interval) -> list[float]:
+        return [quantity.to_display(end) for end in interval]
+
+    with style():
+        figure, grid = panel_grid([max(0.28 * len(told), 0.6)], 1, margins=Margins(left=2.2, top=0.15))
+        panel = grid[0, 0]
+        for place, each in enumerate(told):
+            if each.mixed is not None:
+                panel.plot(shown(each.mixed[1]), [place + 0.22] * 2, color=COLOURS["muted"], linewidth=1.0)
+            panel.plot(shown(each.interval), [place] * 2, color=COLOURS["blue"], linewidth=1.0)
+            panel.plot(shown(each.of_mean), [place] * 2, color=COLOURS["blue"], linewidth=3.2)
+            panel.plot(shown((each.middle, each.middle)), [place] * 2, "o", markersize=3.6, color=COLOURS["blue"])
+        panel.set_yticks(range(len(told)), [label_text(each.condition, longest=40) for each in told])
+        panel.set_ylim(len(told) - 0.4, -0.6)
+        panel.grid(visible=True, axis="x")
+        panel.grid(visible=False, axis="y")
+        panel.tick_params(axis="y", length=0)
+        if one.model.is_ratio:
+            panel.set_xlim(left=0.0)
+        unit = spelled_unit(quantity.display_unit)
+        panel.set_xlabel(f"{one.model.label} ({unit})" if unit else one.model.label)
+    return figure
