@@ -4,6 +4,7 @@ import csv
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ipmclab.campaign.blocks import blocks_of
@@ -92,6 +93,30 @@ def test_metrics_are_a_table(made):
     one = next(row for row in rows if row["metric"] == "largest" and row["channel"] == "displacement")
     assert float(one["low"]) < float(one["value"]) < float(one["high"])
     assert (made[1] / one["file"]).is_file()
+
+
+def test_repeats_have_their_scatter_and_the_interval_of_their_mean(made):
+    rows = list(csv.DictReader((made[1] / "repeats.csv").read_text(encoding="utf-8").splitlines()))
+    of_runs = list(csv.DictReader((made[1] / "metrics.csv").read_text(encoding="utf-8").splitlines()))
+    kinds = {
+        key: [row for row in rows if (row["channel"], row["metric"]) == key] for key in (LARGEST, ("force", "phase"))
+    }
+    (twice,) = [row for row in kinds[LARGEST] if row["repeats"] == "2"]
+    values = [float(row["value"]) for row in of_runs if row["experiment"] == "displacement" and _is(row, LARGEST)]
+    assert float(twice["mean"]) == pytest.approx(np.mean(values))
+    assert float(twice["standard_deviation"]) == pytest.approx(np.std(values, ddof=1))
+    reach = 12.706 * np.std(values, ddof=1) / np.sqrt(2.0)  # Student's t with one degree of freedom
+    assert float(twice["high"]) - float(twice["mean"]) == pytest.approx(reach, rel=1e-3)
+    (once,) = kinds["force", "phase"]
+    (run_alone,) = [row for row in of_runs if _is(row, ("force", "phase"))]
+    assert (once["low"], once["high"], once["standard_deviation"]) == (run_alone["low"], run_alone["high"], "")
+
+
+LARGEST = ("displacement", "largest")
+
+
+def _is(row, key):
+    return (row["channel"], row["metric"]) == key
 
 
 def test_facts_are_those_of_the_strip(made):

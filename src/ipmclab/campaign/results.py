@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
 from ipmclab.destination import replacing
@@ -76,6 +77,20 @@ class Repeated:
             return None
         return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(values)
 
+    def interval(self, channel: str, name: str) -> tuple[float, float] | None:
+        """The 95 % interval of the mean of a metric: by the scatter of the repeats, of one run by its own noise."""
+        found = self.mean(channel, name)
+        if found is None:
+            return None
+        mean, spread, count = found
+        if count == 1:
+            (one,) = (
+                one for result in self.results for one in result.metrics if (one.channel, one.name) == (channel, name)
+            )
+            return one.interval
+        reach = float(stdtrit(count - 1, 0.975)) * spread / math.sqrt(count)
+        return mean - reach, mean + reach
+
 
 def read_results(
     folder: Path, blocks: Sequence[Block], recorded: Mapping[str, Mapping[str, Any]]
@@ -128,6 +143,23 @@ def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:
         if one.verdict == "kept":
             group.append(one)
     return tuple(Repeated(*key, results=tuple(group)) for key, group in groups.items())
+
+
+def write_repeats(repeated: Sequence[Repeated], path: Path) -> Path:
+    """Write every metric of each kind of run over its repeats as one table (CSV, SI units)."""
+    head = ["sample", "experiment", "condition", "signal", "measured", "channel", "metric"]
+    head += ["mean", "standard_deviation", "repeats", "low", "high", "unit"]
+    with replacing(path, overwrite=True) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(head)
+        for kind in repeated:
+            units = {(one.channel, one.name): one.unit for result in kind.results for one in result.metrics}
+            for (channel, name), unit in units.items():
+                mean, spread, count = kind.mean(channel, name) or (math.nan, math.nan, 0)
+                low, high = kind.interval(channel, name) or ("", "")
+                about = [kind.sample, kind.part, kind.condition, kind.label, kind.measured, channel, name]
+                table.writerow([*about, mean, "" if count < 2 else spread, count, low, high, unit])
+    return path
 
 
 def write_metrics(results: Sequence[RunResult], path: Path) -> Path:

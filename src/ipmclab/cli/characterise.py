@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 REPORT: Final = "report.html"
 METRICS: Final = "metrics.csv"
+REPEATS: Final = "repeats.csv"
 COMPARISON: Final = "comparison.html"
 
 
@@ -180,7 +181,7 @@ def _sit(campaign: Campaign, laboratory: Laboratory, view: View, options: dict[s
 
 def _refuse_own_files(folder: Path, state: State) -> None:
     """Refuse a folder in which what a campaign writes would take the place of somebody's own file."""
-    for name in (METRICS, COMPARISON, REPORT) if not state.of("campaign") else ():
+    for name in (METRICS, REPEATS, COMPARISON, REPORT) if not state.of("campaign") else ():
         if (folder / name).exists():
             raise InputError(
                 "the file exists already, and no campaign was carried out in this folder",
@@ -221,7 +222,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
     """Measure what was recorded, write tables and report, and say what came of it."""
     from ipmclab.campaign.identified import identify_samples
     from ipmclab.campaign.published import reproduced
-    from ipmclab.campaign.results import by_repeat, comparable, read_results, write_metrics
+    from ipmclab.campaign.results import by_repeat, comparable, read_results, write_metrics, write_repeats
     from ipmclab.comparison.compare import compare
     from ipmclab.reporting.campaign import report_campaign
     from ipmclab.reporting.comparison import write_comparison
@@ -229,6 +230,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
     with progress("measuring the runs"):
         results = read_results(folder, planned.blocks, state.recorded)
         metrics = write_metrics(results, folder / METRICS)
+        repeats = write_repeats(by_repeat(results), folder / REPEATS)
         printed = reproduced(by_repeat(results))
     with progress("identifying the samples") as tell:
         models = identify_samples(campaign, folder, results, state, tell=tell)
@@ -261,6 +263,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
                 "flagged": flagged,
                 "repeated": again,
                 "metrics": metrics,
+                "repeats": repeats,
                 "report": report,
                 "comparison": folder / COMPARISON if comparison is not None else None,
                 "models": [
@@ -282,4 +285,4 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
                 print(f"  outside: figure {one.published.figure}, {one.published.metric}: {told}")
     for one_model in models:
         print_paragraph(str(one_model))
-    print(f"{metrics}\n{report}")
+    print(f"{metrics}\n{repeats}\n{report}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -67,6 +68,7 @@ class SamplePart:
     about: tuple[tuple[str, str], ...]
     head: tuple[str, ...]
     rows: tuple[Row, ...]
+    findings: tuple[str, ...]
     pictures: tuple[tuple[Markup, str], ...]
     models: tuple[ModelPart, ...]
 
@@ -189,7 +191,8 @@ def _samples(
         about = (*_about(strip), *_facts(facts), *_curls(ours))
         identified = tuple(model_part(one) for one in models if one.sample == strip.sample.id)
         pictures = tuple(_pictures(strip.sample.id, ours))
-        yield SamplePart(strip.sample.id, about, tuple(shown), rows, pictures, identified)
+        findings = tuple(_findings(ours))
+        yield SamplePart(strip.sample.id, about, tuple(shown), rows, findings, pictures, identified)
 
 
 def _about(strip: Strip) -> Iterator[tuple[str, str]]:
@@ -216,6 +219,19 @@ def _facts(facts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
         factor, unit = (100.0, "%") if not one["unit"] else (factor, unit)
         value = with_error(factor * one["value"], factor * one["uncertainty"])
         yield str(one["name"]), f"{value}{NO_BREAK}{spelled_unit(unit)} ({one['how']})"
+
+
+def _findings(ours: Sequence[Repeated]) -> Iterator[str]:
+    """What was found in the runs that count: each code once, with the runs that have it."""
+    codes: dict[str, list[str]] = {}
+    for kind in ours:
+        for result in kind.results:
+            for code in result.findings:
+                codes.setdefault(code, []).append(f"{kind.part}, {kind.condition}, {kind.label}")
+    for code, runs in codes.items():
+        counts = Counter(runs)
+        listed = [name if count == 1 else f"{name} ({count} runs)" for name, count in counts.items()]
+        yield f"{code}: {'; '.join(listed)}"
 
 
 def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
