@@ -8,7 +8,8 @@ from uuid import uuid4
 
 import pytest
 
-from benchmarks.campaign_kills import CAMPAIGN, disturbed, result, undisturbed
+from benchmarks.campaign_kills import CAMPAIGN as MODELLED
+from benchmarks.campaign_kills import disturbed, result
 from ipmclab import load_actuator, read_run, write_actuator
 from ipmclab.campaign.blocks import blocks_of
 from ipmclab.campaign.board import board_of
@@ -18,9 +19,13 @@ from ipmclab.campaign.sitting import sittings_of
 from ipmclab.campaign.state import State, read_events
 from ipmclab.cli.app import run
 from ipmclab.cli.record_view import View
-from ipmclab.cli.sitting import at_virtual_bench, by_recorder
+from ipmclab.cli.sitting import by_recorder
 from ipmclab.errors import IpmclabError
 from ipmclab.store.journal.laboratory import Laboratory
+from tests.campaign.carried_out import begun, carry_out
+
+CAMPAIGN = MODELLED.replace("seed = 7", "seed = 7\nidentify = false")
+"""A kill is about runs: without the models of the samples, which take most of the time."""
 
 ONE = CAMPAIGN.format(repeats=1).replace('"step 1 V", "sine 1 V 2 Hz"', '"step 1 V"')
 """Two strips with a run each."""
@@ -35,7 +40,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, dict[st
     folder = tmp_path_factory.mktemp("whole")
     file = folder / "campaign.toml"
     file.write_text(SMALL)
-    return file, folder / "out", undisturbed(file, folder / "out")
+    carry_out(campaign_from_text(SMALL), folder / "out")
+    return file, folder / "out", result(folder / "out")
 
 
 def test_every_run_is_recorded_once_in_its_order(whole):
@@ -78,15 +84,7 @@ def test_another_campaign_is_refused(whole, tmp_path, capsys):
 
 
 def conduct(text: str, folder: Path, *, state: State, sit=None) -> Conduct:
-    campaign = campaign_from_text(text)
-    laboratory = Laboratory.open(folder)
-
-    def at_bench(sitting, state):
-        return at_virtual_bench(campaign, laboratory, sitting, state)
-
-    found = Conduct(campaign, blocks_of(campaign), laboratory, state, sit=sit or at_bench, tell=lambda _: None)
-    found.begin()
-    return found
+    return begun(campaign_from_text(text), folder, state, sit)
 
 
 def test_a_run_that_fails_is_repeated_and_then_flagged(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from ipmclab.campaign.next_runs import Wishes, propose_for_campaign, ways_of
 from ipmclab.campaign.state import State
 from ipmclab.cli.app import run
 from ipmclab.store.journal.laboratory import Laboratory
+from tests.campaign.carried_out import carry_out
 
 CAMPAIGN = """
 title = "two strips"   # a comment that stays
@@ -56,7 +57,7 @@ QUICK = Wishes(longest=10.0)
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("next") / "campaign.toml"
     file.write_text(CAMPAIGN)
-    assert run(["characterise", str(file), "--out", str(file.with_suffix("")), "--json"]) == 0
+    carry_out(load_campaign(file), file.with_suffix(""))
     return file
 
 

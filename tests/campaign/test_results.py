@@ -20,6 +20,7 @@ CAMPAIGN = """
 title = "a part of <chapter 5>"
 rig = "{rig}"
 measure = ["mass", "sheet resistance", "stiffness"]
+identify = false
 [method]
 rate = "100 Hz"
 duration = "40 s"

@@ -36,6 +36,19 @@ def test_one_document_and_every_file(command: Command, steps: list[str], tmp_pat
     assert command("compare", *steps, "--out", "compare.html").status == 2
 
 
+def test_the_posterior_goes_to_page_and_data_too(
+    command: Command, steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "ipmclab.comparison.population.populations_of", lambda *_, **__: ({}, {"step: force": "one strip is too few"})
+    )
+    done = command("compare", *steps, "--metric", "force.largest", "--posterior", "--out", "c.html", "--json")
+    assert done.document["populations"]["unknown"] == {"step: force": "one strip is too few"}
+    page = (tmp_path / "c.html").read_text("utf-8")
+    assert "step: force: nothing is told of the next strip: one strip is too few." in page
+    assert "--metric force.largest --posterior</code>" in page
+
+
 def test_a_table_for_people(command: Command, steps: list[str], tmp_path: Path) -> None:
     (tmp_path / "broken.nc").write_bytes(b"no run")
     done = command("compare", *steps, "broken.nc", "--metric", "force.largest")
