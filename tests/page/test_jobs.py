@@ -241,6 +241,7 @@ def test_what_a_bad_upload_could_ask_is_limited_and_a_fit_is_not() -> None:
         "identify",
         "validate",
         "report",
+        "propose",
     }
 
 
