@@ -14,6 +14,7 @@ from ipmclab.model import Actuator
 from ipmclab.model.changing import changing_outputs
 from ipmclab.model.environment import Environment, EnvironmentHistory, WaterState, equilibrium, values_in
 from ipmclab.model.environment.laws import KINDS
+from ipmclab.model.environment.path import Grid
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -166,6 +167,18 @@ def test_a_leak_that_flows_goes_by_modes_as_by_matrices(richer: dict[str, float]
     charge = np.trapezoid(np.abs(area * 20.0 * np.expm1(np.maximum(np.abs(modes.values[1]) - 0.8, 0.0) / 0.5)), fine)
     sites = 1800.0 * strip["geometry.thickness"] / (1.0 + 0.0126 * 7.219) * area
     assert float(dry - lost) == pytest.approx(charge / (2.0 * 96485.33212) / sites, rel=0.3)
+
+
+def test_a_grid_has_points_where_parameters_move() -> None:
+    """One where nothing moves; but a law that multiplies humidity and temperature rests on both lines of reference."""
+    gain = load_actuator("friend-2+environment.coupling_gain").parameter_values
+    both = load_actuator("friend-2+environment.modulus").replace(
+        **{"environment.modulus.humidity": 0.0, "environment.modulus.humidity_temperature": 0.01}
+    )
+    ends = math.log(7.219), math.log(9.0), 20.0, 25.0
+    sizes = [tuple(map(len, Grid.over(one, *ends))) for one in (gain, both.parameter_values)]
+    assert sizes[0][1] == 1 < sizes[0][0]
+    assert min(sizes[1]) > 1
 
 
 def test_an_environment_that_stands_is_that_of_the_actuator_there() -> None:

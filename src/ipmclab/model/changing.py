@@ -60,6 +60,7 @@ def changing_outputs(
     *,
     initial_state: Mapping[str, float] | npt.ArrayLike | None = None,
     external_force: npt.ArrayLike | None = None,
+    regular: bool = False,
 ) -> Changing:
     """What the outputs read at the rows of a record while the environment changes.
 
@@ -71,15 +72,17 @@ def changing_outputs(
         With a table ``[hydration]``.
     history : EnvironmentHistory
         Its time 0 is that of the record.
+    regular : bool
+        Whether time and voltage are known to be right, and all rows one period apart; looked at otherwise.
 
     The other parameters are those of ``outputs.simulate_outputs``.
     """
-    times, volts = checked_record(time, voltage)
+    times, volts = (np.asarray(time), np.asarray(voltage)) if regular else checked_record(time, voltage)
     values = np.empty((len(OUTPUTS), len(times)))
     strip, water = actuator, None
     if initial_state is None and external_force is None:
         strip = _without_what_is_quiet(actuator, volts)
-        if is_regular(times):
+        if regular or is_regular(times):
             by_modes = leaking if strip.structure.leak else _in_pieces
             water = by_modes(strip, times, volts, hold, history, values)
     if water is None:
@@ -170,8 +173,8 @@ def _asked(
         before, after = volts[:-1], volts[1:]
         start, end = (after if hold == "zero-before" else before), (before if hold == "zero" else after)
         kind, row = np.zeros(len(before), dtype=np.int64), np.arange(len(volts), dtype=np.int64)
-        return Asked(np.array([period]), voltage_course(kind, start, end, row, volts), np.empty(0))
+        return Asked(np.array([period]), voltage_course(kind, start, end, row, volts))
     each = [volts] if force is None else [volts, force]
     lines = [timeline(times, one, hold, delay=0.0, from_rest=from_rest) for one in each]
     lines = [divided(line, parts(system, line.durations)) for line in lines]
-    return Asked(lines[0].durations, side_by_side(lines), np.empty(0))
+    return Asked(lines[0].durations, side_by_side(lines))

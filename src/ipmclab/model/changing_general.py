@@ -41,13 +41,10 @@ class Asked(NamedTuple):
     durations : float array, shape (n_kinds,) [s]
     course : Course
         Of all inputs.
-    leaks : float array, shape (n_intervals,) or (0,) [A]
-        What leaks at the end of each interval, where the system has no laws.
     """
 
     durations: FloatArray
     course: Course
-    leaks: FloatArray
 
 
 def way_along(actuator: Actuator, times: FloatArray, history: EnvironmentHistory) -> Way:
@@ -90,18 +87,20 @@ def go_through(
     stated = actuator.parameter_values
     kind = len(values), asked.course.start.shape[1]
     key = "drifting", *kind, asked.durations.tobytes(), way.cold, way.warm
-    panels = actuator.keep(key, lambda: Panels(stated, way.cold, way.warm, _Making(assembled, stated, asked.durations)))
+    panels = actuator.keep(key, lambda: Panels(stated, way.cold, way.warm, Making(assembled, stated, asked.durations)))
     wanted = float(np.log(way.at_begin.water_content))
     _, (seen, table, _) = panels.at(wanted)
-    scale = charged(actuator.state_names, values_in(stated, way.at_begin), stated)
-    x = (np.asarray(state, dtype=np.float64) * scale)[seen]
+    begun = np.asarray(state, dtype=np.float64)
+    if np.any(begun):
+        begun = begun * charged(actuator.state_names, values_in(stated, way.at_begin), stated)
+    x = begun[seen]
     walk, water = way.set_out()
     laws = np.zeros(2 * len(table.forms))
     march = Marching(x, laws, walk)
     area = sum(abs(part) for _, _, part in actuator.structure.law_ports(stated)) or 1.0
     lengths = asked.durations[asked.course.interval]
     ends = way.begin + np.concatenate([[0.0], np.cumsum(lengths)])
-    drive, interval = Drive(asked.course, ends, float(area), asked.leaks), 0
+    drive, interval = Drive(asked.course, ends, float(area)), 0
     while interval < len(lengths):
         panel, (_, _, knots) = panels.at(wanted)
         interval, found = drifting(way.track, panel, knots, table, drive, interval, march, water, values)
@@ -111,7 +110,7 @@ def go_through(
     return way.given.course(water)
 
 
-class _Making:
+class Making:
     """Makes the numbers of ``drifting_loop`` at the states of a panel; states are those that the first panel shows."""
 
     def __init__(self, assembled: Assembled, stated: Mapping[str, float], durations: FloatArray) -> None:

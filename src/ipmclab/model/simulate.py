@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -99,21 +99,26 @@ def simulate(
     rows, frequency = count_rows(duration, rate)
     time = np.arange(rows, dtype=np.float64) / frequency
     volts, given = voltage_of(signal, time, duration, frequency)
+    asked = _Asked(time, volts, hold, given, initial_state, external_force, 1.0 / frequency)
     if environment is not None:
-        asked = _Asked(time, volts, hold, given, initial_state, external_force)
         return _in_environment(actuator, asked, environment)
-    general = initial_state is not None or external_force is not None
-    numbers = None if general else modal_coefficients(actuator, 1.0 / frequency, hold)
-    if numbers is not None:
-        values = np.empty((len(OUTPUTS), rows))
-        _modal_loop(rows)(volts, numbers, values)
-        read_far(values, OUTPUTS, actuator.parameter_values)
-    else:
-        values = simulate_outputs(
-            actuator, time, volts, hold, initial_state=initial_state, external_force=external_force
-        )
-    simulated = _as_run(actuator, time, volts, values, hold, given, from_rest=initial_state is None)
-    return simulated if external_force is None else _pushed(simulated)
+    return _answered(actuator, asked, _outputs(actuator, asked))
+
+
+def _outputs(actuator: Actuator, asked: _Asked) -> FloatArray:
+    """What is read at the rows, by modes where it can be."""
+    if asked.period is not None and asked.initial_state is None and asked.external_force is None:
+        numbers = modal_coefficients(actuator, asked.period, asked.hold)
+        if numbers is not None:
+            values = np.empty((len(OUTPUTS), len(asked.time)))
+            _modal_loop(len(asked.time))(asked.voltage, numbers, values)
+            read_far(values, OUTPUTS, actuator.parameter_values)
+            return values
+    return simulate_outputs(
+        *(actuator, asked.time, asked.voltage, asked.hold),
+        initial_state=asked.initial_state,
+        external_force=asked.external_force,
+    )
 
 
 def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], None]:
@@ -133,15 +138,8 @@ def _modal_loop(rows: int) -> Callable[[FloatArray, FloatArray, FloatArray], Non
     return kernels.modal
 
 
-class _Known(TypedDict):
-    """What may be known beside the voltage."""
-
-    initial_state: Mapping[str, float] | npt.ArrayLike | None
-    external_force: npt.ArrayLike | None
-
-
 class _Asked(NamedTuple):
-    """What is asked of a strip, whatever the environment."""
+    """What is asked of a strip, whatever the environment; with a period [s] where the rows were made by one."""
 
     time: FloatArray
     voltage: FloatArray
@@ -149,21 +147,32 @@ class _Asked(NamedTuple):
     signal: Signal | str | None
     initial_state: Mapping[str, float] | npt.ArrayLike | None
     external_force: npt.ArrayLike | None
+    period: float | None
 
 
 def _in_environment(actuator: Actuator, asked: _Asked, environment: AnyEnvironment) -> Run:
     """The run in an environment, which stands in it, with what is to be said of it."""
-    signal, known = asked.signal, _Known(initial_state=asked.initial_state, external_force=asked.external_force)
     given = Environment.parse(environment) if isinstance(environment, str) else environment
     there, water = actuator, None
     if isinstance(given, EnvironmentHistory) and actuator.structure.hydration:
-        values, water = changing_outputs(actuator, asked.time, asked.voltage, asked.hold, given, **known)
+        values, water = changing_outputs(
+            *(actuator, asked.time, asked.voltage, asked.hold, given),
+            initial_state=asked.initial_state,
+            external_force=asked.external_force,
+            regular=asked.period is not None,
+        )
     else:
-        there = actuator.at(given.at(float(asked.time[0])) if isinstance(given, EnvironmentHistory) else given)
-        values = simulate_outputs(there, asked.time, asked.voltage, asked.hold, **known)
+        stands = given.at(float(asked.time[0])) if isinstance(given, EnvironmentHistory) else given
+        there = actuator.keep(("at", stands), lambda: actuator.at(stands))
+        values = _outputs(there, asked)
     around = surroundings(actuator, given, float(asked.time[0]), float(asked.time[-1]), water)
+    return _answered(there, asked, values, around)
+
+
+def _answered(actuator: Actuator, asked: _Asked, values: FloatArray, around: Surroundings | None = None) -> Run:
+    """The run, with what is to be said of it."""
     rest = asked.initial_state is None
-    run = _as_run(there, asked.time, asked.voltage, values, asked.hold, signal, from_rest=rest, around=around)
+    run = _as_run(actuator, asked.time, asked.voltage, values, asked.hold, asked.signal, from_rest=rest, around=around)
     return run if asked.external_force is None else _pushed(run)
 
 
@@ -201,23 +210,14 @@ def _simulate_run(
                 repair="leave it out, or give run.voltage with a duration and a rate",
             )
     strip = with_shunt(actuator, run)
+    about = run.metadata
+    asked = _Asked(run.time, run.voltage, run.hold, about.signal, initial_state, external_force, None)
     if environment is not None:
-        asked = _Asked(run.time, run.voltage, run.hold, run.metadata.signal, initial_state, external_force)
         found = _in_environment(strip, asked, environment)
-        sensed = replace(
-            found.metadata,
-            voltage_sensed=run.metadata.voltage_sensed,
-            shunt_resistance=run.metadata.shunt_resistance,
-        )
-        return replace(found, metadata=sensed)
-    values = simulate_outputs(
-        strip, run.time, run.voltage, run.hold, initial_state=initial_state, external_force=external_force
-    )
-    rest, about = initial_state is None, run.metadata
-    simulated = _as_run(strip, run.time, run.voltage, values, run.hold, about.signal, from_rest=rest)
-    sensed = replace(simulated.metadata, voltage_sensed=about.voltage_sensed, shunt_resistance=about.shunt_resistance)
-    found = replace(simulated, metadata=sensed)
-    return found if external_force is None else _pushed(found)
+    else:
+        found = _answered(strip, asked, _outputs(strip, asked))
+    sensed = replace(found.metadata, voltage_sensed=about.voltage_sensed, shunt_resistance=about.shunt_resistance)
+    return replace(found, metadata=sensed)
 
 
 def with_shunt(actuator: Actuator, run: Run) -> Actuator:
@@ -283,7 +283,7 @@ def _as_run(
         )
     blank_lost(values, OUTPUTS, actuator.parameter_values)
     current, applied_voltage, displacement, force = values
-    about = _about(actuator, None if signal is None else str(signal), from_rest=from_rest)
+    about = _about(actuator, None if signal is None else str(signal), from_rest=from_rest, around=around)
     run = Run(
         time=time,
         voltage=voltage,
@@ -293,15 +293,17 @@ def _as_run(
         force=force,
         hold=hold,
         **(around.readings if around else {}),
-        metadata=replace(about, **around.about) if around else about,
+        metadata=about,
     )
     found = (*validity(actuator, run, signal), *(around.findings if around else ()))
     return replace(run, metadata=replace(run.metadata, findings=found)) if found else run
 
 
-def _about(actuator: Actuator, signal: str | None, *, from_rest: bool) -> RunMetadata:
+def _about(actuator: Actuator, signal: str | None, *, from_rest: bool, around: Surroundings | None) -> RunMetadata:
     """What is known of every run of an actuator under a signal: kept, it takes as long to make as 2,000 rows."""
     from ipmclab.version import __version__
+
+    there = around.about if around else {}
 
     def made() -> RunMetadata:
         return RunMetadata(
@@ -311,6 +313,7 @@ def _about(actuator: Actuator, signal: str | None, *, from_rest: bool) -> RunMet
             starts_from_rest=from_rest,
             software_version=__version__,
             parameters=actuator.parameter_values,
+            **there,
         )
 
-    return actuator.keep(("metadata", signal, from_rest), made)
+    return actuator.keep(("metadata", signal, from_rest, *there.values()), made)

@@ -61,7 +61,7 @@ def surroundings(
         Through which its strip went.
     """
     if not isinstance(given, EnvironmentHistory):
-        return _standing(actuator, given)
+        return actuator.keep(("surroundings", given), lambda: _standing(actuator, given))
     went = () if water is None else (water.water_content.tobytes(), water.temperature.tobytes())
     key = ("surroundings", begin, end, given.key, *(hash(one) for one in went))
     return actuator.keep(key, lambda: _changing(actuator, given, begin, end, water))

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ipmclab.model.environment.conditions import WaterState
 from ipmclab.model.environment.hydration import PERCOLATION
 from ipmclab.model.environment.laws import check_conducts, conducts_above, moved_values
-from ipmclab.model.environment.path import Grid, Panel, chebyshev, steps
+from ipmclab.model.environment.path import Grid, Panel, steps
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -76,12 +76,7 @@ class Panels(Generic[_Made]):
 
     def _panel(self, low: float, high: float) -> tuple[Panel, Grid]:
         cold, warm = self._between
-        middle = np.full(2, 0.5 * (cold + warm))
-        wetter = float(steps(self._values, np.exp([low, high]), middle)[0])
-        warmer = max(
-            float(steps(self._values, np.full(2, math.exp(one)), np.array([cold, warm]))[0]) for one in (low, high)
-        )
-        grid = Grid(chebyshev(low, high, wetter), chebyshev(cold, warm, warmer))
+        grid = Grid.over(self._values, low, high, cold, warm)
         contents, temperatures = np.linspace(low, high, _LOOKS), np.linspace(cold, warm, _LOOKS)
         by_content = max(
             float(np.max(steps(self._values, np.exp(contents), np.full(_LOOKS, one)))) for one in grid.temperatures

@@ -55,11 +55,9 @@ class Path(NamedTuple):
     def grid(self, values: Mapping[str, float]) -> Grid:
         """States between which parameters of an actuator, and all that follows from them, are smooth."""
         low, high = float(np.min(self.contents)), float(np.max(self.contents))
-        cold, warm = float(np.min(self.temperatures)), float(np.max(self.temperatures))
-        middle = np.full(2, 0.5 * (cold + warm))
-        wetter = float(steps(values, np.array([low, high]), middle)[0])
-        warmer = float(steps(values, np.full(2, self.contents[0]), np.array([cold, warm]))[0])
-        return Grid(chebyshev(math.log(low), math.log(high), wetter), chebyshev(cold, warm, warmer))
+        return Grid.over(
+            values, math.log(low), math.log(high), float(np.min(self.temperatures)), float(np.max(self.temperatures))
+        )
 
 
 class Grid(NamedTuple):
@@ -67,6 +65,14 @@ class Grid(NamedTuple):
 
     contents: FloatArray
     temperatures: FloatArray
+
+    @classmethod
+    def over(cls, values: Mapping[str, float], low: float, high: float, cold: float, warm: float) -> Grid:
+        """As many points as it takes for the parameters of an actuator between these ends."""
+        contents, temperatures = np.exp([low, high]), np.array([cold, warm])
+        wetter = max(float(steps(values, contents, np.full(2, one))[0]) for one in temperatures)
+        warmer = max(float(steps(values, np.full(2, one), temperatures)[0]) for one in contents)
+        return cls(chebyshev(low, high, wetter), chebyshev(cold, warm, warmer))
 
     @property
     def states(self) -> tuple[FloatArray, FloatArray]:
@@ -132,8 +138,8 @@ def steps(values: Mapping[str, float], contents: FloatArray, temperatures: Float
 
 
 def chebyshev(low: float, high: float, moved: float) -> FloatArray:
-    """As many of Chebyshev's points as it takes for a parameter that moves by so much."""
-    if high - low <= 1e-12 * max(abs(low), abs(high), 1.0):
+    """As many of Chebyshev's points as it takes for a parameter that moves by so much; one where none moves."""
+    if moved == 0.0 or high - low <= 1e-12 * max(abs(low), abs(high), 1.0):
         return np.array([0.5 * (low + high)])
     count = min(_LEAST + math.ceil(_FOR_ONE * moved), _MOST)
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(count) / (count - 1))

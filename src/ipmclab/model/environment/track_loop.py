@@ -48,10 +48,11 @@ class Track(NamedTuple):
 # Entries of a walk: the number of its interval; content, temperature, antisymmetric mode and rate of the content at the
 # begin of that; all but the rate and with it at its end, if as much leaks as is expected [A/m^2]; the slope of the rate
 # by the content [1/s]; the time [s]; the charge density [C/m^2] that has leaked until then, without and with its sign;
-# both at the begin of the interval; how much leaks lately [A/m^2], likewise; logarithm of the content last asked for.
+# both at the begin of the interval; how much leaks lately [A/m^2], likewise; logarithm of the content last asked for,
+# and the temperature there.
 _PLACE, _CONTENT, _WARM, _MODE, _RATE, _NEXT, _NEXT_WARM, _NEXT_MODE, _NEXT_RATE, _EXPECTED, _SLOPE, NOW = range(12)
-_LOST, _FLOWED, _LOST_BEFORE, _FLOWED_BEFORE, _LOSING, _FLOWING, WANTED = range(12, 19)
-WALK = 19
+_LOST, _FLOWED, _LOST_BEFORE, _FLOWED_BEFORE, _LOSING, _FLOWING, WANTED, _WARM_THERE = range(12, 20)
+WALK = 20
 """Numbers of a walk."""
 
 _APART = 1e-3
@@ -62,6 +63,13 @@ _SAME_TIME = 1e-6
 
 _OVER = 0.02
 """Part of its width by which a panel may be left without another one."""
+
+_STRAIGHT = 2e-3
+"""Part by which a parameter may move while all numbers go in straight lines. These err by an eighth of its square times
+what a number bends: a few millionths, beside the 5e-5 of parameters that stay while they move by 1e-4."""
+
+_BACK = -0.25
+"""How far a straight line may be gone back, in parts of its length."""
 
 
 @kernel
@@ -174,28 +182,96 @@ def stay(track: Track, panel: Panel, walk: FloatArray) -> float:
 
 
 @kernel
-def weigh(track: Track, panel: Panel, walk: FloatArray, time: float, weights: FloatArray) -> bool:
-    """How much each state of a panel counts at a time [s] soon; whether the panel is the one for it.
+def look(track: Track, panel: Panel, walk: FloatArray, time: float) -> bool:
+    """Where the water is at a time [s] soon, for ``numbers_there``; whether the panel is the one for it."""
+    content, warm, _, _ = _around_now(track, walk, time)
+    wanted = math.log(content)
+    walk[WANTED], walk[_WARM_THERE] = wanted, warm
+    over = _OVER * (panel.high - panel.low)
+    return panel.low - over <= wanted <= panel.high + over
+
+
+class Lines(NamedTuple):
+    """Numbers that go in straight lines, until a parameter has moved too far.
 
     Parameters
     ----------
-    weights : float array, shape (n_contents x n_temperatures + n_contents + n_temperatures,)
-        Written: first those of the states, the temperatures of one content side by side; what is behind is scratch.
+    begin : float array, shape (n_kinds, 2)
+        Logarithm of the content and temperature where the lines of each kind of numbers begin; NaN before there are
+        any.
+    length : float array, shape (n_kinds, 2)
+        How far they go, with the sign.
+    numbers : float array, shape (n_kinds, 3, n)
+        The numbers at the begin, and by how much they change over each length.
     """
-    content, warm, _, _ = _around_now(track, walk, time)
-    wanted = math.log(content)
-    walk[WANTED] = wanted
-    over = _OVER * (panel.high - panel.low)
-    if not (panel.low - over <= wanted <= panel.high + over):
-        return False
+
+    begin: FloatArray
+    length: FloatArray
+    numbers: FloatArray
+
+
+@kernel
+def no_lines(kinds: int, count: int) -> Lines:
+    """Of so many kinds of numbers, none of which has lines yet."""
+    return Lines(np.full((kinds, 2), np.nan), np.full((kinds, 2), np.nan), np.zeros((kinds, 3, count)))
+
+
+@kernel
+def numbers_there(
+    panel: Panel, knots: FloatArray, walk: FloatArray, lines: Lines, kind: int, result: FloatArray
+) -> None:
+    """Numbers where the water was last looked for.
+
+    Parameters
+    ----------
+    knots : float array, shape (n_states, n)
+        At all states of the panel, the temperatures of one content side by side.
+    lines : Lines
+        Of this panel; those of the kind are renewed where they end.
+    result : float array, shape (n,)
+        Written.
+    """
+    begin, length, numbers = lines.begin[kind], lines.length[kind], lines.numbers[kind]
+    wet, warm = (walk[WANTED] - begin[0]) / length[0], (walk[_WARM_THERE] - begin[1]) / length[1]
+    if not (_BACK <= wet <= 1.0 and _BACK <= warm <= 1.0):
+        _draw(panel, knots, walk, begin, length, numbers)
+        wet = warm = 0.0
+    base, by_content, by_temperature = numbers[0], numbers[1], numbers[2]
+    for k in range(result.shape[0]):
+        result[k] = base[k] + wet * by_content[k] + warm * by_temperature[k]
+
+
+@kernel
+def _draw(
+    panel: Panel, knots: FloatArray, walk: FloatArray, begin: FloatArray, length: FloatArray, numbers: FloatArray
+) -> None:
+    """New lines from here on, in the direction that the water takes."""
+    wanted, warm = walk[WANTED], walk[_WARM_THERE]
+    length[0] = math.copysign(_STRAIGHT / panel.by_content, wanted - begin[0])
+    length[1] = math.copysign(_STRAIGHT / panel.by_temperature, warm - begin[1])
+    begin[0], begin[1] = wanted, warm
+    _blend(panel, knots, wanted, warm, numbers[0])
+    for place in range(2):
+        if math.isinf(length[place]):  # nothing hangs on it
+            continue
+        wetter, warmer = (length[0], 0.0) if place == 0 else (0.0, length[1])
+        _blend(panel, knots, wanted + wetter, warm + warmer, numbers[1 + place])
+        numbers[1 + place] -= numbers[0]
+
+
+@kernel
+def _blend(panel: Panel, knots: FloatArray, wanted: float, warm: float, result: FloatArray) -> None:
+    """Numbers at a logarithm of the content and a temperature, by the polynomials through those at all states."""
     wet, count = panel.contents.shape[0], panel.temperatures.shape[0]
-    of_content, of_temperature = weights[wet * count : wet * count + wet], weights[wet * count + wet :]
+    of_content, of_temperature = np.empty(wet), np.empty(count)
     _barycentric(panel.contents, wanted, of_content)
     _barycentric(panel.temperatures, warm, of_temperature)
-    for k in range(wet):
-        for l in range(count):  # noqa: E741
-            weights[k * count + l] = of_content[k] * of_temperature[l]
-    return True
+    result[:] = 0.0
+    for state in range(knots.shape[0]):
+        weight = of_content[state // count] * of_temperature[state % count]
+        of_state = knots[state]
+        for k in range(result.shape[0]):
+            result[k] += weight * of_state[k]
 
 
 @kernel
@@ -216,38 +292,26 @@ def _barycentric(nodes: FloatArray, x: float, weights: FloatArray) -> None:
 
 
 @kernel
-def blend(knots: FloatArray, weights: FloatArray, result: FloatArray) -> None:
-    """Numbers from those at all states of a panel: ``knots``, shape (n_states, n), into ``result``, shape (n,)."""
-    result[:] = 0.0
-    for state in range(knots.shape[0]):
-        weight = weights[state]
-        of_state = knots[state]
-        for k in range(result.shape[0]):
-            result[k] += weight * of_state[k]
+def expect(track: Track, panel: Panel, walk: FloatArray) -> tuple[float, float]:
+    """What is expected to leak [A/m^2], and how much more than that may leak [C/m^2] while parameters stay.
 
-
-@kernel
-def hurried(track: Track, panel: Panel, walk: FloatArray, time: float, lost: float, flowed: float) -> bool:
-    """Whether so much more leaked until a time [s] than was expected that parameters should not have stayed.
-
-    If so, it is expected from now on.
-
-    Parameters
-    ----------
-    lost, flowed : float [C/m^2]
-        Since now, without and with its sign.
+    Where more does, a piece ends before its time: what leaks hangs on the voltage, which nobody knows beforehand.
     """
-    length = time - walk[NOW]
-    more = lost - walk[_LOSING] * length
-    if panel.by_content * track.split * more <= track.renewed * math.exp(walk[WANTED]):
-        return False
-    walk[_LOSING], walk[_FLOWING] = lost / length, flowed / length
-    return True
+    moved = panel.by_content * track.split
+    return walk[_LOSING], track.renewed * math.exp(walk[WANTED]) / moved if moved > 0.0 else np.inf
 
 
 @kernel
 def go_on(track: Track, walk: FloatArray, time: float, lost: float, flowed: float, course: FloatArray) -> None:
-    """Go on to a time [s]; the other parameters are those of ``hurried`` and ``set_out``."""
+    """Go on to a time [s].
+
+    Parameters
+    ----------
+    lost, flowed : float [C/m^2]
+        What has leaked since now, without and with its sign.
+    course : float array, shape (4, n)
+        As for ``set_out``.
+    """
     length = time - walk[NOW]
     walk[_LOSING], walk[_FLOWING] = lost / length, flowed / length
     walk[_LOST] += lost

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.environment.path import Panel
-from ipmclab.model.environment.track_loop import Track, blend, go_on, hurried, stay, weigh
+from ipmclab.model.environment.track_loop import Track, expect, go_on, look, no_lines, numbers_there, stay
 from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.kernels import multiply
 from ipmclab.model.numerics.law_modal_loop import BLOCK, follow, law_stretch
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,22 +51,47 @@ class Driven(NamedTuple):
     area: float
 
 
+class Knots(NamedTuple):
+    """The numbers of a strip at the states of a panel.
+
+    Parameters
+    ----------
+    modes : float array, shape (n_states, NUMBERS)
+    step : float array, shape (n_states, n (n + 2)) or (n_states, 0)
+        Of a motion that is richer than that of the modes, as for ``kernels.dense``, flattened; it has n charges.
+    read : float array, shape (n_states, 2 (n + 1)) or (n_states, 0)
+        Displacement and force of it, likewise.
+    """
+
+    modes: FloatArray
+    step: FloatArray
+    read: FloatArray
+
+    @property
+    def charges(self) -> int:
+        """How many charges a richer motion has; 0 where there is none."""
+        return max(0, int(self.read.shape[1]) // 2 - 1)
+
+
 class March(NamedTuple):
     """What goes along from row to row.
 
     Parameters
     ----------
-    state : float array, shape (2, STATE)
-        Of ``law_modal_loop.law_stretch``; the second row keeps that with which a piece begins.
+    state : float array, shape (STATE,)
+        Of ``law_modal_loop.law_stretch``.
     numbers : float array, shape (2, NUMBERS)
         Of the piece, and of the one before.
     walk : float array, shape (WALK,)
         Where the water is.
+    moving : float array, shape (n,)
+        Charges of a richer motion.
     """
 
     state: FloatArray
     numbers: FloatArray
     walk: FloatArray
+    moving: FloatArray
 
 
 @kernel
@@ -73,7 +99,7 @@ def drifting_law(
     driven: Driven,
     track: Track,
     panel: Panel,
-    knots: FloatArray,
+    knots: Knots,
     first: int,
     march: March,
     course: FloatArray,
@@ -84,8 +110,7 @@ def drifting_law(
 
     Parameters
     ----------
-    knots : float array, shape (n_states, NUMBERS)
-        The numbers at the states of the panel.
+    knots : Knots
     first : int
         The row.
     march : March
@@ -94,7 +119,7 @@ def drifting_law(
         The water's (``track_loop.set_out``); written.
     outputs : float array, shape (4, n_time)
         Written.
-    fronts : float array, shape (4, n_time) or (4, 0)
+    fronts : float array, shape (3, n_time) or (3, 0)
         As for ``law_modal_loop.law_modal``.
 
     Returns
@@ -102,38 +127,60 @@ def drifting_law(
     row : int
         Up to which all is written; the next one needs another panel unless it is the end.
     """
-    voltage, walk, count = driven.voltage, march.walk, driven.voltage.shape[0]
-    state, kept = march.state[0], march.state[1]
+    voltage, walk, count, state = driven.voltage, march.walk, driven.voltage.shape[0], march.state
     numbers, before = march.numbers[0], march.numbers[1]
     circuit, mechanical, weights = numbers[:8], numbers[8:24].reshape(2, 8), numbers[24:52].reshape(4, 7)
-    store, share = (
-        np.empty((11, BLOCK)),
-        np.empty(knots.shape[0] + panel.contents.shape[0] + panel.temperatures.shape[0]),
-    )
+    store, n, of_time = np.empty((11, BLOCK)), march.moving.shape[0], driven.period / driven.area
+    step, read, new = np.empty((1, n, n + 2)), np.empty((2, n + 1)), np.empty(n)
+    lines, steps, reads = no_lines(1, NUMBERS), no_lines(1, step.size), no_lines(1, read.size)
     row = first
     while row < count:
-        kept[:], before[:] = state, numbers
         last = _rows_to(driven, row, stay(track, panel, walk))
-        while True:
-            if not weigh(track, panel, walk, driven.begin + 0.5 * (row + last) * driven.period, share):
-                numbers[:] = before
-                return row
-            blend(knots, share, numbers)
-            if row > 0:
-                _cross(driven, before, numbers, state)
-            lost, flowed = law_stretch(
-                *(voltage, row, last, driven.jumps, circuit, mechanical, weights, driven.form, driven.k),
-                *(state, store, outputs, fronts),
-            )
-            lost, flowed = lost * driven.period / driven.area, flowed * driven.period / driven.area
-            end = driven.begin + last * driven.period
-            if last == row + 1 or not hurried(track, panel, walk, end, lost, flowed):
-                break
-            last = min(last - 1, _rows_to(driven, row, stay(track, panel, walk)))
-            state[:] = kept
-        go_on(track, walk, end, lost, flowed, course)
+        if not look(track, panel, walk, driven.begin + 0.5 * (row + last) * driven.period):
+            return row
+        before[:] = numbers
+        numbers_there(panel, knots.modes, walk, lines, 0, numbers)
+        if row > 0:
+            _cross(driven, before, numbers, state)
+        expected, room = expect(track, panel, walk)
+        last, lost, flowed = law_stretch(
+            *(voltage, row, last, driven.jumps, circuit, mechanical, weights, driven.form, driven.k),
+            *(state, store, expected * driven.area, room / of_time, outputs, fronts),
+        )
+        if n > 0:
+            numbers_there(panel, knots.step, walk, steps, 0, step.reshape(-1))
+            numbers_there(panel, knots.read, walk, reads, 0, read.reshape(-1))
+            _move(step, read, fronts, row, last, march.moving, new, outputs)
+        go_on(track, walk, driven.begin + last * driven.period, lost * of_time, flowed * of_time, course)
         row = last
     return row
+
+
+@kernel
+def _move(
+    step: FloatArray,
+    read: FloatArray,
+    fronts: FloatArray,
+    first: int,
+    last: int,
+    charges: FloatArray,
+    new: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """Displacement and force of a richer motion at some rows; the charges are those of the row before, and go on."""
+    n = charges.shape[0]
+    from_here = np.empty(n + 2)
+    for row in range(first, last):
+        if row > 0:
+            from_here[0], from_here[1] = fronts[0, row], fronts[1, row] - fronts[0, row]
+            from_here[2:] = charges
+            multiply(step, 0, from_here, new)
+            charges[:] = new
+        for output in range(2):
+            total = read[output, 0] * fronts[2, row]
+            for j in range(n):
+                total += read[output, 1 + j] * charges[j]
+            outputs[2 + output, row] = total
 
 
 @kernel

@@ -8,7 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.environment.path import Panel
-from ipmclab.model.environment.track_loop import NOW, Track, blend, go_on, hurried, stay, weigh
+from ipmclab.model.environment.track_loop import (
+    NOW,
+    Track,
+    expect,
+    go_on,
+    look,
+    no_lines,
+    numbers_there,
+    stay,
+)
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_laws_loop import AtLaws, LawTable, begin, see, was_seen, write
@@ -45,14 +54,11 @@ class Drive(NamedTuple):
         When each interval ends, behind the begin of the record.
     area : float [m^2]
         Through which the laws leak together.
-    leaks : float array, shape (n_intervals,) or (0,) [A]
-        What leaks at the end of each interval where this system has no laws of its own.
     """
 
     course: Course
     ends: FloatArray
     area: float
-    leaks: FloatArray
 
 
 class Marching(NamedTuple):
@@ -115,21 +121,22 @@ def drifting(
     shown = (reads.shape[0] - m * m - m * seen) // (seen + m)
     read = reads[: shown * (seen + m)].reshape(shown, seen + m)
     ports = reads[shown * (seen + m) : reads.shape[0] - m * m].reshape(m, seen)
-    share = np.empty(knots.reads.shape[0] + panel.contents.shape[0] + panel.temperatures.shape[0])
+    lines, read_lines = no_lines(knots.moves.shape[0], moves.shape[0]), no_lines(1, reads.shape[0])
     x, now = march.x, AtLaws(np.empty(m), march.laws[:m], march.laws[m:], np.full(given, np.nan))
     base, from_here = np.empty(n), np.empty(columns)
     i = first
     while i < count:
         last = _last_in(ends, i, count, walk[NOW] + stay(track, panel, walk))
-        if not weigh(track, panel, walk, 0.5 * (ends[i] + ends[last]), share):
+        if not look(track, panel, walk, 0.5 * (ends[i] + ends[last])):
             return i, True
-        blend(knots.reads, share, reads)
+        numbers_there(panel, knots.reads, walk, read_lines, 0, reads)
         now.seen[:] = np.nan
+        expected, room = expect(track, panel, walk)
         lost, flowed, kind = 0.0, 0.0, -1
         for j in range(i, last):
             if interval[j] != kind:
                 kind = interval[j]
-                blend(knots.moves[kind], share, moves)
+                numbers_there(panel, knots.moves[kind], walk, lines, kind, moves)
             if row[j] >= 0:
                 if m > 0 and not was_seen(reading, row[j], now):
                     see(ports, reading, row[j], x, now)
@@ -150,15 +157,12 @@ def drifting(
                 for l in range(m):  # noqa: E741
                     lost += abs(now.w[l]) * length
                     flowed += now.w[l] * length
-            elif drive.leaks.shape[0] > 0:
-                lost += abs(drive.leaks[j]) * length
-                flowed += drive.leaks[j] * length
             for s in range(n):
                 total = base[s]
                 for l in range(m):  # noqa: E741
                     total += law_end[s, l] * now.w[l]
                 x[s] = total
-            if j + 1 < last and hurried(track, panel, walk, ends[j + 1], lost / drive.area, flowed / drive.area):
+            if lost > drive.area * (room + expected * (ends[j + 1] - walk[NOW])):
                 last = j + 1  # more leaks than was expected: the piece ends here
                 break
         lost, flowed = lost / drive.area, flowed / drive.area

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.model.assemble import assemble
 from ipmclab.model.blocks import Block
-from ipmclab.model.numerics.course import Course, voltage_course
+from ipmclab.model.numerics.course import voltage_course
 from ipmclab.model.numerics.dense import LONGEST, Dense
 from ipmclab.model.numerics.modal import Modes, exponential_integrals, modes
 from ipmclab.model.numerics.reduce import reduced, seen_states
@@ -63,7 +63,7 @@ def law_loop(structure: Structure, values: Mapping[str, float], period: float, h
     def loop(voltage: FloatArray, outputs: FloatArray) -> None:
         from ipmclab.model.numerics.law_modal_loop import law_modal
 
-        fronts = np.empty((4, 0 if motion is None else len(voltage)))
+        fronts = np.empty((3, 0 if motion is None else len(voltage)))
         law_modal(voltage, jumps, circuit, numbers.mechanical, numbers.weights, form, k, outputs, fronts)
         if motion is not None:
             motion.write(fronts, outputs[2:])
@@ -98,14 +98,10 @@ class _Motion:
 
     def write(self, fronts: FloatArray, values: FloatArray) -> None:
         """From ``fronts`` of ``law_modal_loop.law_modal``."""
-        self._dense.run(behind(fronts), np.zeros(self._size), values)
-
-
-def behind(fronts: FloatArray) -> Course:
-    """What everything behind the electrodes goes along, of ``fronts`` of ``law_modal_loop.law_modal``."""
-    rows = fronts.shape[1]
-    kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
-    return voltage_course(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2])
+        rows = fronts.shape[1]
+        kind, row = np.zeros(rows - 1, dtype=np.int64), np.arange(rows, dtype=np.int64)
+        course = voltage_course(kind, fronts[0, 1:], fronts[1, 1:], row, fronts[2])
+        self._dense.run(course, np.zeros(self._size), values)
 
 
 @dataclass(frozen=True, eq=False)

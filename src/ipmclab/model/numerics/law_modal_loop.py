@@ -161,15 +161,17 @@ def law_stretch(
     k: FloatArray,
     state: FloatArray,
     store: FloatArray,
+    expected: float,
+    room: float,
     outputs: FloatArray,
     fronts: FloatArray,
-) -> tuple[float, float]:
+) -> tuple[int, float, float]:
     """Some rows of ``law_modal``.
 
     Parameters
     ----------
     begin, end : int
-        The rows, from which, and up to which.
+        The rows, from which, and up to which at most.
     state : float array, shape (STATE,)
         What the row before has left: z1 to z6 (modes; the circuit's without what e now gives to them), the voltage, e
         now, at the begin and at the end of the period, by how much it jumped since, w, p, the last four solutions at
@@ -177,11 +179,17 @@ def law_stretch(
         circuit's modes at that row. Written.
     store : float array, shape (11, BLOCK)
         Written.
+    expected : float [A]
+        What leaks at the end of each period, as far as is known beforehand.
+    room : float [A]
+        By how much the sum over the rows may exceed this; the row that exceeds it is the last.
 
     The other parameters are those of ``law_modal``.
 
     Returns
     -------
+    row : int
+        Up to which all is written.
     lost, flowed : float [A]
         Sums of what leaks at the end of each period, without and with its sign.
     """
@@ -216,9 +224,9 @@ def law_stretch(
     j1, j2, j3, j4 = state[17], state[18], state[19], state[20]
     at, there, at_jump, there_jump = state[21], state[22], state[23], state[24]
     grown = lost = flowed = 0.0
-    rows = 1
+    rows, first = 1, begin
     rate = sharp if form == EXPONENTIAL else 0.5 * sharp
-    for first in range(begin, end, BLOCK):
+    while first < end:
         rows = min(BLOCK, end - first)
         for l in range(rows):  # noqa: E741
             new = voltage[first + l]
@@ -291,11 +299,13 @@ def law_stretch(
             if jumps <= 0:
                 x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
                 begins[l], ends[l] = e_begin, e_end
+            if lost - expected * (first + l + 1 - begin) > room:
+                rows, end = l + 1, first + l + 1
+                break
         if fronts.shape[1] > 0:
             fronts[0, first : first + rows] = begins[:rows]
             fronts[1, first : first + rows] = ends[:rows]
             fronts[2, first : first + rows] = reads[:rows]
-            fronts[3, first : first + rows] = leaks[:rows]
         for l in range(rows):  # noqa: E741
             x1[l] += end1 * ends[l]
             x2[l] += end2 * ends[l]
@@ -321,13 +331,14 @@ def law_stretch(
         force = outputs[3, first : first + rows]
         for l in range(rows):  # noqa: E741
             force[l] = ((f1 * x1[l] + f2 * x2[l]) + (f3 * x3[l] + f4 * x4[l])) + f0 * reads[l]
+        first += rows
     state[0], state[1], state[2], state[3], state[4], state[5], state[6] = z1, z2, z3, z4, z5, z6, u
     state[7], state[8], state[9], state[10], state[11], state[12] = e, e_begin, e_end, jump, w, p
     state[13], state[14], state[15], state[16] = p1, p2, p3, p4
     state[17], state[18], state[19], state[20] = j1, j2, j3, j4
     state[21], state[22], state[23], state[24] = at, there, at_jump, there_jump
     state[25], state[26] = x1[rows - 1], x2[rows - 1]
-    return lost, flowed
+    return end, lost, flowed
 
 
 @kernel
@@ -364,13 +375,12 @@ def law_modal(
     k : float array, shape (3,)
     outputs : float array, shape (4, n_time)
         Written: current, applied voltage, displacement, force.
-    fronts : float array, shape (4, n_time) or (4, 0)
+    fronts : float array, shape (3, n_time) or (3, 0)
         Written, unless it is empty: e [V] at the begin and at the end of the period before each row, and where the row
-        is read, and what leaks there [A]. With the former in place of the voltage everything else behind the
-        electrodes is a linear system.
+        is read. With these in place of the voltage everything else behind the electrodes is a linear system.
     """
     store = np.empty((11, BLOCK))
     law_stretch(
         *(voltage, 0, voltage.shape[0], jumps, circuit, mechanical, weights, form, k),
-        *(at_rest(), store, outputs, fronts),
+        *(at_rest(), store, 0.0, np.inf, outputs, fronts),
     )
