@@ -168,8 +168,8 @@ def _identify(
     earlier = fitted_runs(actuator.fit_table)
     circuit_is_free = any(electrical(name) for name in names.actuator)
     records = [
-        as_read_before(record, earlier[run.content_sha256], circuit_is_free=circuit_is_free)
-        if run.content_sha256 in earlier
+        as_read_before(record, earlier[content], circuit_is_free=circuit_is_free)
+        if earlier and (content := run.content_sha256) in earlier
         else record
         for run, record in zip(given, records, strict=True)
     ]
@@ -291,14 +291,15 @@ def _refuse_twice(runs: Sequence[Run], records: Sequence[PreparedRun]) -> None:
     """The same record counted twice would make every error too small."""
     seen: dict[str, str] = {}
     for run, record in zip(runs, records, strict=True):
-        if run.content_sha256 in seen:
+        content = run.content_sha256
+        if content in seen:
             raise InputError(
-                f"the same record is given twice, as {seen[run.content_sha256]} too",
+                f"the same record is given twice, as {seen[content]} too",
                 code="same-run-twice",
                 where=record.label,
                 repair="give each record once",
             )
-        seen[run.content_sha256] = record.label
+        seen[content] = record.label
 
 
 def _outputs(names: FreeParameters) -> tuple[str, ...]:

@@ -156,6 +156,11 @@ def kind_named(stage: str) -> StageKind:
 
 def groups() -> tuple[str, ...]:
     """The words that free the parameters of a stage, or of several; first those that every actuator has."""
+    return _groups(edition())
+
+
+@lru_cache(maxsize=4)
+def _groups(_edition: int) -> tuple[str, ...]:
     ordered = sorted(kinds(), key=lambda kind: kind not in _ALWAYS)
     return tuple(dict.fromkeys(kind.group for kind in ordered if kind.group))
 

@@ -6,9 +6,9 @@ Parameters may trade against each other; what follows from all of them together 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -122,7 +122,7 @@ def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) 
     values = actuator.parameter_values
     found: dict[str, float] = {}
     if "current" in outputs and actuator.structure.is_lumped:
-        found |= _of_circuit(actuator.structure.electrical.block(values))
+        found |= _of_circuits(actuator.structure.electrical.block(values), 1)[0]
     if {"displacement", "force"} & set(outputs):
         found["coupling.static"] = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]
         found["beam.stiffness"] = float(abs(tip_stiffness(values)))
@@ -133,23 +133,53 @@ def quantities_of(actuator: Actuator, outputs: Collection[str], highest: float) 
     return found
 
 
-def _of_circuit(circuit: Block) -> dict[str, float]:
+def quantities_of_each(
+    actuator: Actuator, points: Sequence[Mapping[str, float]], outputs: Collection[str], highest: float
+) -> list[dict[str, float]]:
+    """What follows from each of several sets of the parameters of one strip; the rest as ``quantities_of``.
+
+    Parameters
+    ----------
+    actuator : Actuator
+    points : sequence of mapping of dotted name to float [SI]
+        Every parameter of the actuator.
+    outputs : collection of str
+    highest : float [Hz]
+    """
+    own, structure = actuator.parameter_values, actuator.structure
+    if set(outputs) == {"current"} and structure.is_lumped and structure.takes_arrays:
+        together: Any = {name: np.array([point[name] for point in points]) for name in own}
+        return _of_circuits(structure.electrical.block(together), len(points))
+    moved = [{name: point[name] for name in own if point[name] != own[name]} for point in points]
+    return [quantities_of(actuator.replace(**changes), outputs, highest) for changes in moved]
+
+
+def _of_circuits(circuit: Block, count: int) -> list[dict[str, float]]:
+    """The electrical quantities of the circuits whose matrices stand in a block, that axis first."""
     row, column = circuit.outputs.index("current"), circuit.inputs.index("voltage")
-    a, b, c, d = circuit.a, circuit.b[:, column], circuit.c[row], circuit.d[row, column]
-    found = {"circuit.high_frequency_resistance": float(1.0 / d)}
+    a, b, c, d = (
+        np.broadcast_to(one, (count, *one.shape[-2:])) for one in (circuit.a, circuit.b, circuit.c, circuit.d)
+    )
+    b, c, d = b[:, :, column, None], c[:, row, None], d[:, row, column]
     poles = np.linalg.eigvals(a)
-    if _hides_a_pole(poles):
-        return found
-    charged = np.linalg.solve(a, b)
-    conductance = float(d - c @ charged)
-    if conductance > _ROUNDING * d:
-        found["circuit.dc_resistance"] = 1.0 / conductance
-    lags = np.sort(-1.0 / poles.real)
-    return {
-        **found,
-        "circuit.capacitance": float(-c @ np.linalg.solve(a, charged)),
-        **{f"circuit.time_constants.{number}": float(lag) for number, lag in enumerate(lags)},
-    }
+    hidden = [_hides_a_pole(own) for own in poles]
+    fine = np.flatnonzero(np.logical_not(hidden))
+    charged, again = np.zeros_like(b), np.zeros_like(b)
+    charged[fine] = np.linalg.solve(a[fine], b[fine])
+    again[fine] = np.linalg.solve(a[fine], charged[fine])
+    conductance = d - (c @ charged)[:, 0, 0]
+    capacitance = -(c @ again)[:, 0, 0]
+    found: list[dict[str, float]] = []
+    for k in range(count):
+        own = {"circuit.high_frequency_resistance": float(1.0 / d[k])}
+        if not hidden[k]:
+            if conductance[k] > _ROUNDING * d[k]:
+                own["circuit.dc_resistance"] = float(1.0 / conductance[k])
+            own["circuit.capacitance"] = float(capacitance[k])
+            lags = np.sort(-1.0 / poles[k].real).tolist()
+            own |= {f"circuit.time_constants.{number}": lag for number, lag in enumerate(lags)}
+        found.append(own)
+    return found
 
 
 def _of_motion(system: System, output: str, highest: float) -> dict[str, float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.model import Actuator
-from ipmclab.model.quantities import derived, quantities_of
+from ipmclab.model.quantities import derived, quantities_of_each
 from ipmclab.ties import largest_first
 
 FloatArray = npt.NDArray[np.float64]
@@ -126,31 +126,48 @@ class _Seen:
     problem: Problem
     record: PreparedRun
 
-    def at(self, theta: FloatArray, **fixed: float) -> dict[str, float]:
-        """For a vector, and for other fixed values."""
-        values = {**self.problem.values(theta, self.record.place), **fixed}
-        own = self.actuator.parameter_values
-        strip = self.actuator.replace(**{name: values[name] for name in own if values[name] != own[name]})
-        told = quantities_of(strip, tuple(self.record.readings), 0.5 * self.record.run.rate)
-        # A capacitance of rounding alone, a resistance of none: no logarithm.
-        return {
-            name: math.log(value) if derived(name).positive else value
-            for name, value in told.items()
-            if math.isfinite(value) and (value > 0.0 or not derived(name).positive)
-        }
+    def at(self, theta: FloatArray, **fixed: float) -> Mapping[str, float]:
+        """The parameters for a vector, and for other fixed values."""
+        return {**self.problem.values(theta, self.record.place), **fixed}
 
-    def along(self, theta: FloatArray, entry: int) -> _Sides:
+    def quantities(self, points: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+        """Of each of some sets of parameters."""
+        each = quantities_of_each(self.actuator, points, tuple(self.record.readings), 0.5 * self.record.run.rate)
+        # A capacitance of rounding alone, a resistance of none: no logarithm.
+        return [
+            {
+                name: math.log(value) if derived(name).positive else value
+                for name, value in told.items()
+                if math.isfinite(value) and (value > 0.0 or not derived(name).positive)
+            }
+            for told in each
+        ]
+
+    def along(self, theta: FloatArray, entry: int) -> _Beside:
         """On both sides of an entry, no farther than its bounds."""
         unknown = self.problem.unknowns[entry]
         ends = [unknown.entry(unknown.value(float(theta[entry]) + step)) for step in (-_STEP, _STEP)]
         below, above = (self.at(np.where(np.arange(len(theta)) == entry, end, theta)) for end in ends)
-        return _Sides(below, above, ends[1] - ends[0])
+        return _Beside(below, above, ends[1] - ends[0])
 
-    def along_fixed(self, theta: FloatArray, name: str, value: float) -> _Sides:
+    def along_fixed(self, theta: FloatArray, name: str, value: float) -> _Beside:
         """On both sides of a fixed value [1/SI]."""
         step = _STEP * abs(value)
         below, above = (self.at(theta, **{name: value + sign * step}) for sign in (-1.0, 1.0))
-        return _Sides(below, above, 2.0 * step)
+        return _Beside(below, above, 2.0 * step)
+
+    def sides(self, beside: Sequence[_Beside]) -> list[_Sides]:
+        """The quantities there."""
+        told = self.quantities([point for one in beside for point in (one.below, one.above)])
+        return [_Sides(told[2 * k], told[2 * k + 1], one.width) for k, one in enumerate(beside)]
+
+
+class _Beside(NamedTuple):
+    """The parameters on both sides of one of them, and how far these are apart."""
+
+    below: Mapping[str, float]
+    above: Mapping[str, float]
+    width: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,16 +190,17 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
     stated = [name for name in point.stated if base.get(name)]
     exact = [name for name in found.leverage if name not in point.stated and base.get(name)]
     held = (*stated, *exact)
-    sides = [seen.along(theta, place) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
-    of_held = [seen.along_fixed(theta, name, base[name]) for name in held]
-    others = [seen.at(_vector(problem, theta, rival)) for rival in point.rivals]
+    moved = [seen.along(theta, place) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    every = seen.sides([*moved, *(seen.along_fixed(theta, name, base[name]) for name in held)])
+    sides, of_held = every[: len(moved)], every[len(moved) :]
+    here, *others = seen.quantities([base, *(seen.at(_vector(problem, theta, rival)) for rival in point.rivals)])
     # A leverage is the change of each entry for 1 % of a fixed value.
     sizes = np.array([0.01 * abs(base[name]) for name in held])
     follows = np.array([found.leverage[name] for name in held]).reshape(len(held), len(sides)) / sizes[:, None]
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
     together = together.reshape(len(stated), len(stated))
     told = {}
-    for name, value in seen.at(theta).items():
+    for name, value in here.items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
         free = np.array([one.slope(name) for one in sides])
         direct = np.array([one.slope(name) for one in of_held])

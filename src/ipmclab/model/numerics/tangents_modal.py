@@ -25,6 +25,8 @@ LOST: Final = 1e-10
 
 _SERIES: Final = 0.5
 _TERMS: Final = 16  # 0.5^16/16! is below 1e-18
+_WEIGHTS: Final = {order: [1 / math.factorial(k + order) for k in range(_TERMS, -1, -1)] for order in (1, 2)}
+_SLOPE_WEIGHTS: Final = {order: [k / math.factorial(k + order) for k in range(_TERMS, 0, -1)] for order in (1, 2)}
 
 
 class Slopes(NamedTuple):
@@ -215,6 +217,6 @@ def _moves(poles: ComplexArray, durations: FloatArray, driven: float) -> tuple[n
 def _series(x: ComplexArray, order: int, *, slope: bool = False) -> ComplexArray:
     """The sum of x^k/(k + order)!, or its derivative."""
     found = np.zeros_like(x)
-    for k in range(_TERMS, 0 if slope else -1, -1):
-        found = found * x + (k if slope else 1) / math.factorial(k + order)
+    for weight in _SLOPE_WEIGHTS[order] if slope else _WEIGHTS[order]:
+        found = found * x + weight
     return found
