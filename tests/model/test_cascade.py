@@ -11,7 +11,8 @@ from ipmclab.model.numerics import kernels
 from ipmclab.model.numerics.cascade import Wiring, entries_of
 from ipmclab.model.numerics.cascade_loop import cascade
 from ipmclab.model.numerics.modal import NEARLY_MEET, Modes, modes, recursion
-from ipmclab.model.outputs import modal_coefficients, set_up
+from ipmclab.model.numerics.modal_loop import modal_sections as plain_sections
+from ipmclab.model.outputs import modal_coefficients, modal_sections, set_up, simulate_outputs
 from ipmclab.model.ports import OUTPUT_PORTS, left_at_rest
 from ipmclab.model.written_out import written_out
 from ipmclab.run import Hold
@@ -65,8 +66,8 @@ def test_compiled_or_not_the_digits_are_the_same() -> None:
         wiring = Wiring.of(strip.blocks(), external="voltage", outputs=OUTPUT_PORTS, at_rest=AT_REST)
         assert wiring is not None
         for number in range(len(HOLDS)):
-            both = np.zeros((2, 32))
-            asked = entries_of(strip.blocks()), wiring.numbers, wiring.ports, NEARLY_MEET, 0.02, number
+            both = np.zeros((2, 43))
+            asked = entries_of(strip.blocks()), wiring.numbers, 3, wiring.ports, NEARLY_MEET, 0.02, number
             assert kernels.cascade(*asked, both[0]) == cascade(*asked, both[1])
             np.testing.assert_array_equal(both[0], both[1])
 
@@ -115,3 +116,43 @@ def test_a_stage_that_solves_equations_is_asked_each_time() -> None:
     clamped = with_stages(FRIEND, "clamp")
     assert written_out(clamped.structure) is None
     assert written_out(with_stages(FRIEND, "line.segments=3").structure) is None
+
+
+SLOW = ("relaxation.displacement", "relaxation.displacement_pair", "relaxation.displacement+relaxation.force")
+"""The last has two slow modes with one time constant: poles that stand side by side may meet."""
+
+
+@pytest.mark.parametrize("stages", SLOW)
+@pytest.mark.parametrize("hold", HOLDS)
+def test_more_sections_give_what_matrices_give(stages: str, hold: Hold) -> None:
+    strip = load_actuator(f"friend-2+{stages}")
+    assert modal_sections(strip, 0.02, hold) is not None
+    time = np.arange(700) * 0.02
+    voltage = np.sin(time) + np.where(time > 5.0, 1.0, 0.0)
+    rest = np.zeros(len(strip.state_names))
+    found = simulate_outputs(strip, time, voltage, hold)
+    expected = simulate_outputs(strip, time, voltage, hold, initial_state=rest)
+    for own, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(own, other, rtol=0.0, atol=1e-12 * np.abs(other).max())
+
+
+def test_one_behind_the_other_they_may_not_meet() -> None:
+    slow = load_actuator("friend-2+relaxation.displacement")
+    lag = -1.0 / max(pole.real for pole in _modes(FRIEND).poles[0])
+    met = slow.replace(**{f"{SLOW[0]}.0.time_constant": lag})
+    assert modal_sections(met, 0.02, "zero") is None
+    assert len(simulate_outputs(met, [0.0, 0.02], [1.0, 1.0], "zero")) == 4
+
+
+def test_of_three_sections_both_loops_say_the_same() -> None:
+    voltage = np.sin(np.arange(600) * 0.02)
+    for hold in HOLDS:
+        numbers, found = modal_coefficients(FRIEND, 0.02, hold), modal_sections(FRIEND, 0.02, hold)
+        assert numbers is not None
+        assert found is not None
+        both = np.empty((3, 4, 600))
+        kernels.modal(voltage, numbers, both[0])
+        kernels.modal_sections(voltage, *found, both[1])
+        plain_sections(voltage, *found, both[2])
+        np.testing.assert_allclose(both[1], both[0], rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(both[2], both[1])

@@ -78,21 +78,14 @@ def simulate_outputs(
     >>> round(float(current[0, 0]), 6)
     0.060348
     """
-    from ipmclab.model.numerics import kernels
-
     check_hold(hold)
     times, volts = checked_record(time, voltage)
     chosen = choose_outputs(outputs)
     names = [OUTPUTS[place] for place in chosen]
     if external_force is None and initial_state is None and delay == 0.0 and is_regular(times):
         period = (times[-1] - times[0]) / (len(times) - 1)
-        coefficients, with_law = modal_coefficients(actuator, period, hold), leaking_loop(actuator, period, hold)
-        if coefficients is not None or with_law is not None:
-            every = np.empty((len(OUTPUTS), len(times)))
-            if coefficients is not None:
-                kernels.modal(volts, coefficients, every)
-            elif with_law is not None:
-                with_law(volts, every)
+        every = np.empty((len(OUTPUTS), len(times)))
+        if _by_modes(actuator, volts, period, hold, every):
             values = every[chosen]
             read_far(values, names, actuator.parameter_values)
             return values
@@ -123,21 +116,54 @@ def simulate_outputs(
     return values
 
 
+def _by_modes(actuator: Actuator, volts: FloatArray, period: float, hold: Hold, every: FloatArray) -> bool:
+    """Write all outputs from rest by the modes of the actuator; false where another way must answer."""
+    from ipmclab.model.numerics import kernels
+
+    coefficients = modal_coefficients(actuator, period, hold)
+    if coefficients is not None:
+        kernels.modal(volts, coefficients, every)
+        return True
+    with_law = leaking_loop(actuator, period, hold)
+    if with_law is not None:
+        with_law(volts, every)
+        return True
+    found = modal_sections(actuator, period, hold)
+    if found is not None:
+        kernels.modal_sections(volts, *found, every)
+    return found is not None
+
+
 def modal_coefficients(actuator: Actuator, period: float, hold: Hold) -> FloatArray | None:
     """The numbers of the modal recursion, kept with the actuator; None where another way must answer."""
-    if actuator.structure.leak:  # a law at a port has no modes
-        return None
 
     def made() -> FloatArray | None:
-        written, wiring = set_up(actuator.structure)
-        if written is not None:
-            entries = written.entries(actuator.parameter_values)
-        else:
-            blocks = actuator.blocks()
-            entries, wiring = entries_of(blocks), _wiring(blocks)
+        wiring, entries = _wired(actuator)
         return None if wiring is None else wiring.coefficients(entries, period, hold)
 
     return actuator.keep(("modal", period, hold), made)
+
+
+def modal_sections(actuator: Actuator, period: float, hold: Hold) -> tuple[FloatArray, int] | None:
+    """The same for a cascade of any number of sections, and that number; kept with the actuator."""
+
+    def made() -> tuple[FloatArray, int] | None:
+        wiring, entries = _wired(actuator)
+        found = None if wiring is None else wiring.sections_over(entries, period, hold)
+        return None if wiring is None or found is None else (found, wiring.sections)
+
+    return actuator.keep(("sections", period, hold), made)
+
+
+def _wired(actuator: Actuator) -> tuple[Wiring | None, FloatArray]:
+    """Which block of an actuator drives which, and their entries; None where they are no cascade of modes."""
+    if actuator.structure.leak:  # a law at a port has no modes
+        return None, np.zeros(0)
+    written, wiring = set_up(actuator.structure)
+    if written is not None:
+        return wiring, written.entries(actuator.parameter_values)
+    blocks = actuator.blocks()
+    return _wiring(blocks), entries_of(blocks)
 
 
 @lru_cache(maxsize=256)

@@ -18,8 +18,18 @@ from ipmclab.run import Hold
 FloatArray = npt.NDArray[np.float64]
 
 _HOLDS: Final[dict[str, int]] = {"zero": ZERO, "zero-before": ZERO_BEFORE, "first": 2}
-_NUMBERS: Final = 32
 _LARGEST: Final = 2  # states of a block whose poles have a closed form
+
+_MOST_SECTIONS: Final = 8
+"""Of a cascade that goes by its modes."""
+
+_OF_THREE: Final = np.array(
+    [0, *range(2, 9), 9, 10, 33, 15, 16, 34, *range(21, 27), 35, *range(27, 31), 36, *range(37, 43)]
+)
+"""Where the numbers of ``modal_loop.modal`` stand among those of a cascade of three sections."""
+
+_NOT_READ: Final = np.array([*range(11, 15), *range(17, 21), 31, 32])
+"""The weights that it takes to be 0: current and node know the circuit alone, force does not know the beam."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,17 +39,21 @@ class Wiring:
     Parameters
     ----------
     numbers : int array
+    sections : int
+        How many blocks.
     ports : int
+        How many ports.
     """
 
     numbers: npt.NDArray[np.int64]
+    sections: int
     ports: int
 
     @classmethod
     def of(
         cls, blocks: Sequence[Block], *, external: str, outputs: Sequence[str], at_rest: Sequence[str] = ()
     ) -> Wiring | None:
-        """The wiring of some blocks; None where they are no cascade that the modal loop carries.
+        """The wiring of some blocks; None where they are no cascade that a modal loop carries.
 
         Parameters
         ----------
@@ -54,7 +68,7 @@ class Wiring:
         """
         ports = {external: 0}
         found: list[int] = []
-        if len(blocks) != SECTIONS:
+        if not SECTIONS <= len(blocks) <= _MOST_SECTIONS:
             return None
         for block in blocks:
             if not 1 <= len(block.states) <= _LARGEST:
@@ -66,10 +80,10 @@ class Wiring:
             for port in block.outputs:
                 ports[port] = len(ports)
             found += [ports[port] for port in block.outputs]
-        return cls(np.array([*found, *(ports[port] for port in outputs)]), len(ports))
+        return cls(np.array([*found, *(ports[port] for port in outputs)]), len(blocks), len(ports))
 
-    def coefficients(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
-        """The numbers of ``kernels.modal``; None where these modes do not fit it, or two poles nearly meet.
+    def sections_over(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
+        """The numbers of ``kernels.modal_sections``; None where there are none, as where two poles nearly meet.
 
         Parameters
         ----------
@@ -78,9 +92,14 @@ class Wiring:
         period : float [s]
         hold : "zero", "zero-before" or "first"
         """
-        found = np.empty(_NUMBERS)
-        fits = _loop()(entries, self.numbers, self.ports, NEARLY_MEET, period, _HOLDS[hold], found)
-        return found if fits else None
+        found = np.empty(13 * self.sections + 4)
+        own = self.numbers, self.sections, self.ports
+        return found if _loop()(entries, *own, NEARLY_MEET, period, _HOLDS[hold], found) else None
+
+    def coefficients(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
+        """The numbers of ``kernels.modal``; None where these modes do not fit it. Parameters as ``sections_over``."""
+        found = None if self.sections != SECTIONS else self.sections_over(entries, period, hold)
+        return None if found is None or found[_NOT_READ].any() else found[_OF_THREE]
 
     def coefficients_of_many(
         self, entries: FloatArray, period: float, hold: Hold
@@ -88,9 +107,13 @@ class Wiring:
         """The same for many parameter sets, shape (n_sets, 32), and which of them there are."""
         from ipmclab.model.numerics import kernels
 
-        numbers, found = np.zeros((len(entries), _NUMBERS)), np.empty(len(entries), dtype=bool)
-        kernels.cascades(entries, self.numbers, self.ports, NEARLY_MEET, period, _HOLDS[hold], numbers, found)
-        return numbers, found
+        sets = len(entries)
+        if self.sections != SECTIONS:
+            return np.zeros((sets, 0)), np.zeros(sets, dtype=bool)
+        numbers, found = np.zeros((sets, 13 * self.sections + 4)), np.empty(sets, dtype=bool)
+        own = self.numbers, self.sections, self.ports
+        kernels.cascades(entries, *own, NEARLY_MEET, period, _HOLDS[hold], numbers, found)
+        return numbers[:, _OF_THREE], found & ~numbers[:, _NOT_READ].any(axis=1)
 
 
 def entries_of(blocks: Sequence[Block]) -> npt.NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""From the matrices of a cascade of three blocks to the numbers of the modal loop, as plain Python.
+"""From the matrices of a cascade to the numbers of a modal loop, as plain Python.
 
 ``kernels`` compiles it. It stands alone, as ``modal_loop`` does, so that a process that simulates one record need not
 load a compiler first. It knows real numbers only, each operation rounded by itself: compiled or not, the digits are the
@@ -19,13 +19,13 @@ IndexArray = npt.NDArray[np.int64]
 ZERO, ZERO_BEFORE = 0, 1
 """Holds by number; any other is straight between rows."""
 
-_POLES: Final = 6
 _TERMS: Final = 19  # of the series of phi_2, enough for |z| up to 1/2
 
 
 def cascade(
     entries: FloatArray,
     wiring: IndexArray,
+    sections: int,
     ports: int,
     nearly_meet: float,
     period: float,
@@ -43,33 +43,39 @@ def cascade(
     entries : float array
         a, b, c and d of each block, row by row, one after the other.
     wiring : int array
-        Of each of three blocks: states (1 or 2), inputs, outputs; then the number of the port of each input (-1 where
-        nothing happens at it) and of each output. The port 0 is driven from outside. Last the ports that are read:
-        current, applied voltage, displacement, force.
+        Of each block: states (1 or 2), inputs, outputs; then the number of the port of each input (-1 where nothing
+        happens at it) and of each output. The port 0 is driven from outside. Last the ports that are read: current,
+        applied voltage, displacement, force.
+    sections : int
+        How many blocks there are.
     ports : int
-        How many there are.
+        How many ports.
     nearly_meet : float
-        Relative gap between two poles below which there is no answer.
+        Relative gap between two poles, one behind the other, below which there is no answer.
     period : float [s]
     hold : int
-    numbers : float array, shape (32,)
-        Written, in the layout of ``modal_loop.modal``.
+    numbers : float array, shape (13 sections + 4,)
+        Written. With two modes for each section (the second does nothing in one of one state): three numbers of how
+        the modes of each section move, in the first side by side, else chained (``modal_loop.modal``); the weights of
+        all modes in each output; the direct term of each output; the modes at row 0 for 1 V there.
 
     Returns
     -------
     found : bool
-        False where these modes do not fit the loop, or two poles nearly meet.
+        False where these modes do not fit a loop, or two poles nearly meet.
     """
-    direct, real, imaginary = np.zeros(ports), np.zeros((ports, _POLES)), np.zeros((ports, _POLES))
+    poles = 2 * sections
+    direct, real, imaginary = np.zeros(ports), np.zeros((ports, poles)), np.zeros((ports, poles))
     direct[0] = 1.0
-    pole_real, pole_imaginary = np.zeros(_POLES), np.zeros(_POLES)
-    count = np.zeros(3, dtype=np.int64)
+    pole_real, pole_imaginary = np.zeros(poles), np.zeros(poles)
+    count = np.zeros(sections, dtype=np.int64)
     # One over the difference of an own pole and an earlier one.
-    over_real, over_imaginary = np.zeros((2, _POLES)), np.zeros((2, _POLES))
+    over_real, over_imaginary = np.zeros((2, poles)), np.zeros((2, poles))
+    meets = np.zeros((2, poles), dtype=np.bool_)
     own_real, own_imaginary = np.zeros(2), np.zeros(2)
-    sum_real, sum_imaginary = np.zeros(_POLES), np.zeros(_POLES)
+    sum_real, sum_imaginary = np.zeros(poles), np.zeros(poles)
     at, wire = 0, 0
-    for section in range(3):
+    for section in range(sections):
         n, m, p = wiring[wire], wiring[wire + 1], wiring[wire + 2]
         inputs, outputs = wire + 3, wire + 3 + m
         wire = outputs + p
@@ -105,9 +111,12 @@ def cascade(
                 other = (
                     pole_real[first + j] * pole_real[first + j] + pole_imaginary[first + j] * pole_imaginary[first + j]
                 )
-                if away <= nearly_meet * nearly_meet * max(one, other):
+                meets[j, i] = away <= nearly_meet * nearly_meet * max(one, other)
+                if meets[j, i] and i >= first:
                     return False
-                over_real[j, i], over_imaginary[j, i] = away_real / away, -away_imaginary / away
+                over_real[j, i], over_imaginary[j, i] = 0.0, 0.0
+                if not meets[j, i]:
+                    over_real[j, i], over_imaginary[j, i] = away_real / away, -away_imaginary / away
         for row in range(p):
             port = wiring[outputs + row]
             sum_direct = 0.0
@@ -137,6 +146,11 @@ def cascade(
                         own_real[1] = -(linear * pole_real[first + 1] + constant) / apart
                         own_imaginary[0] = own_imaginary[1] = 0.0
                 for j in range(n):
+                    # Side by side poles may meet, one behind the other they may not.
+                    for i in range(first):
+                        here = real[source, i] != 0.0 or imaginary[source, i] != 0.0
+                        if here and meets[j, i] and (own_real[j] != 0.0 or own_imaginary[j] != 0.0):
+                            return False
                     there_real, there_imaginary = direct[source], 0.0
                     for i in range(first):
                         there_real += real[source, i] * over_real[j, i] - imaginary[source, i] * over_imaginary[j, i]
@@ -159,13 +173,13 @@ def cascade(
         return False
 
     reads = wire
-    weights, directs, starts = np.zeros((4, _POLES)), np.zeros(4), np.zeros(_POLES)
+    weights, directs, starts = np.zeros((4, poles)), np.zeros(4), np.zeros(poles)
     for output in range(4):
         directs[output] = direct[wiring[reads + output]]
     decay_real, decay_imaginary = np.zeros(2), np.zeros(2)
     start_real, start_imaginary = np.zeros(2), np.zeros(2)
     gain_real, gain_imaginary = np.zeros((4, 2)), np.zeros((4, 2))
-    for section in range(3):
+    for section in range(sections):
         first, n = 2 * section, count[section]
         decay_real[1] = decay_imaginary[1] = start_real[1] = start_imaginary[1] = 0.0
         gain_real[:, 1] = 0.0
@@ -215,13 +229,13 @@ def cascade(
         pair = n == 2 and pole_imaginary[first] != 0.0
         apart = decay_imaginary[0] if pair and decay_imaginary[0] != 0.0 else decay_real[1] - decay_real[0]
         starts[first] = start_real[0]
+        chain = 3 * section
         if section == 0:
-            numbers[0], numbers[1] = decay_real[0], decay_real[1]
+            numbers[0], numbers[1], numbers[2] = decay_real[0], 0.0, decay_real[1]
             starts[1] = start_real[1]
             for output in range(4):
                 weights[output, 0], weights[output, 1] = gain_real[output, 0], gain_real[output, 1]
             continue
-        chain = 2 + 3 * (section - 1)
         if hold != ZERO and abs(apart) < 1e-9:
             return False  # the chained modes at row 0 divide by it
         if decay_imaginary[0] != 0.0:
@@ -236,12 +250,10 @@ def cascade(
             for output in range(4):
                 weights[output, first] = gain_real[output, 0] + gain_real[output, 1]
                 weights[output, first + 1] = gain_real[output, 1] * apart
-    for k in range(2, _POLES):
-        if weights[0, k] != 0.0 or weights[1, k] != 0.0 or (k >= 4 and weights[3, k] != 0.0):
-            return False
-    numbers[8:10], numbers[10] = weights[0, :2], directs[0]
-    numbers[11:13], numbers[13] = weights[1, :2], directs[1]
-    numbers[14:20], numbers[20] = weights[2], directs[2]
-    numbers[21:25], numbers[25] = weights[3, :4], directs[3]
-    numbers[26:32] = starts
+    behind = 3 * sections
+    for output in range(4):
+        numbers[behind : behind + poles] = weights[output]
+        behind += poles
+    numbers[behind : behind + 4] = directs
+    numbers[behind + 4 :] = starts
     return True

@@ -11,18 +11,21 @@ from ipmclab.model.numerics.cascade_loop import cascade as _cascade
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.modal_loop import modal as _modal
+from ipmclab.model.numerics.modal_loop import modal_sections as _modal_sections
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 cascade = kernel(_cascade)
 modal = kernel(_modal)
+modal_sections = kernel(_modal_sections)
 
 
 @kernel
 def cascades(
     entries: FloatArray,
     wiring: IndexArray,
+    sections: int,
     ports: int,
     nearly_meet: float,
     period: float,
@@ -32,7 +35,7 @@ def cascades(
 ) -> None:
     """``cascade`` of many parameter sets: entries, numbers and what is returned have that axis first."""
     for k in range(len(entries)):
-        found[k] = cascade(entries[k], wiring, ports, nearly_meet, period, hold, numbers[k])
+        found[k] = cascade(entries[k], wiring, sections, ports, nearly_meet, period, hold, numbers[k])
 
 
 @kernel

@@ -73,3 +73,50 @@ def modal(voltage: FloatArray, coefficients: FloatArray, outputs: FloatArray) ->
         force = outputs[3, begin : begin + BLOCK]
         for k in range(u.shape[0]):
             force[k] = ((f1 * y1[k] + f2 * y2[k]) + (f3 * y3[k] + f4 * y4[k])) + f0 * u[k]
+
+
+def modal_sections(voltage: FloatArray, numbers: FloatArray, sections: int, outputs: FloatArray) -> None:
+    """Any number of sections of two modes each, from rest; every output may read every mode.
+
+    The first section is two real modes side by side, the others are chained pairs, as in ``modal``.
+
+    Parameters
+    ----------
+    voltage : float array, shape (n_time,) [V]
+    numbers : float array, shape (13 sections + 4,)
+        As ``cascade_loop.cascade`` writes them.
+    sections : int
+    outputs : float array, shape (4, n_time)
+        Written: current, applied voltage, displacement, force.
+    """
+    count = 2 * sections
+    direct = 3 * sections + 4 * count
+    state = numbers[direct + 4 : direct + 4 + count] * voltage[0]
+    modes = np.empty((count, BLOCK))
+    for begin in range(0, voltage.shape[0], BLOCK):
+        u = voltage[begin : begin + BLOCK]
+        for section in range(sections):
+            p, q, s = numbers[3 * section], numbers[3 * section + 1], numbers[3 * section + 2]
+            one, other = modes[2 * section], modes[2 * section + 1]
+            z1, z2 = state[2 * section], state[2 * section + 1]
+            if section == 0:
+                for k in range(u.shape[0]):
+                    one[k], other[k] = z1, z2
+                    z1 = p * z1 + u[k]
+                    z2 = s * z2 + u[k]
+            else:
+                for k in range(u.shape[0]):
+                    one[k], other[k] = z1, z2
+                    z1, z2 = p * z1 + (q * z2 + u[k]), s * z2 + z1
+            state[2 * section], state[2 * section + 1] = z1, z2
+        for output in range(4):
+            written = outputs[output, begin : begin + BLOCK]
+            through = numbers[direct + output]
+            for k in range(u.shape[0]):
+                written[k] = through * u[k]
+            for mode in range(count):
+                weight = numbers[3 * sections + output * count + mode]
+                if weight != 0.0:
+                    own = modes[mode]
+                    for k in range(u.shape[0]):
+                        written[k] += weight * own[k]
