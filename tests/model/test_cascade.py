@@ -78,12 +78,12 @@ def test_many_at_once_are_each_alone() -> None:
     assert wiring is not None
     several = strips(9, 9)
     values = {name: np.array([strip[name] for strip in several]) for name in FRIEND.parameter_values}
-    numbers, found = wiring.coefficients_of_many(written.entries_of_many(values, 9), 0.02, "first")
+    numbers, found = wiring.sections_of_many(written.entries_of_many(values, 9), 0.02, "first")
     for k, strip in enumerate(several):
-        alone = modal_coefficients(strip, 0.02, "first")
+        alone = modal_sections(strip, 0.02, "first")
         assert found[k] == (alone is not None)
         if alone is not None:
-            np.testing.assert_allclose(numbers[k], alone, rtol=1e-12)
+            np.testing.assert_allclose(numbers[k], alone[0], rtol=1e-12)
 
 
 def test_poles_that_nearly_meet_have_no_such_numbers() -> None:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.model.assemble import System
 from ipmclab.model.batch import Batch
+from ipmclab.model.numerics.cascade import Wiring
 from ipmclab.model.numerics.reduce import reduced, seen_states
 from ipmclab.model.outputs import set_up
 from ipmclab.model.ports import choose_outputs
@@ -68,29 +69,29 @@ def lanes_of(batch: Batch) -> BatchLanes | None:
     structure = batch.actuator.structure
     if structure.leak or structure.laser or any(_changes_the_loop(batch, name) for name in batch.changes):
         return None
-    numbers, found = _modal(batch)
-    if not found.any():
+    wiring, numbers, found = _modal(batch)
+    if wiring is None or not found.any():
         joined = _joined(batch)
         return None if joined is None else BatchLanes(batch.sets, [(None, joined)])
     from ipmclab.model.numerics.lanes import Lanes
 
     chosen = choose_outputs(batch.outputs)
     if found.all():
-        return BatchLanes(batch.sets, [(None, Lanes.modal(numbers, chosen))])
+        return BatchLanes(batch.sets, [(None, Lanes.modal(numbers, wiring, chosen))])
     modal, others = np.flatnonzero(found), np.flatnonzero(~found)
     joined = _joined(batch.of_sets(others))
-    loops = [(modal, Lanes.modal(numbers[modal], chosen))]
+    loops = [(modal, Lanes.modal(numbers[modal], wiring, chosen))]
     return None if joined is None else BatchLanes(batch.sets, [*loops, (others, joined)])
 
 
-def _modal(batch: Batch) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """The numbers of the modes of each set, and which sets have them."""
+def _modal(batch: Batch) -> tuple[Wiring | None, FloatArray, npt.NDArray[np.bool_]]:
+    """Which block drives which, the numbers of the modes of each set, and which sets have them."""
     written, wiring = set_up(batch.actuator.structure)
     if written is None or wiring is None:
-        return np.zeros((batch.sets, 0)), np.zeros(batch.sets, dtype=bool)
+        return None, np.zeros((batch.sets, 0)), np.zeros(batch.sets, dtype=bool)
     every: Any = {**batch.actuator.parameter_values, **batch.changes}
     entries = written.entries_of_many(every, batch.sets)
-    return wiring.coefficients_of_many(entries, 1.0 / batch.record.rate, batch.record.hold)
+    return wiring, *wiring.sections_of_many(entries, 1.0 / batch.record.rate, batch.record.hold)
 
 
 def _joined(batch: Batch) -> Lanes | None:

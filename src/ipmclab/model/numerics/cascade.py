@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -39,15 +39,23 @@ class Wiring:
     Parameters
     ----------
     numbers : int array
-    sections : int
-        How many blocks.
     ports : int
         How many ports.
+    states : tuple of int
+        Of each section.
+    reads : tuple of tuple of int
+        The sections that each output reads.
     """
 
     numbers: npt.NDArray[np.int64]
-    sections: int
     ports: int
+    states: tuple[int, ...]
+    reads: tuple[tuple[int, ...], ...]
+
+    @property
+    def sections(self) -> int:
+        """How many blocks there are."""
+        return len(self.states)
 
     @classmethod
     def of(
@@ -67,20 +75,24 @@ class Wiring:
             Input ports that stay at 0.
         """
         ports = {external: 0}
+        sees: dict[str, set[int]] = {external: set()}
         found: list[int] = []
         if not SECTIONS <= len(blocks) <= _MOST_SECTIONS:
             return None
-        for block in blocks:
+        for section, block in enumerate(blocks):
             if not 1 <= len(block.states) <= _LARGEST:
                 return None
             if any(port not in ports and port not in at_rest for port in block.inputs):
                 return None
             found += [len(block.states), len(block.inputs), len(block.outputs)]
             found += [-1 if port in at_rest else ports[port] for port in block.inputs]
-            for port in block.outputs:
+            for row, port in enumerate(block.outputs):
                 ports[port] = len(ports)
+                sees[port] = _seen(block, section, row, sees)
             found += [ports[port] for port in block.outputs]
-        return cls(np.array([*found, *(ports[port] for port in outputs)]), len(blocks), len(ports))
+        found += [ports[port] for port in outputs]
+        reads = tuple(tuple(sorted(sees[port])) for port in outputs)
+        return cls(np.array(found), len(ports), tuple(len(block.states) for block in blocks), reads)
 
     def sections_over(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
         """The numbers of ``kernels.modal_sections``; None where there are none, as where two poles nearly meet.
@@ -101,19 +113,33 @@ class Wiring:
         found = None if self.sections != SECTIONS else self.sections_over(entries, period, hold)
         return None if found is None or found[_NOT_READ].any() else found[_OF_THREE]
 
-    def coefficients_of_many(
+    def sections_of_many(
         self, entries: FloatArray, period: float, hold: Hold
     ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-        """The same for many parameter sets, shape (n_sets, 32), and which of them there are."""
+        """``sections_over`` of many parameter sets, that axis first, and which of them have these numbers."""
         from ipmclab.model.numerics import kernels
 
-        sets = len(entries)
-        if self.sections != SECTIONS:
-            return np.zeros((sets, 0)), np.zeros(sets, dtype=bool)
-        numbers, found = np.zeros((sets, 13 * self.sections + 4)), np.empty(sets, dtype=bool)
+        numbers, found = np.zeros((len(entries), 13 * self.sections + 4)), np.empty(len(entries), dtype=bool)
         own = self.numbers, self.sections, self.ports
         kernels.cascades(entries, *own, NEARLY_MEET, period, _HOLDS[hold], numbers, found)
-        return numbers[:, _OF_THREE], found & ~numbers[:, _NOT_READ].any(axis=1)
+        return numbers, found
+
+
+def _seen(block: Block, section: int, row: int, sees: Mapping[str, set[int]]) -> set[int]:
+    """The sections whose modes an output of a block reads."""
+    found: set[int] = set()
+    for column, port in enumerate(block.inputs):
+        if port not in sees:
+            continue
+        by_states = _any(block.c[row]) and _any(block.b[:, column])
+        if by_states or _any(block.d[row, column : column + 1]):
+            found |= sees[port] | ({section} if by_states else set())
+    return found
+
+
+def _any(entries: npt.NDArray[Any]) -> bool:
+    """Whether an entry is not a plain zero."""
+    return any(not isinstance(entry, float) or entry != 0.0 for entry in entries.tolist())
 
 
 def entries_of(blocks: Sequence[Block]) -> npt.NDArray[np.float64]:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics import lanes_loop
+from ipmclab.model.numerics.cascade import Wiring
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.lanes_loop import ENTRY, NONE, ONE, WIDTH
 from ipmclab.run import Hold
@@ -29,27 +30,6 @@ _SERIES: Final = 1.0 / np.array([math.factorial(k) for k in range(13)])
 _one_at_a_time: Final = threading.Lock()
 
 _LINE: Final = 8  # floats of a cache line: what begins on one is loaded at once
-
-_VOLTAGE: Final = -1
-_READS: Final[tuple[dict[int, int | None], ...]] = (
-    {0: 8, 1: 9, _VOLTAGE: 10},
-    {0: 11, 1: 12, _VOLTAGE: 13},
-    {0: 14, 1: 15, 2: 16, 3: 17, 4: 18, 5: 19, _VOLTAGE: 20},
-    {0: 21, 1: 22, 2: 23, 3: 24, _VOLTAGE: 25},
-)
-"""For each output, the modes that it reads and the voltage, and where ``modal_loop.modal`` has their weights."""
-
-_MOVES: Final[tuple[dict[int, int | None], ...]] = (
-    {0: 0, _VOLTAGE: None},
-    {1: 1, _VOLTAGE: None},
-    {2: 2, 3: 3, _VOLTAGE: None},
-    {2: None, 3: 4},
-    {4: 5, 5: 6, _VOLTAGE: None},
-    {4: None, 5: 7},
-)
-"""The same for what each mode is in the next row; None where that is a one."""
-
-_STARTS: Final = 26
 
 Gathered = tuple[tuple[int, str], ...]
 """Output and name in ``lanes_loop.TALLIES``."""
@@ -97,25 +77,43 @@ class Lanes:
         return cls(np.where(pattern, ENTRY, NONE).astype(np.int8), matrices[:, pattern], -end[..., 0])
 
     @classmethod
-    def modal(cls, numbers: FloatArray, chosen: Sequence[int]) -> Lanes:
+    def modal(cls, numbers: FloatArray, wiring: Wiring, chosen: Sequence[int]) -> Lanes:
         """Of the modes of cascades.
 
         Parameters
         ----------
-        numbers : float array, shape (n_sets, 32)
-            As ``modal_loop.modal`` has them.
+        numbers : float array, shape (n_sets, 13 sections + 4)
+            As ``modal_loop.modal_sections`` has them.
+        wiring : Wiring
         chosen : sequence of int
             Places of the outputs in ``ports.OUTPUTS``.
         """
-        states = 1 + max(max(_READS[output]) for output in chosen)
-        rows = [*(_READS[output] for output in chosen), *_MOVES[:states]]
-        pattern = np.zeros((len(rows), states + 1), dtype=np.int8)
-        places: list[int] = []
-        for row, own in enumerate(rows):
-            for column, number in own.items():
+        sections = sorted({section for output in chosen for section in wiring.reads[output]})
+        modes = [2 * section + k for section in sections for k in range(wiring.states[section])]
+        place = {mode: column for column, mode in enumerate(modes)}
+        voltage, count = len(modes), 2 * wiring.sections
+        weights = 3 * wiring.sections
+        directs = weights + 4 * count
+        rows: list[dict[int, int | None]] = []  # where each number stands by its column; None for a one
+        for output in chosen:
+            read = [mode for mode in modes if mode // 2 in wiring.reads[output]]
+            own: dict[int, int | None] = {place[mode]: weights + output * count + mode for mode in read}
+            rows.append({**own, voltage: directs + output})
+        for mode in modes:
+            section, is_second = divmod(mode, 2)
+            p, q, s = (3 * section + k for k in range(3))
+            if is_second:
+                before: dict[int, int | None] = {voltage: None} if section == 0 else {place[mode - 1]: None}
+                rows.append({**before, place[mode]: s})
+            else:
+                chained = {place[mode + 1]: q} if section and mode + 1 in place else {}
+                rows.append({place[mode]: p, **chained, voltage: None})
+        pattern = np.zeros((len(rows), voltage + 1), dtype=np.int8)
+        for row, entries in enumerate(rows):
+            for column, number in entries.items():
                 pattern[row, column] = ONE if number is None else ENTRY
-                places += [] if number is None else [number]
-        return cls(pattern, numbers[:, places], numbers[:, _STARTS : _STARTS + states])
+        taken = [number for entries in rows for _, number in sorted(entries.items()) if number is not None]
+        return cls(pattern, numbers[:, taken], numbers[:, [directs + 4 + mode for mode in modes]])
 
     def outputs(self, voltage: FloatArray, found: FloatArray) -> None:
         """Write the outputs of all sets.
