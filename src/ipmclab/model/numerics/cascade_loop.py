@@ -19,7 +19,8 @@ IndexArray = npt.NDArray[np.int64]
 ZERO, ZERO_BEFORE = 0, 1
 """Holds by number; any other is straight between rows."""
 
-_TERMS: Final = 19  # of the series of phi_2, enough for |z| up to 1/2
+_SERIES: Final = tuple(1.0 / math.factorial(k) for k in range(18, 1, -1))
+"""Of phi_2, the last term first; enough for |z| up to 1/2."""
 
 
 def cascade(
@@ -199,10 +200,9 @@ def cascade(
                 vr, vi = (ur - 1.0) * zr + ui * zi, ui * zr - (ur - 1.0) * zi
                 vr, vi = vr / square, vi / square
             else:
-                vr, vi, tr, ti = 0.5, 0.0, 0.5, 0.0
-                for term in range(3, _TERMS):
-                    tr, ti = (tr * zr - ti * zi) / term, (tr * zi + ti * zr) / term
-                    vr, vi = vr + tr, vi + ti
+                vr, vi = 0.0, 0.0
+                for weight in _SERIES:
+                    vr, vi = (vr * zr - vi * zi) + weight, vr * zi + vi * zr
                 ur, ui = 1.0 + (zr * vr - zi * vi), zr * vi + zi * vr
             if hold == ZERO:
                 gr, gi, hr, hi, sr, si = period * ur, period * ui, 0.0, 0.0, 0.0, 0.0
