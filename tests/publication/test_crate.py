@@ -188,6 +188,7 @@ def test_places_that_are_refused(folder: Path, tmp_path: Path) -> None:
         (tmp_path / "none", tmp_path / "crate.zip", "there is no such folder"),
         (tmp_path / "empty", tmp_path / "crate.zip", "there is no run, fit, table or report"),
         (folder, tmp_path / "crate.tar", "an RO-Crate is written as a zip file"),
+        (folder, Path(), "this is a folder; name a file in it"),
     ):
         with pytest.raises(InputError, match=message):
             export_crate(given, path, title="A strip")

@@ -52,7 +52,7 @@ def sweep(
     if template:
         from ipmclab.sweep.template import TEMPLATE
 
-        then = f"ipmclab sweep {out} --out {out.with_suffix('') if out else None}"
+        then = f"ipmclab sweep {out} --out {out.parent / out.stem if out else None}"
         write_template(TEMPLATE, file, out, verb="sweep", then=then, force=force, as_json=as_json)
         return
     if file is None or out is None:

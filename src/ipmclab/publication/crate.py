@@ -99,7 +99,7 @@ def export_crate(
     ['manifest-sha256.txt', 'ro-crate-metadata.json', 'step.nc', 'tables/metrics.csv', 'tables/runs.csv']
     """
     target = Path(path)
-    if target.suffix.lower() != ".zip":
+    if target.suffix.lower() != ".zip" and not target.is_dir():
         raise InputError(
             f"the file ends in {target.suffix!r}, an RO-Crate is written as a zip file",
             code="bad-ending",

@@ -32,7 +32,7 @@ def write_page(page: Callable[[], str], path: str | Path, *, overwrite: bool = F
         Another suffix, a folder that does not exist, or a file that does.
     """
     target = Path(path)
-    if target.suffix.lower() not in (".html", ".htm"):
+    if target.suffix.lower() not in (".html", ".htm") and not target.is_dir():
         raise InputError(
             f"a report cannot be written as {target.suffix!r}",
             code="bad-suffix",
