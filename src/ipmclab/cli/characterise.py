@@ -96,7 +96,8 @@ def _plan(campaign: Campaign, folder: Path) -> CampaignPlan:
     from ipmclab.campaign.planned import plan_campaign
 
     there = next((one for one in (folder, folder.parent) if one.is_dir()), Path())
-    return plan_campaign(campaign, bytes_free=shutil.disk_usage(there).free)
+    with progress(f"planning {campaign.title}"):
+        return plan_campaign(campaign, bytes_free=shutil.disk_usage(there).free)
 
 
 def _print_plan(campaign: Campaign, folder: Path, *, as_json: bool) -> None:

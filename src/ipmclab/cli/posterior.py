@@ -63,8 +63,6 @@ def posterior(
     from ipmclab import load_actuator
     from ipmclab.engine import opened
     from ipmclab.identification.identify import identify
-    from ipmclab.posterior.packages import bayes_package
-    from ipmclab.posterior.posterior import sample_posterior, write_posterior
 
     reads: list[Path | str] = [*actuator_files(actuator), *runs]
     check_output(out, force=force, suffixes=(".nc",), reads=reads)
@@ -72,8 +70,12 @@ def posterior(
         check_output(figure, force=force, suffixes=_FIGURES, reads=reads, option="--figure")
     model = load_actuator(actuator)
     loaded = read_runs(runs)
-    bayes_package("emcee")  # before the long work
     with progress(f"sampling {model.name}") as tell, opened(scheduler=scheduler, workers=workers) as engine:
+        # What samples takes half a second to load, and is looked for before the long work.
+        from ipmclab.posterior.packages import bayes_package
+        from ipmclab.posterior.posterior import sample_posterior, write_posterior
+
+        bayes_package("emcee")
         fit = identify(model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell)
         found = sample_posterior(fit, steps=steps, engine=engine, progress=tell)
         write_posterior(found, out, overwrite=force)
