@@ -174,6 +174,7 @@ def test_limits_and_time(fit: Fit) -> None:
     [
         ({"goal": "parameter"}, "unknown goal 'parameter'; did you mean 'parameters'"),
         ({"minutes": 0.0}, "the time is 0 min, it must be above 0"),
+        ({"minutes": 9109399.0}, r"have room for .* runs, a plan has at most 1000; give 2333 min or less"),
         ({"goal": "prediction", "inputs": []}, "no input is named"),
     ],
 )

@@ -30,6 +30,10 @@ INPUTS: Final = ("step 1 V for 40 s", "sine 1 V 0.1 Hz for 40 s", "square 1 V 0.
 _USUAL: Final = 40.0  # seconds of an input that does not say how long it lasts
 
 
+MOST_RUNS: Final = 1000
+"""Of a plan: what the first ones tell is known before the last ones come."""
+
+
 def propose_runs(
     fit: Fit,
     *,
@@ -111,12 +115,13 @@ def greedy(questions: Mapping[str, Questions], left: float) -> dict[str, list[Of
     Raises
     ------
     InputError
-        No run within the limits and the time.
+        No run within the limits and the time, or time for more than ``MOST_RUNS``.
     """
     taken: dict[str, list[Offer]] = {name: [] for name in questions}
     places = {name: one.home for name, one in questions.items()}
     offers = first = {name: one.offers(one.start, one.home) for name, one in questions.items()}
     minutes, number = left / 60.0, 0
+    _refuse_endless(minutes, [run.time for each in first.values() for run, _ in each])
     while True:
         fitting = {name: [one for one in each if one[0].time <= left][:1] for name, each in offers.items()}
         best = [name for name, each in fitting.items() if each]
@@ -230,6 +235,18 @@ def _remarks(fit: Fit, goal: GoalName) -> Iterator[str]:
         yield (
             "no run of the fit would have shown a drift of the sensor: the errors of slow parameters are larger for "
             "it, and a run that turns back makes them smaller than is expected here"
+        )
+
+
+def _refuse_endless(minutes: float, times: Sequence[float]) -> None:
+    """Refuse a time that holds more runs than can be thought through: each is compared with all others anew."""
+    if times and 60.0 * minutes > MOST_RUNS * min(times):
+        most = MOST_RUNS * min(times) / 60.0
+        raise InputError(
+            f"{minutes:.6g} min have room for {60.0 * minutes / min(times):.3g} runs, a plan has at most {MOST_RUNS}",
+            code="out-of-range",
+            where="minutes",
+            repair=f"give {math.floor(most)} min or less, and plan again once these runs are recorded",
         )
 
 
