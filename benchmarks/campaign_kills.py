@@ -1,8 +1,9 @@
 """Campaigns killed with SIGKILL and gone on with: ``python -m benchmarks.campaign_kills [--kills 20] [--record]``.
 
 A campaign at the virtual bench is killed some time after a sitting of it began, again and again, and started anew with
-the same command. At the end it must be the campaign that nobody disturbed: every run there, none twice, each with the
-same readings to the last bit, the same verdicts, and the same facts of each strip.
+the same command; then ``friend-chapter-5``, at random moments from its start to its report (``--short`` leaves it out).
+At the end it must be the campaign that nobody disturbed: every run there, none twice, each with the same readings to
+the last bit, the same verdicts, the same facts of each strip, the same models and the same tables.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.harness import finish
-from ipmclab import read_run
+from ipmclab import read_fit, read_run
+from ipmclab.campaign.identified import MODELS
 from ipmclab.campaign.state import FILE, read_events
+from ipmclab.cli.characterise import REPEATS
 
 SOURCES = ("src/ipmclab/campaign", "src/ipmclab/cli/characterise.py", "src/ipmclab/cli/sitting.py")
 
@@ -28,6 +31,11 @@ LATEST = 1.2
 """A kill comes up to so many seconds after a sitting began: a short run is over then, and the next one begun."""
 
 PATIENCE = 120.0
+
+CHAPTER_5 = "friend-chapter-5"
+
+STARTS = 3.0
+"""A command takes so many seconds, at the least, before it goes on with anything."""
 
 CAMPAIGN = """
 title = "killed"
@@ -55,13 +63,13 @@ repeats = {repeats}
 """
 
 
-def command(campaign: Path, folder: Path) -> list[str]:
+def command(campaign: Path | str, folder: Path) -> list[str]:
     """What starts a campaign, and what goes on with it."""
     return [sys.executable, "-m", "ipmclab", "characterise", str(campaign), "--out", str(folder)]
 
 
 def result(folder: Path) -> dict[str, object]:
-    """What a campaign gave: of each run its verdict and its readings, and the facts.
+    """What a campaign gave: of each run its verdict and its readings, the facts, and the models.
 
     Raises
     ------
@@ -82,10 +90,12 @@ def result(folder: Path) -> dict[str, object]:
         run = read_run(folder / one["path"])
         readings = b"".join(values.tobytes() for _, values in sorted(run.channels.items()))
         found[one["run"]] = (one["verdict"], hashlib.sha256(readings).hexdigest())
+    for path in sorted((folder / MODELS).glob("*.toml")):
+        found[path.name] = {name: one.value for name, one in read_fit(path).parameters.items()}
     return found
 
 
-def undisturbed(campaign: Path, folder: Path) -> dict[str, object]:
+def undisturbed(campaign: Path | str, folder: Path) -> dict[str, object]:
     """The campaign from its first run to its last."""
     subprocess.run(command(campaign, folder), check=True, capture_output=True)
     return result(folder)
@@ -116,10 +126,44 @@ def killed(campaign: Path, folder: Path, delay: float) -> bool:
     return met
 
 
+def struck(campaign: str, folder: Path, moments: Sequence[float]) -> int:
+    """Start a campaign and kill it so long [s] after, once for each moment; how many kills met it at work."""
+    met = 0
+    for moment in moments:
+        process = subprocess.Popen(command(campaign, folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            process.wait(moment)
+        except subprocess.TimeoutExpired:
+            met += 1
+        process.kill()
+        process.wait()
+    return met
+
+
+def chapter_5(kills: int, draw: random.Random, folder: Path) -> str:
+    """The thesis's campaign, killed at moments that are spread over all of its time."""
+    began = time.monotonic()
+    expected = undisturbed(CHAPTER_5, folder / "whole")
+    took = time.monotonic() - began
+    moments = [draw.uniform(STARTS, STARTS + 2.0 * took / kills) for _ in range(kills)]
+    met = struck(CHAPTER_5, folder / "killed", moments)
+    found = undisturbed(CHAPTER_5, folder / "killed")
+    assert found == expected
+    tables = [(folder / name / REPEATS).read_bytes() for name in ("whole", "killed")]
+    assert tables[0] == tables[1]
+    models = sum(name.endswith(".toml") for name in found)
+    return (
+        f"`{CHAPTER_5}`, killed at random moments from its start to its report: {met} of {kills} kills met it at work. "
+        f"All {len(found)} results, of which {models} are models of samples with each parameter, are the same to the "
+        "last bit, and so is the table of means, scatter and intervals; no run is there twice."
+    )
+
+
 def main() -> None:
     """Kill, go on, compare, and say what came of it."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--short", action="store_true", help="without the campaign of chapter 5")
     parser.add_argument("--record", action="store_true")
     asked = parser.parse_args()
     draw = random.Random(SEED)
@@ -131,13 +175,16 @@ def main() -> None:
         expected = undisturbed(campaign, folder / "whole")
         found, met = disturbed(campaign, folder / "killed", delays)
         interrupted = sum(one.get("verdict") == "interrupted" for one in read_events(folder / "killed"))
-    assert found == expected
+        assert found == expected
+        (folder / CHAPTER_5).mkdir()
+        thesis = "" if asked.short else chapter_5(asked.kills, draw, folder / CHAPTER_5)
     lines = [
         f"{met} of {asked.kills} kills met the campaign at work, each up to {LATEST:g} s after a sitting began. "
         f"{interrupted} runs were cut off, kept as such and recorded again.",
         "",
-        f"All {len(found)} results (runs with their readings and verdicts, facts of the strips) are those of the "
-        "campaign that nobody disturbed; no run is there twice.",
+        f"All {len(found)} results (runs with their readings and verdicts, facts of the strips, models) are those of "
+        "the campaign that nobody disturbed; no run is there twice.",
+        *(["", thesis] if thesis else []),
     ]
     title = "A campaign at the virtual bench, killed and gone on with"
     finish("campaign_kills", title, "\n".join(lines), [], record=asked.record, gate=False)
