@@ -156,7 +156,7 @@ class NextRunsView:
     def _other_model(self) -> tuple[str, str]:
         """The other model as a worker is given it, and as a command names it; empty where none is asked for."""
         name = (self._rival.value or "").strip() if self._goal.value == "model" else ""
-        is_file = name.partition("+")[0].endswith(".toml") or self._workshop.fit(name) is not None
+        is_file = name.endswith(".toml") or self._workshop.fit(name) is not None
         try:
             return (self._workshop.actuator_path(name), self._workshop.file_name(name)) if is_file else (name, name)
         except InputError as error:

@@ -37,7 +37,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         minutes=minutes,
         allowed=Allowance(limits=Limits.from_table(arguments["limits"]), longest=arguments["longest"]),
         inputs=arguments["inputs"] or INPUTS,
-        rival=load_actuator(rival) if rival.partition("+")[0].endswith(".toml") else rival or None,
+        rival=load_actuator(rival) if rival.endswith(".toml") else rival or None,
     )
     runs = [
         {
