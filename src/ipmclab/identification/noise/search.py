@@ -166,7 +166,8 @@ def _partials(columns: Columns) -> FloatArray:
     residual = columns.matrix[:, -1]
     constants = columns.matrix[:, :CONSTANTS]
     residual = residual - constants @ np.linalg.lstsq(constants, residual, rcond=None)[0]
-    covariances = np.array([residual[lag:] @ residual[: len(residual) - lag] for lag in range(MOST_ORDER + 1)])
+    longer = np.concatenate([residual, np.zeros(MOST_ORDER)])  # of three readings no two are four steps apart
+    covariances = np.array([longer[lag : lag + len(residual)] @ residual for lag in range(MOST_ORDER + 1)])
     correlations = covariances / max(covariances[0], 1e-300)
     coefficients = np.zeros(0)
     partials = np.zeros(MOST_ORDER)
