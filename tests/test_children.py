@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 import ipmclab
+from benchmarks.kills import prepare, start
 from ipmclab.page.jobs.jobs import Jobs
 from ipmclab.platform import python_child
 from ipmclab.rig.safety.guarded_output import Target
 from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.store.journal.finalise import finish
 from ipmclab.store.journal.journal import Journal, JournalHeader
+from tests.cli.test_bare_system import EXPERIMENT
 from tests.waiting import HANGS, until
 
 NAMES = [
@@ -59,6 +61,19 @@ def test_what_writes_run_files(trap: Path, tmp_path: Path) -> None:
     journal = Journal.create(tmp_path / "lab", JournalHeader(str(uuid4()), 50.0, ("voltage",)), ballast=0)
     journal.append(0, np.ones((10, 1)))
     assert finish(journal.end("complete"), tmp_path / "lab").outcome == "run"
+    assert not trap.exists()
+
+
+def test_the_recorder(trap: Path) -> None:
+    """With a folder of its own beside the traps, as a user's experiment has."""
+    Path("experiment.toml").write_text(EXPERIMENT, encoding="utf-8")
+    recorder = prepare(Path.cwd())
+    assert start(recorder)
+    while (message := recorder.next(HANGS)) is not None and message.kind != "ended":
+        pass
+    assert message is not None
+    assert message["status"] == 0
+    assert len(list(Path("runs").rglob("*.nc"))) == 1
     assert not trap.exists()
 
 
