@@ -2,6 +2,7 @@
 
 import csv
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,5 +161,15 @@ def test_the_report_is_one_file_that_escapes_what_it_was_given(made):
     assert "Of 3 numbers that chapter 5 prints of these runs, 3 are met" in page
     assert page.count("<svg") >= 3
     assert "curl, 20 degC, 80 %RH" in page
+    compared = (made[1] / "comparison.html").read_text(encoding="utf-8")
+    assert "displacement, strain" in compared  # by the dimensions of the model that the campaign names
     ids = re.findall(r'\bid="([^"]*)"', page)
     assert len(ids) == len(set(ids))
+
+
+def test_what_was_found_in_runs_that_count_is_told_once_for_each_kind(made):
+    from ipmclab.reporting.campaign import _findings
+
+    _, results = results_of(*made)
+    found = [replace(one, findings=("slip",) if one.run.part == "displacement" else ()) for one in results]
+    assert list(_findings(by_repeat(found))) == ["slip: displacement, 20 degC, 80 %RH, step 1 V (2 runs)"]
