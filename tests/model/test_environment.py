@@ -109,6 +109,31 @@ def test_each_law_is_the_ratio_that_is_printed() -> None:
     assert found["beam.density"] * found["geometry.thickness"] == pytest.approx(before + came, rel=1e-12)
 
 
+def test_the_conductivity_of_the_ions_is_that_of_the_table() -> None:
+    """Springer's conductivity, (0.5139 lambda - 0.326) exp(1268 K (1/303 K - 1/T)), as ratios to 80 %RH at 25 degC."""
+    ions = load_actuator("friend-2+environment.branches").replace(
+        **{
+            "hydration.reference_temperature": 25.0,
+            "hydration.percolation": 0.326 / 0.5139,
+            "environment.branches.0.exponent": 1.0,
+            "environment.branches.0.energy": 1268.0 * 8.314462618,
+        }
+    )
+    table = {  # S/m at 25, 30 and 60 degC
+        2.7715: (1.025998, 1.100550, 1.603943),
+        3.4855: (1.368775, 1.468236, 2.139807),
+        5.3315: (2.255004, 2.418861, 3.525250),
+        7.219: (3.161157, 3.390858, 4.941839),
+        10.0375: (4.514264, 4.842288, 7.057153),
+        14.003: (6.418025, 6.884382, 10.033303),
+    }
+    for content, row in table.items():
+        for temperature, conductivity in zip((25.0, 30.0, 60.0), row, strict=True):
+            there = values_in(ions.parameter_values, WaterState(content, temperature))
+            ratio = ions["circuit.branches.0.resistivity"] / there["circuit.branches.0.resistivity"]
+            assert 3.161157 * ratio == pytest.approx(conductivity, rel=1e-6)
+
+
 def test_derivatives_are_those_of_differences() -> None:
     stated, moved = dict(EVERY.parameter_values), in_state(EVERY.parameter_values, WARM_AND_WET)
     assert moved.values == pytest.approx(values_in(stated, WARM_AND_WET), rel=1e-14)

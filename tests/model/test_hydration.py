@@ -69,6 +69,16 @@ def test_isotherm_vapour_and_times_are_those_of_the_table() -> None:
     assert bare_edge(load_actuator("friend-2").parameter_values) == pytest.approx(0.0539, abs=1e-4)
 
 
+def test_the_strips_of_the_thesis_hold_what_their_masses_say() -> None:
+    """30 x 5 mm of N117 (samples 1 to 4) and N1110, dry and after a day in water."""
+    masses = [(90, 107), (103, 113), (89, 101), (86, 99), (120, 128), (105, 120), (87, 101)]
+    found = [
+        content_by_mass(STRIP, 1e-6 * wet, 1e-6 * dry, 1.5e-4, 183e-6 if number < 4 else 254e-6).water_content
+        for number, (dry, wet) in enumerate(masses)
+    ]
+    assert found == pytest.approx([19.10, 11.23, 13.48, 14.60, 6.48, 12.14, 11.33], abs=0.006)
+
+
 def test_the_dew_point_is_the_inverse_of_saturation() -> None:
     for temperature in (-20.0, 0.0, 25.0, 80.0):
         for humidity in (0.1, 5.0, 50.0, 99.9):

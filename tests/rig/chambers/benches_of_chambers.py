@@ -59,6 +59,9 @@ KINDS = [
 """Without the serial ones where there are no pseudo-terminals (Windows)."""
 KINDS = [kind for kind in KINDS if HAS_TERMINALS or not kind.serial]
 
+BY_CONVERTER = [Kind("espec-sh", False, lambda: EspecDevice(sh=True)), Kind("dew-point", False, DewPointDevice)]
+"""Serial instruments behind a converter to Ethernet."""
+
 WANTED = (25.0, 60.0)
 """What every one of them can be set to."""
 

@@ -10,11 +10,11 @@ import pytest
 
 from ipmclab.errors import InputError
 from ipmclab.rig.chambers.chamber import ChamberError
-from tests.rig.chambers.benches_of_chambers import KINDS, WANTED, Kind, at_once, paired, set_by_another
+from tests.rig.chambers.benches_of_chambers import BY_CONVERTER, KINDS, WANTED, Kind, at_once, paired, set_by_another
 from tests.rig.chambers.devices import EspecDevice
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("kind", [*KINDS, *BY_CONVERTER], ids=str)
 def test_a_driver_sets_reads_is_still_and_goes_to_standby(kind: Kind, tmp_path: Path) -> None:
     with paired(kind, tmp_path) as pair:
         chamber, room = pair.chamber, pair.room
