@@ -64,9 +64,9 @@ _SAME_TIME = 1e-6
 _OVER = 0.02
 """Part of its width by which a panel may be left without another one."""
 
-_STRAIGHT = 2e-3
+_STRAIGHT = 4e-3
 """Part by which a parameter may move while all numbers go in straight lines. These err by an eighth of its square times
-what a number bends: a few millionths, beside the 5e-5 of parameters that stay while they move by 1e-4."""
+what a number bends: some millionths, beside the 5e-5 of parameters that stay while they move by 1e-4."""
 
 _BACK = -0.25
 """How far a straight line may be gone back, in parts of its length."""
@@ -231,14 +231,14 @@ def numbers_there(
     result : float array, shape (n,)
         Written.
     """
-    begin, length, numbers = lines.begin[kind], lines.length[kind], lines.numbers[kind]
-    wet, warm = (walk[WANTED] - begin[0]) / length[0], (walk[_WARM_THERE] - begin[1]) / length[1]
+    begin, length, numbers = lines
+    wet = (walk[WANTED] - begin[kind, 0]) / length[kind, 0]
+    warm = (walk[_WARM_THERE] - begin[kind, 1]) / length[kind, 1]
     if not (_BACK <= wet <= 1.0 and _BACK <= warm <= 1.0):
-        _draw(panel, knots, walk, begin, length, numbers)
+        _draw(panel, knots, walk, begin[kind], length[kind], numbers[kind])
         wet = warm = 0.0
-    base, by_content, by_temperature = numbers[0], numbers[1], numbers[2]
     for k in range(result.shape[0]):
-        result[k] = base[k] + wet * by_content[k] + warm * by_temperature[k]
+        result[k] = numbers[kind, 0, k] + wet * numbers[kind, 1, k] + warm * numbers[kind, 2, k]
 
 
 @kernel

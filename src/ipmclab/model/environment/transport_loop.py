@@ -86,10 +86,18 @@ def outflow(m: Membrane, film: float, content: float, saturated: float, around: 
 
 
 @kernel
+def outflows(m: Membrane, content: float, saturated: float, around: float) -> tuple[float, float]:
+    """What leaves through the anode's and the cathode's face; found once where these are alike."""
+    anode = outflow(m, m.anode, content, saturated, around)
+    return anode, anode if m.cathode == m.anode else outflow(m, m.cathode, content, saturated, around)
+
+
+@kernel
 def rate(m: Membrane, content: float, temperature: float, around: float, leak: float) -> float:
     """Rate of the mean content [1/s] where ``leak`` [A/m^2] takes one molecule for two electrons."""
     saturated = vapour(temperature)
-    out = outflow(m, m.anode, content, saturated, around) + outflow(m, m.cathode, content, saturated, around)
+    anode, cathode = outflows(m, content, saturated, around)
+    out = anode + cathode
     if content <= LEAST:
         return max(0.0, -out / m.sites)
     return -(out + abs(leak) / (2.0 * _FARADAY)) / m.sites
@@ -147,8 +155,8 @@ def advance(
         content = max(content + h * (r1 + 2.0 * (r2 + r3) + r4) / 6.0, LEAST)
         warm = warms[2]
         saturated = vapour(warms[1])
-        apart = outflow(m, m.cathode, half, saturated, arounds[1])
-        apart -= outflow(m, m.anode, half, saturated, arounds[1])
+        anode, cathode = outflows(m, half, saturated, arounds[1])
+        apart = cathode - anode
         apart -= flowed / (2.0 * _FARADAY)  # water is split at the anode, whichever face that is
         apart -= 2.0 * m.drag * half / 22.0 * flowed / _FARADAY
         source = 2.0 * apart / m.sites

@@ -20,6 +20,10 @@ FloatArray = npt.NDArray[np.float64]
 BLOCK = 256
 """Rows whose modes are worked out before their outputs, as in ``modal_loop``."""
 
+_X1, _X2, _X3, _X4, _X5, _X6, _BEGIN, _END, _READ, _LEAK, _NODE = range(11)
+"""Of a row of a block: the modes; e at the begin and at the end of the period before it, and where it is read; w and p.
+They are no arrays with names of their own: a piece of few rows would pay more for these than for its rows."""
+
 
 @kernel
 def follow(
@@ -216,8 +220,6 @@ def law_stretch(
     b3, b4, c3, c4 = mechanical[0, 4], mechanical[0, 5], mechanical[0, 6], mechanical[0, 7]
     n3, n4, n5, n6 = mechanical[1, 0], mechanical[1, 1], mechanical[1, 2], mechanical[1, 3]
     b5, b6, c5, c6 = mechanical[1, 4], mechanical[1, 5], mechanical[1, 6], mechanical[1, 7]
-    x1, x2, x3, x4, x5, x6 = store[0], store[1], store[2], store[3], store[4], store[5]
-    begins, ends, reads, leaks, nodes = store[6], store[7], store[8], store[9], store[10]
     z1, z2, z3, z4, z5, z6, u = state[0], state[1], state[2], state[3], state[4], state[5], state[6]
     e, e_begin, e_end, jump, w, p = state[7], state[8], state[9], state[10], state[11], state[12]
     p1, p2, p3, p4 = state[13], state[14], state[15], state[16]
@@ -269,8 +271,8 @@ def law_stretch(
                 u, e = new, new - series * w
                 jump = e - e_end
             if jumps > 0:
-                x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
-                begins[l], ends[l] = e_begin, e_end
+                store[_X1, l], store[_X2, l], store[_READ, l], store[_LEAK, l], store[_NODE, l] = z1, z2, e, w, p
+                store[_BEGIN, l], store[_END, l] = e_begin, e_end
             if running:
                 e_begin = e
                 if jumps == 0:
@@ -297,47 +299,45 @@ def law_stretch(
                 lost += abs(w)
                 flowed += w
             if jumps <= 0:
-                x1[l], x2[l], reads[l], leaks[l], nodes[l] = z1, z2, e, w, p
-                begins[l], ends[l] = e_begin, e_end
+                store[_X1, l], store[_X2, l], store[_READ, l], store[_LEAK, l], store[_NODE, l] = z1, z2, e, w, p
+                store[_BEGIN, l], store[_END, l] = e_begin, e_end
             if lost - expected * (first + l + 1 - begin) > room:
                 rows, end = l + 1, first + l + 1
                 break
         if fronts.shape[1] > 0:
-            fronts[0, first : first + rows] = begins[:rows]
-            fronts[1, first : first + rows] = ends[:rows]
-            fronts[2, first : first + rows] = reads[:rows]
+            fronts[0, first : first + rows] = store[_BEGIN, :rows]
+            fronts[1, first : first + rows] = store[_END, :rows]
+            fronts[2, first : first + rows] = store[_READ, :rows]
         for l in range(rows):  # noqa: E741
-            x1[l] += end1 * ends[l]
-            x2[l] += end2 * ends[l]
-            x3[l] = b3 * begins[l] + c3 * ends[l]
-            x4[l] = b4 * begins[l] + c4 * ends[l]
-            x5[l] = b5 * begins[l] + c5 * ends[l]
-            x6[l] = b6 * begins[l] + c6 * ends[l]
+            store[_X1, l] += end1 * store[_END, l]
+            store[_X2, l] += end2 * store[_END, l]
+            store[_X3, l] = b3 * store[_BEGIN, l] + c3 * store[_END, l]
+            store[_X4, l] = b4 * store[_BEGIN, l] + c4 * store[_END, l]
+            store[_X5, l] = b5 * store[_BEGIN, l] + c5 * store[_END, l]
+            store[_X6, l] = b6 * store[_BEGIN, l] + c6 * store[_END, l]
         for l in range(rows):  # noqa: E741
-            z3, z4 = m3 * z3 + (m4 * z4 + x3[l]), m6 * z4 + (m5 * z3 + x4[l])
-            z5, z6 = n3 * z5 + (n4 * z6 + x5[l]), n6 * z6 + (n5 * z5 + x6[l])
-            x3[l], x4[l], x5[l], x6[l] = z3, z4, z5, z6
-        current = outputs[0, first : first + rows]
+            z3, z4 = m3 * z3 + (m4 * z4 + store[_X3, l]), m6 * z4 + (m5 * z3 + store[_X4, l])
+            z5, z6 = n3 * z5 + (n4 * z6 + store[_X5, l]), n6 * z6 + (n5 * z5 + store[_X6, l])
+            store[_X3, l], store[_X4, l], store[_X5, l], store[_X6, l] = z3, z4, z5, z6
         for l in range(rows):  # noqa: E741
-            current[l] = (i1 * x1[l] + i2 * x2[l]) + (i0 * reads[l] + leaks[l])
-        applied = outputs[1, first : first + rows]
+            outputs[0, first + l] = (i1 * store[_X1, l] + i2 * store[_X2, l]) + (i0 * store[_READ, l] + store[_LEAK, l])
         for l in range(rows):  # noqa: E741
-            applied[l] = nodes[l]
-        displacement = outputs[2, first : first + rows]
+            outputs[1, first + l] = store[_NODE, l]
         for l in range(rows):  # noqa: E741
-            displacement[l] = ((d1 * x1[l] + d2 * x2[l]) + (d3 * x3[l] + d4 * x4[l])) + (
-                (d5 * x5[l] + d6 * x6[l]) + d0 * reads[l]
-            )
-        force = outputs[3, first : first + rows]
+            outputs[2, first + l] = (
+                (d1 * store[_X1, l] + d2 * store[_X2, l]) + (d3 * store[_X3, l] + d4 * store[_X4, l])
+            ) + ((d5 * store[_X5, l] + d6 * store[_X6, l]) + d0 * store[_READ, l])
         for l in range(rows):  # noqa: E741
-            force[l] = ((f1 * x1[l] + f2 * x2[l]) + (f3 * x3[l] + f4 * x4[l])) + f0 * reads[l]
+            outputs[3, first + l] = (
+                (f1 * store[_X1, l] + f2 * store[_X2, l]) + (f3 * store[_X3, l] + f4 * store[_X4, l])
+            ) + f0 * store[_READ, l]
         first += rows
     state[0], state[1], state[2], state[3], state[4], state[5], state[6] = z1, z2, z3, z4, z5, z6, u
     state[7], state[8], state[9], state[10], state[11], state[12] = e, e_begin, e_end, jump, w, p
     state[13], state[14], state[15], state[16] = p1, p2, p3, p4
     state[17], state[18], state[19], state[20] = j1, j2, j3, j4
     state[21], state[22], state[23], state[24] = at, there, at_jump, there_jump
-    state[25], state[26] = x1[rows - 1], x2[rows - 1]
+    state[25], state[26] = store[_X1, rows - 1], store[_X2, rows - 1]
     return end, lost, flowed
 
 
