@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -74,6 +75,7 @@ DERIVED: Final[Mapping[str, Derived]] = {
 """By name; of the time constants each has its number behind the name, the fastest 0."""
 
 
+@lru_cache(maxsize=64)
 def derived(name: str) -> Derived:
     """What a quantity is, of the time constants each.
 

@@ -216,7 +216,8 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         few = wider_for_few(freedom) if math.isfinite(freedom) else 1.0
         reach = NORMAL_95 * few * math.sqrt(max(variance, 0.0))
         moves = np.abs(sizes * (follows @ free + direct))[len(stated) :]
-        leans = tuple(exact[k] for k in largest_first(moves) if moves[k] > max(reach, _MOVED * scale))
+        felt = moves > max(reach, _MOVED * scale)
+        leans = tuple(exact[k] for k in largest_first(moves) if felt[k]) if felt.any() else ()
         ends = _value(name, min(each) - reach), _value(name, max(each) + reach)
         told[name] = Known(name, _value(name, value), ends, leans)
     return told
