@@ -29,6 +29,7 @@ MOST_STEPS: Final = 12
 FARTHEST_STEP: Final = 3.0
 NOTHING: Final = 1e-12  # of the cost: a decrease that is rounding
 HARDLY: Final = 1e-9  # of the cost: where it does not fall, a decrease that need not have come
+_UNFELT: Final = 1e-30  # of the largest derivative: far below the rounding of a sum of squares
 _NEAR: Final = 1e-3  # of a logarithm or a scale: an entry that near to its bound, and pressing on it, is at its bound
 _ASIDE: Final = 1e-6  # so far inside the bound it stays
 
@@ -292,7 +293,7 @@ def minimise(
     ----------
     problem : Solvable
     theta : float array, shape (n_unknown,)
-        Where the search starts; it is moved inside the bounds.
+        Where the search starts; it is moved inside the bounds. An unknown that no reading feels there stays.
     here : Evaluation, optional
         At ``theta``, where it is known already.
     evaluations : int
@@ -317,16 +318,32 @@ def minimise(
     # A wide range is no reason to start far from its end.
     margin = np.minimum(np.where(finite, 1e-6 * np.where(finite, problem.upper - problem.lower, 0.0), 0.0), 1e-4)
     inside = np.clip(theta, problem.lower + margin, problem.upper - margin)
+    felt = _felt(at(inside).jacobian)
+
+    def whole(part: FloatArray) -> FloatArray:
+        point = inside.copy()
+        point[felt] = part
+        return point
+
+    if not felt.any():
+        return Solution(inside, at(inside), True, _REASONS[1], 1)
     # Turned by the Q of its own point, residual and Jacobian are a few rows with the same cost and the same steps.
     found = least_squares(
-        lambda point: at(point).triangle[:, -1],
-        inside,
-        jac=lambda point: at(point).triangle[:, :-1],
-        bounds=(problem.lower, problem.upper),
+        lambda part: at(whole(part)).triangle[:, -1],
+        inside[felt],
+        jac=lambda part: at(whole(part)).triangle[:, :-1][:, felt],
+        bounds=(problem.lower[felt], problem.upper[felt]),
         x_scale="jac",
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
         max_nfev=evaluations,
     )
-    return Solution(found.x, at(found.x), found.status > 0, _REASONS[found.status], int(found.nfev))
+    point = whole(found.x)
+    return Solution(point, at(point), found.status > 0, _REASONS[found.status], int(found.nfev))
+
+
+def _felt(jacobian: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which unknowns change a digit of the cost: a search that steps in units of another would leave all numbers."""
+    sizes = np.abs(jacobian).max(axis=0, initial=0.0)
+    return np.asarray(sizes > _UNFELT * sizes.max(initial=0.0))

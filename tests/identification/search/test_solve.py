@@ -1,0 +1,33 @@
+"""The search on what a model leaves, where derivatives are far apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ipmclab.identification.problem.problem import Evaluation
+from ipmclab.identification.search.solve import minimise
+
+Array = npt.NDArray[np.float64]
+
+
+class Lines:
+    """Readings that hang on three unknowns in proportion, on the last one by so little; the first two end at bounds."""
+
+    lower, upper = np.array([-20.0, -20.0, -np.inf]), np.array([2.0, 20.0, np.inf])
+
+    def __init__(self, little: float) -> None:
+        generator = np.random.default_rng(20261123)
+        self.columns = generator.standard_normal((3, 6)) * np.array([[1.0], [1e-7], [little]])
+        self.target = 3.0 * self.columns[0]
+
+    def evaluate(self, theta: Array) -> Evaluation:
+        return Evaluation(np.vstack([self.columns, theta @ self.columns - self.target]))
+
+
+@pytest.mark.parametrize("little", [1.0, 1e-9, 1e-40, 1e-170, 1e-214, 1e-300, 0.0])
+def test_an_unknown_that_no_reading_feels_stops_no_search(little: float) -> None:
+    """A drawn record ended in SciPy's overflow: a drift that no reading felt was moved in steps of 1e214."""
+    start = np.array([1.0, 2.0, -1e95 if little < 1e-100 else 0.0])
+    assert minimise(Lines(little), start).theta[0] == pytest.approx(2.0, abs=0.01)
