@@ -308,8 +308,12 @@ def test_a_current_beside_the_voltage(read: Read, signal: str, rows: int) -> Non
     assert finding.values["lead_rows"] == rows
     assert ("leads" if rows > 0 else "lags behind") in finding.message
     assert "give the run the hold 'unknown'" in finding.repair
+    # What is read before the edge that it answers to is no reading of the strip at rest.
+    assert finding.effect == ("mask" if rows > 0 else "none")
+    assert all(stop - start == rows for start, stop in finding.samples)
     foreign = only(replace(run, current=run.current[place], hold="unknown"), "channel-skew")
     assert "give the run" not in foreign.repair  # it has that hold already
+    assert foreign.effect == "none"  # a fit finds when the edge was
 
 
 def test_a_laser_before_the_voltage(read: Read) -> None:

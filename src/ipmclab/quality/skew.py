@@ -21,7 +21,7 @@ def channel_skew(record: Record) -> list[Finding]:
     Displacement and force answer smoothly and can only be seen to lead: at the first edge after
     rest they must not have left their straight line before the edge does. Readings between the
     first move and the peak of the current, which hold neither the old nor the new state, are
-    left out.
+    left out; so are those that a current takes early, where the hold says that the edge is at its row.
     """
     found: list[Finding] = []
     for channel in record.channels.values():
@@ -32,11 +32,24 @@ def channel_skew(record: Record) -> list[Finding]:
             leads = _current_leads(channel, moved)
             found += _partial(record, channel, edges, moved)
         else:
-            leads = _first_lead(record, channel)
+            edges, leads = record.edges[:0], _first_lead(record, channel)
         values, counts = np.unique(leads, return_counts=True)
         if len(values) and counts.max() >= 0.7 * len(leads) and values[counts.argmax()] != 0:
-            found.append(_skew(record, channel, int(values[counts.argmax()]), len(leads)))
+            lead = int(values[counts.argmax()])
+            early = _early(record, edges, lead)
+            found.append(_skew(record, channel, lead, len(leads), early))
     return found
+
+
+def _early(record: Record, edges: IntArray, lead: int) -> IntArray:
+    """Rows of a current that were read after an edge which its voltage shows later.
+
+    No strip draws a current before its voltage moves. Where the hold is unknown, identification finds when it moved.
+    """
+    if lead < 0 or record.run.hold == "unknown":
+        return edges[:0]
+    rows: IntArray = (edges[:, None] - np.arange(1, lead + 1)).ravel()
+    return np.unique(rows)
 
 
 def _edges_of_current(record: Record, channel: Channel) -> tuple[IntArray, FloatArray]:
@@ -91,7 +104,7 @@ def _first_lead(record: Record, channel: Channel) -> IntArray:
     return np.array([GUARD_ROWS - early[0]] if len(early) else [0], dtype=np.intp)
 
 
-def _skew(record: Record, channel: Channel, lead: int, edges: int) -> Finding:
+def _skew(record: Record, channel: Channel, lead: int, edges: int, early: IntArray) -> Finding:
     which = "leads" if lead > 0 else "lags behind"
     rows = "one row" if abs(lead) == 1 else f"{abs(lead)} rows"
     return Finding(
@@ -110,7 +123,10 @@ def _skew(record: Record, channel: Channel, lead: int, edges: int) -> Finding:
                 if record.run.hold == "unknown"
                 else "give the run the hold 'unknown', so that its edge delay is estimated, or shift the channel"
             )
+            + ("; until then the readings before their edges are left out" if len(early) else "")
         ),
+        samples=ranges_of(early),
+        effect="mask" if len(early) else "none",
         values={"lead_rows": lead, "lead_seconds": lead * record.period, "edges": edges},
     )
 

@@ -12,15 +12,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import CONSTANTS, Columns, constants, inverse, without
-from ipmclab.identification.noise.pieces import Key, Piece, directions_of
-from ipmclab.identification.noise.search import refine
+from ipmclab.identification.noise.columns import inverse, without
+from ipmclab.identification.noise.pieces import Key, Piece, System, refine_noise
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.problem.problem import Evaluation, Problem
 
 FloatArray = npt.NDArray[np.float64]
-
-_RIDGE = 1e-9
 
 
 class Evidence:
@@ -39,27 +36,10 @@ class Evidence:
     """
 
     def __init__(self, problem: Problem, here: Evaluation, pieces: Sequence[Piece], added: FloatArray) -> None:
-        directions = directions_of(here)
-        self.first = directions.shape[1]
-        self.count = len(added)
-        self.pieces = {piece.key: piece for piece in pieces}
-        size = np.sqrt((added * added).sum(axis=1, keepdims=True))
-        self.lengths = np.where(size > 0.0, size, 1.0)[:, 0]
-        self.added = added / self.lengths[:, None]
-        rows = np.vstack([directions.T @ here.rows[:-1], self.added, here.rows[-1:]])
-        self.rest = _RIDGE * np.eye(len(rows))
-        self.rest[-1, -1] = 0.0
-        begin = max((place.stop for place in problem.pieces.values()), default=0)
-        others = [place for key, place in problem.pieces.items() if key not in self.pieces]
-        for stretch in [*others, slice(begin, rows.shape[1])]:
-            self.rest += rows[:, stretch] @ rows[:, stretch].T
-        self.columns = {
-            key: Columns(
-                np.ascontiguousarray(np.column_stack([constants(p.time), rows[:, problem.pieces[key]][:, p.inside].T])),
-                p.steps,
-            )
-            for key, p in self.pieces.items()
-        }
+        size = np.sqrt((added * added).sum(axis=1))
+        self.lengths = np.where(size > 0.0, size, 1.0)
+        self.system = System(problem, here, pieces, added / self.lengths[:, None])
+        self.first, self.count = self.system.directions.shape[1], len(added)
 
     def alone(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, FloatArray]:
         """What each addition alone would do under a given noise.
@@ -86,7 +66,7 @@ class Evidence:
 
     def _beside(self, shapes: Mapping[Key, Shape]) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         """Products of additions and residual beside what the fit can do, and of which there is anything left then."""
-        total = self.rest + sum(_part(self.columns[key], shape) for key, shape in shapes.items())
+        total = self.system.rest + sum(self.system.part(key, shape) for key, shape in shapes.items())
         first = self.first
         answer = inverse(total[:first, :first]) @ total[:first, first:]
         left = total[first:, first:] - total[first:, :first] @ answer
@@ -104,32 +84,12 @@ class Evidence:
             Where the search for the noise starts; its terms stay.
         """
         kept = [*range(self.first), *(self.first + place for place in chosen), self.first + self.count]
-        rest = self.rest[np.ix_(kept, kept)]
-        columns = {
-            key: Columns(
-                np.ascontiguousarray(whole.matrix[:, [*range(CONSTANTS), *(CONSTANTS + one for one in kept)]]),
-                whole.steps,
-            )
-            for key, whole in self.columns.items()
-        }
-        found = dict(shapes)
-        parts = {key: _part(columns[key], shape) for key, shape in found.items()}
-        logarithms: dict[Key, float] = {}
-        for _ in range(2 if len(found) > 1 else 1):
-            for key in found:
-                others = rest + sum(part for other, part in parts.items() if other != key)
-                best = refine(columns[key], others, found[key].terms, [found[key].entries])
-                found[key] = Shape(best.terms, best.entries, best.likelihood.variance)
-                parts[key] = best.likelihood.products
+        system = self.system.among(kept)
+        found = refine_noise(system, shapes)
+        total, logarithms = system.rest.copy(), 0.0
         for key, shape in found.items():
-            _, logarithm = columns[key].products(shape.terms, shape.entries)
-            logarithms[key] = columns[key].count * math.log(shape.variance) + logarithm
-        total = rest + sum(parts.values())
-        last = len(total) - 1
-        misfit = total[last, last] - total[last, :last] @ inverse(total[:last, :last]) @ total[:last, last]
-        return float(misfit) + sum(logarithms.values()), found
-
-
-def _part(columns: Columns, shape: Shape) -> FloatArray:
-    products, _ = columns.products(shape.terms, shape.entries)
-    return np.asarray(without(products, shape.terms)[0] / shape.variance)
+            products, logarithm = system.columns[key].products(shape.terms, shape.entries)
+            total += without(products, shape.terms)[0] / shape.variance
+            logarithms += system.columns[key].count * math.log(shape.variance) + logarithm
+        misfit = total[-1, -1] - total[-1, :-1] @ inverse(total[:-1, :-1]) @ total[:-1, -1]
+        return float(misfit) + logarithms, found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import Columns, constants, steps_between, without
+from ipmclab.identification.noise.columns import CONSTANTS, Columns, constants, steps_between, without
 from ipmclab.identification.noise.search import choose_terms, refine, rough_noise
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import Whitening, measured_rows
@@ -87,12 +88,17 @@ class System:
         Of it, not whitened.
     pieces : sequence of Piece
         Whose noise is to be found; all else is white as the problem says.
+    added : float array, shape (n_added, n_residual), optional
+        Changes of the weighted residuals that the fit has no unknown for; they stand behind its directions.
     """
 
-    def __init__(self, problem: Problem, here: Evaluation, pieces: Sequence[Piece]) -> None:
+    def __init__(
+        self, problem: Problem, here: Evaluation, pieces: Sequence[Piece], added: FloatArray | None = None
+    ) -> None:
         self.directions = directions_of(here)
         self.units = {piece.key: problem.noise[piece.key] for piece in pieces}
-        turned = np.vstack([self.directions.T @ here.rows[:-1], here.rows[-1:]])
+        more = here.rows[:0] if added is None else added
+        turned = np.vstack([self.directions.T @ here.rows[:-1], more, here.rows[-1:]])
         self.pieces = {piece.key: piece for piece in pieces}
         self.ridge = _RIDGE * np.eye(len(turned))
         self.ridge[-1, -1] = 0.0
@@ -110,6 +116,17 @@ class System:
             )
             for piece in pieces
         }
+
+    def among(self, kept: Sequence[int]) -> System:
+        """The same with some of the directions and additions; the residual, the last of all, has to be among them."""
+        fewer = copy.copy(self)
+        fewer.rest, fewer.ridge = self.rest[np.ix_(kept, kept)], self.ridge[np.ix_(kept, kept)]
+        places = [*range(CONSTANTS), *(CONSTANTS + place for place in kept)]
+        fewer.columns = {
+            key: Columns(np.ascontiguousarray(whole.matrix[:, places]), whole.steps)
+            for key, whole in self.columns.items()
+        }
+        return fewer
 
     def part(self, key: Key, shape: Shape) -> FloatArray:
         """What a piece adds to the normal equations under a noise."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.free import FreeParameters, Prior, names_of
@@ -18,7 +19,6 @@ from ipmclab.model.kinds import groups
 from ipmclab.model.parameters import Parameter
 from ipmclab.run import Finding
 
-_95: Final = 1.959964
 _NOTHING_NEW: Final = 0.9  # of the error beforehand: an error above that is the prior again
 _WORSE: Final = 1.1  # of the error beforehand
 _SURPRISING: Final = 3.0  # standard deviations
@@ -115,8 +115,8 @@ def _known(actuator: Actuator, parameter: Parameter) -> tuple[float, float]:
     low, high = likely
     if log:
         middle = math.sqrt(low * high)
-        return middle, middle * math.log(high / low) / (2.0 * _95)
-    return 0.5 * (low + high), (high - low) / (2.0 * _95)
+        return middle, middle * math.log(high / low) / (2.0 * NORMAL_95)
+    return 0.5 * (low + high), (high - low) / (2.0 * NORMAL_95)
 
 
 def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, alone: Fit) -> tuple[Finding, ...]:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Fit
 from ipmclab.model.set_point import DRIVES, Drive, ratio_names, set_point
 from ipmclab.run import Finding
-
-_SURE: Final = 1.959963984540054  # standard errors within which 95 % of a normal distribution lie
 
 
 def set_point_findings(fit: Fit) -> list[Finding]:
@@ -68,5 +66,5 @@ def _interval(fit: Fit, names: Sequence[str], ratio: float) -> tuple[float, floa
     errors = np.array([fit.parameters[name].standard_error for name in free])
     correlation = np.array([[fit.correlations[one][other] for other in free] for one in free])
     variance = float(errors @ correlation @ errors) if np.all(np.isfinite(errors)) else math.inf
-    reach = _SURE * math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else math.inf
+    reach = NORMAL_95 * math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else math.inf
     return ratio - reach, ratio + reach
