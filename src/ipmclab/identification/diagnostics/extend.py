@@ -15,7 +15,7 @@ from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
-from ipmclab.identification.search.descent import on_every_row
+from ipmclab.identification.search.descent import HOPE, SHORTLY, on_every_row
 from ipmclab.identification.search.pose import entries_at, problem_at
 from ipmclab.identification.search.solve import Solution, minimise, settled_to
 from ipmclab.identification.search.starts.start import starting_points
@@ -28,6 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 _EVALUATIONS: Final = 25
 _NEAR: Final = 1e-5  # of the cost
 _BESIDE: Final = 0.1  # of a standard error
+_SAME: Final = 1e-3  # of the cost: two searches that end so near each other have found one minimum
 _AFRESH: Final = 60
 _STARTS: Final = 3
 
@@ -103,7 +104,9 @@ def from_here(
     return Extended(direction, wider, found) if np.isfinite(found.evaluation.cost) else None
 
 
-def afresh(problem: Problem, actuator: Actuator, names: FreeParameters, direction: ScoreDirection) -> Extended | None:
+def afresh(
+    problem: Problem, actuator: Actuator, names: FreeParameters, direction: ScoreDirection, known: Extended | None
+) -> Extended | None:
     """Fit again with a stage, from what the readings themselves show; None where the stage does not go with it.
 
     Parameters
@@ -115,8 +118,10 @@ def afresh(problem: Problem, actuator: Actuator, names: FreeParameters, directio
     names : FreeParameters
         That were free.
     direction : ScoreDirection
+    known : Extended or None
+        What was found from where the fit stands: where a start leads there too, no other is asked.
     """
-    best: Extended | None = None
+    best = known
     try:
         richer = with_stages(actuator, direction.name)
         richer = richer.replace(**direction.sized(1.0))
@@ -129,11 +134,17 @@ def afresh(problem: Problem, actuator: Actuator, names: FreeParameters, directio
             else record
             for record in problem.records
         ]
+        tried = []
         for point in starting_points(richer, wider, records)[:_STARTS]:
             own = problem_at(richer, parameters, wider, records, point, problem.noise)
-            found = _briefly(own, entries_at(own, point), _AFRESH)
-            if best is None or found.evaluation.cost < best.solution.evaluation.cost:
-                best = Extended(direction, own, found)
+            tried.append(Extended(direction, own, _briefly(own, entries_at(own, point), SHORTLY)))
+            if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:
+                return known
+        lowest = min(tried, key=lambda one: one.cost)
+        if known is None or lowest.cost < HOPE * known.cost:
+            if not lowest.solution.converged:
+                lowest = replace(lowest, solution=_briefly(lowest.problem, lowest.solution.theta, _AFRESH))
+            best = lowest if known is None or lowest.cost < known.cost else known
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return best
     return best

@@ -76,9 +76,8 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         for direction in {one.name: one for one in some}.values():
             if enough and direction.name in found:
                 continue
-            extended = afresh(problem, actuator, names, direction)
-            known = found.get(direction.name)
-            if extended is not None and (known is None or extended.cost < known.cost):
+            extended = afresh(problem, actuator, names, direction, found.get(direction.name))
+            if extended is not None:
                 found[direction.name] = extended
         tried = _judged(doubted, found)
     return tried

@@ -32,7 +32,7 @@ _COSTLY: Final = 1e-8  # of the cost: for thousands of readings a ten-thousandth
 _CHEAP: Final = 1e-10
 _THERE: Final = 1e-3  # of a standard error: a search that is so near its minimum has found it
 _HARDLY: Final = 0.1  # of chi-square, by which a search that began beside the minimum still falls
-_HOPE: Final = 1.05  # times the best cost: a search above that is left
+HOPE: Final = 1.05  # times the best cost: a search above that is left
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _SAME_NOISE: Final = 0.002
 _WEIGHED_AGAIN: Final = 6  # times, each of which leaves of a difference of the weights a part of unknowns by readings
@@ -107,7 +107,7 @@ def to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem,
     found = []
     longest = LONGEST
     for problem, solution in sorted(tried, key=lambda pair: pair[1].evaluation.cost):
-        if not solution.converged and solution.evaluation.cost < _HOPE * best:
+        if not solution.converged and solution.evaluation.cost < HOPE * best:
             more = minimum(problem, solution.theta, evaluations=longest)
             solution = replace(more, evaluations=more.evaluations + solution.evaluations)
         best = min(best, solution.evaluation.cost)
