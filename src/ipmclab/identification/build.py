@@ -35,7 +35,6 @@ from ipmclab.identification.uncertainty.interval import (
     is_at_bound,
     open_ends,
     reaches_out,
-    something_is_open,
     with_rivals,
 )
 from ipmclab.identification.uncertainty.known_covariance import Table, covariance_table
@@ -52,7 +51,6 @@ from ipmclab.version import __version__
 
 FloatArray = npt.NDArray[np.float64]
 
-_MUCH_WIDER: Final = 1.1  # times a standard error from the curvature: an interval that says something else
 _MOTION: Final = frozenset({"displacement", "force"})
 
 _OBSERVATION_UNITS: Final = {"current": "A", "displacement": "m", "force": "N"}
@@ -87,19 +85,8 @@ def build_fit(
     points = _points(result, found, rivals, stated, exact)
     beside = _beside_unseen(points)
     open_edges = edges_are_open(asked, found)
-    leaning = something_is_open(problem, solution, asked, places, found)
     alone = [
-        interval_of(
-            problem,
-            solution,
-            unknown,
-            place,
-            found,
-            number,
-            float(relative[number]),
-            open_edges=open_edges,
-            leaning=leaning,
-        )
+        interval_of(problem, solution, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
         for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
     ]
     apart = {
@@ -128,11 +115,6 @@ def build_fit(
         if unknown.log and wider**2 > variance:
             variance = max(variance, wider**2)
             error = max(error, wider)
-        if leaning and unknown.log and unknown.name not in apart and error <= DETERMINED:
-            followed = half_width(unknown, interval) / NORMAL_95
-            if followed > _MUCH_WIDER * error:
-                # Not what the curvature says while all that is open stays where it is.
-                error, nearer_error, variance = followed, math.inf, followed**2
         if unknown.name in beside:
             middle, spread = beside[unknown.name]
             reach = NORMAL_95 * spread

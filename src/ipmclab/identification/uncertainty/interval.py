@@ -64,7 +64,6 @@ def interval_of(
     error: float,
     *,
     open_edges: bool,
-    leaning: bool = False,
 ) -> Interval:
     """The 95 % interval of one unknown.
 
@@ -82,8 +81,6 @@ def interval_of(
         Its relative standard error, infinite where an open direction moves it.
     open_edges : bool
         Whether an edge lies anywhere between its rows.
-    leaning : bool
-        Whether something else is open: the curvature takes it to stay where it is.
     """
     from scipy.special import stdtrit
 
@@ -97,7 +94,7 @@ def interval_of(
     # An edge that lies just where its rows still allow it (on a row) is no rare case: nearer to 99 % of the others.
     level = _SURE_AT_LIMITS if unknown.log and open_edges else 1.0 - 0.5 * _LEFT_OUT
     reach = float(stdtrit(freedom, level)) * math.sqrt(variance)
-    curved = leaning or math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
+    curved = math.sqrt(variance) > (_CURVED if unknown.log else _BENT * abs(entry))
     if not curved or not (unknown.log or is_curved(unknown.base)):
         return Interval(*beside_bounds(unknown, entry - reach, entry + reach))
     if not unknown.log and math.sqrt(variance) > DETERMINED * max(abs(entry), 1.0):
@@ -172,20 +169,6 @@ def edges_are_open(asked: Sequence[Unknown], found: Uncertainty) -> bool:
         and unknown.prior is not None
         and math.sqrt(variance) > _OPEN_EDGE * unknown.prior[1]
         for unknown, variance in zip(asked, found.plain.diagonal(), strict=True)
-    )
-
-
-def something_is_open(
-    problem: Problem, solution: Solution, asked: Sequence[Unknown], places: Sequence[int], found: Uncertainty
-) -> bool:
-    """Whether some unknown is at a bound, or is not known to a factor: where it is elsewhere, all others are too."""
-    if len(found.null):
-        return True
-    hopeless = _HOPELESS if isinstance(problem.responder, CircuitResponder) else _COSTLY
-    return any(
-        unknown.log
-        and (found.plain[number, number] > hopeless**2 or is_at_bound(unknown, float(solution.theta[place])))
-        for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
     )
 
 

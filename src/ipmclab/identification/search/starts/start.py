@@ -17,7 +17,6 @@ from ipmclab.identification.search.starts.start_coupling import coupling_starts
 from ipmclab.identification.search.starts.start_further import further_starts, without_further
 from ipmclab.identification.search.starts.start_leak import leak_starts
 from ipmclab.identification.search.starts.start_relaxation import relaxation_start
-from ipmclab.identification.search.starts.start_viscoelastic import viscoelastic_starts
 from ipmclab.model import Actuator, geometry
 
 _SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
@@ -145,13 +144,6 @@ def _motion_starts(
         starts = coupling_starts(strip, records, shifts, stiffness_is_free="beam.modulus" in free)
     elif relaxing:
         starts = [relaxation_start(strip, records, shifts, sorted(relaxing))]
-    if any(name.startswith("viscoelastic.") for name in free):
-        moved = [record for record in records if {"displacement", "force"} & set(record.readings)]
-        starts = [
-            {**start, **visco}
-            for start in starts
-            for visco in viscoelastic_starts(strip.replace(**_allowed(strip, _freed(start, free))), moved, shifts)
-        ]
     return [_freed(start, free) for start in starts]
 
 

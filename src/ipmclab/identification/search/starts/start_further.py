@@ -1,4 +1,4 @@
-"""Where the parameters of a further stage start: from its own function, or else from the trials that it declares."""
+"""Where a further stage or the modulus starts: from its own function, or else from the trials that it declares."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from ipmclab.identification.problem.excitation import excitation
 from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import kind_of
+from ipmclab.model.stages.beam import VISCOELASTIC
 from ipmclab.model.stages.kind import StageKind
 
 Start = Callable[[Actuator, Sequence[PreparedRun], Mapping[int, float]], list[dict[str, float]]]
@@ -33,7 +34,7 @@ def register_start(stage: str, start: Start) -> None:
 
 
 def without_further(actuator: Actuator, free: set[str]) -> dict[str, float]:
-    """What switches the further stages off of which something is free: the rest is looked for as if they were not."""
+    """What switches off the stages of which something is free: the rest is looked for as if they were not there."""
     kinds = _free_kinds(actuator, free)
     return {name: 0.0 for name in free for kind in kinds if kind_of(name) is kind and kind.ending(name) in kind.off}
 
@@ -41,7 +42,7 @@ def without_further(actuator: Actuator, free: set[str]) -> dict[str, float]:
 def further_starts(
     actuator: Actuator, free: set[str], records: Sequence[PreparedRun], delays: Mapping[int, float]
 ) -> list[dict[str, float]]:
-    """Values of the free parameters of further stages; one empty mapping where there are none.
+    """Values of the free parameters of further stages and of the modulus; one empty mapping where there are none.
 
     Parameters
     ----------
@@ -60,7 +61,8 @@ def further_starts(
 
 
 def _free_kinds(actuator: Actuator, free: set[str]) -> list[StageKind]:
-    return [kind for kind, _ in actuator.structure.further if any(kind_of(name) is kind for name in free)]
+    declared = [VISCOELASTIC, *(kind for kind, _ in actuator.structure.further)]
+    return [kind for kind in declared if any(kind_of(name) is kind for name in free)]
 
 
 def _from_trials(actuator: Actuator, kind: StageKind, records: Sequence[PreparedRun]) -> list[dict[str, float]]:
