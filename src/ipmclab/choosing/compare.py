@@ -15,6 +15,9 @@ IndexArray = npt.NDArray[np.intp]
 _NOISE_FITTED: Final = 1.0
 """Variance [nat^2] of a difference that the fitted noise itself leaves open: models that say the same are alike."""
 
+_LIMIT: Final = 1e70
+"""Of a ratio of variances: one that is as large says that a reading cannot be."""
+
 ENOUGH_RUNS: Final = 4
 """Runs from which their scatter says something of its own."""
 
@@ -139,8 +142,9 @@ def difference(
 
 def _variance(right: HeldOut, wrong: HeldOut) -> FloatArray:
     """Variance of the difference of each reading's log density, were the first model right."""
-    ratio = right.variance / wrong.variance
-    distance = (wrong.innovation - right.innovation) ** 2 / right.variance
+    with np.errstate(over="ignore"):  # beyond the limit one number is as good as another
+        ratio = np.minimum(right.variance / wrong.variance, _LIMIT)
+        distance = np.minimum((wrong.innovation - right.innovation) ** 2 / right.variance, _LIMIT)
     return np.asarray(0.5 * (ratio - 1.0) ** 2 + ratio**2 * distance)
 
 

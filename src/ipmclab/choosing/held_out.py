@@ -278,11 +278,9 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
                 moved = replace(series, residual=np.ascontiguousarray(off[:, column]))
                 white[:, column] = noise[output].filter(moved, seen).innovation[rows] / deviation
             at = block.run if division.whole_runs else -1 - number
-            mean, covariance = learned.setdefault(at, (np.zeros(off.shape[1]), np.eye(off.shape[1])))
+            mean, root = learned.setdefault(at, (np.zeros(off.shape[1]), np.eye(off.shape[1])))
             left, widened = np.empty(len(deviation)), np.empty(len(deviation))
-            scores[number] += filter_spread(
-                filtered.innovation[rows] / deviation, white, mean, covariance, left, widened
-            )
+            scores[number] += filter_spread(filtered.innovation[rows] / deviation, white, mean, root, left, widened)
             innovation.append(left * deviation)
             variance.append(widened * deviation**2)
     return HeldOut(scores, np.concatenate(innovation), np.concatenate(variance))

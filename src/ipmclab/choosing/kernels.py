@@ -73,13 +73,14 @@ def filter_spread(
     normal: FloatArray,
     columns: FloatArray,
     mean: FloatArray,
-    covariance: FloatArray,
+    root: FloatArray,
     error: FloatArray,
     widened: FloatArray,
 ) -> float:
     """Log density of white residuals whose mean is uncertain along some columns, less that without the uncertainty.
 
-    One reading after the other sharpens what is known of the coefficients of the columns (recursive least squares).
+    One reading after the other sharpens what is known of the coefficients of the columns: recursive least squares on a
+    root of their covariance (Potter 1963), which no rounding makes negative however much a reading tells.
 
     Parameters
     ----------
@@ -87,30 +88,33 @@ def filter_spread(
         Residuals of unit variance.
     columns : float array, shape (n_row, n_column)
     mean : float array, shape (n_column,)
-    covariance : float array, shape (n_column, n_column)
-        What is known of the coefficients; both are changed.
+    root : float array, shape (n_column, n_column)
+        What is known of the coefficients: their covariance is ``root @ root.T``. Both are changed.
     error, widened : float array, shape (n_row,)
         Where the error and the variance of the prediction of each row are written.
     """
     count = len(mean)
     gained = 0.0
-    seen = np.empty(count)
+    turned, seen = np.empty(count), np.empty(count)
     for k in range(len(normal)):
         left, spread = normal[k], 1.0
+        for j in range(count):
+            turned[j] = 0.0
+            for i in range(count):
+                turned[j] += root[i, j] * columns[k, i]
+            left -= columns[k, j] * mean[j]
+            spread += turned[j] * turned[j]
         for i in range(count):
             seen[i] = 0.0
             for j in range(count):
-                seen[i] += covariance[i, j] * columns[k, j]
-        for i in range(count):
-            left -= columns[k, i] * mean[i]
-            spread += columns[k, i] * seen[i]
+                seen[i] += root[i, j] * turned[j]
         error[k], widened[k] = left, spread
         gained += 0.5 * (normal[k] * normal[k] - left * left / spread - math.log(spread))
+        part = spread + math.sqrt(spread)
         for i in range(count):
             mean[i] += seen[i] * left / spread
-        for i in range(count):
             for j in range(count):
-                covariance[i, j] -= seen[i] * seen[j] / spread
+                root[i, j] -= seen[i] * turned[j] / part
     return gained
 
 

@@ -278,7 +278,8 @@ def _correlations(
     names: Sequence[str], found: Uncertainty, relative: FloatArray, beyond: set[str], asked: Sequence[Unknown]
 ) -> dict[str, dict[str, float]]:
     deviation = np.sqrt(np.maximum(found.covariance.diagonal(), 1e-300))
-    matrix = (found.covariance / (deviation[:, None] * deviation)).clip(-1.0, 1.0)
+    most = deviation[:, None] * deviation
+    matrix = found.covariance.clip(-most, most) / most
     unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked], dtype=bool)
     matrix[unknown], matrix[:, unknown] = np.nan, np.nan
     np.fill_diagonal(matrix, 1.0)

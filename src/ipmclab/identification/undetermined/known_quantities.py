@@ -179,7 +179,9 @@ class _Sides:
     width: float
 
     def slope(self, name: str) -> float:
-        """Derivative of a quantity; NaN where it does not exist on both sides."""
+        """Derivative of a quantity; NaN where it does not exist on both sides, or these are one."""
+        if not self.width:  # an entry so large that no step is seen in its digits
+            return math.nan
         return (self.above.get(name, math.nan) - self.below.get(name, math.nan)) / self.width
 
 
