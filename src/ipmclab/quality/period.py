@@ -49,11 +49,11 @@ def periodic_part(run: Run) -> tuple[float, int] | None:
     length = float(run.time[-1] - run.time[0]) * rows / (rows - 1)
     named = _named(run.metadata.signal, length)
     if named is None:
-        period = _seen(run.time, run.voltage)
+        driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
+        period = _seen(run.time, run.voltage) if len(driven) else None
         if period is None:
             return None
         begin, end = 0.0, length
-        driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
         rest = length * (rows - 1 - int(driven[-1])) / rows
         if rest > _REST * period:
             end -= rest
