@@ -191,7 +191,7 @@ def test_the_period_is_taken_from_the_name_of_the_signal(read: Callable[..., Run
     assert period_of(read("square 1 V 0.07 Hz")) == pytest.approx(1.0 / 0.07)
     assert period_of(read("multisine 1 V 0.05 Hz 1 Hz")) == pytest.approx(20.0)
     assert period_of(read("sine 1 V 0.01 Hz")) is None  # less than one period
-    small = Run.from_arrays(time=TIME, voltage=1e-9 * np.sign(np.sin(2.0 * np.pi * 0.5 * TIME)))
+    small = Run.from_arrays(time=TIME, voltage=4e-6 * np.sign(np.sin(np.pi * TIME + 1e-6)))
     assert period_of(small) is None  # no voltage is read as one
     # A rest before it, as recorders give it out: 40 s in all, two periods of 0.05 Hz do not fit after 5 s.
     assert period_of(read("step 0 V for 5 s then sine 1 V 0.05 Hz for 35 s")) == pytest.approx(20.0)
