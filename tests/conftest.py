@@ -22,6 +22,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 profiles.load()
 
+collect_ignore = ["windows_rules"]
+"""What a process that a test starts imports by itself."""
+
 REPEATS = 3
 """How often a test in real time is repeated, each time only if the machine paused."""
 

@@ -41,8 +41,8 @@ FITTING = tuple(
 )
 """Tests of these rooms fit, or stand on the same products: some are repeated with another processor's kernels."""
 
-THINNED = 6
-"""One in so many of these tests: about a minute of the six that all of them take on one core."""
+THINNED = 8
+"""One in so many of these tests: about a minute of the eight that all of them take on one core."""
 
 
 class Sharing(LoadGroupScheduling):
