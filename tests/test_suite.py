@@ -46,8 +46,8 @@ class Item:
         return next((mark for mark in self.marks if mark.name == name), None)
 
 
-def test_what_is_held_to_time_and_what_drives_a_browser_come_first() -> None:
-    """The order in which tests are given out, and the group that no two workers share."""
+def test_what_is_held_to_time_and_what_drives_a_browser_come_first_each_in_turn() -> None:
+    """The order in which tests are given out, and the groups that no two workers share."""
     plain, fitting = Item("tests/store/test_a.py::test_a"), Item("tests/identification/test_b.py::test_b")
     browsed = Item("tests/page/browser/test_c.py::test_c", ("open_page", "chromium"))
     timed = Item("tests/rig/test_d.py::test_d", marks=[pytest.mark.real_time.mark])
@@ -55,7 +55,7 @@ def test_what_is_held_to_time_and_what_drives_a_browser_come_first() -> None:
     pytest_collection_modifyitems(items)
     assert items == [timed, browsed, fitting, plain]
     groups = [mark and mark.args[0] for mark in (item.get_closest_marker("xdist_group") for item in items)]
-    assert groups == ["real-time", None, None, None]
+    assert groups == ["real-time", "browser", None, None]
     assert [item for item in items if item.get_closest_marker("other_processor")] == [fitting]
 
 

@@ -1,8 +1,8 @@
-"""How the suite is shared among workers: one for each core, and two more, because many tests mostly wait.
+"""How the suite is shared among workers: one for each core, and one more, because many tests mostly wait.
 
 Tests that are marked ``real_time`` are one group, which one worker does first, one after another. It has its turn on a
-core before all others, which are nicer: they take what it leaves. All else is given out a module at a time, so that
-each module makes its fixtures once; what drives a browser comes first, for it waits most.
+core before all others, which are nicer: they take what it leaves. Tests that drive a browser are another such group.
+All else is given out a module at a time, so that each module makes its fixtures once.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadGroupScheduling
 
 MOST = 4
-"""Cores that are used: with more of them the group in real time would be what the others wait for."""
+"""Cores that are used: with more of them the browser's group would be what the others wait for."""
 
 NICER = 10
 """By so much a worker that is not held to time is nicer than one that is."""
@@ -58,7 +58,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     if config.args_source is pytest.Config.ArgsSource.ARGS:
         return 0
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, MOST) + 2
+    return min(cores, MOST) + 1
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Sharing:
@@ -66,32 +66,34 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Sharing
     return Sharing(config, log)
 
 
-def is_timed(item: pytest.Item) -> bool:
-    """Whether it is one of those that are done one after another."""
-    return item.get_closest_marker("real_time") is not None
+def group_of(item: pytest.Item) -> str | None:
+    """The group whose tests are done one after another."""
+    if item.get_closest_marker("real_time"):
+        return "real-time"
+    return "browser" if "chromium" in getattr(item, "fixturenames", ()) else None
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Group them, choose those that are repeated on another processor, and order them as they are to be given out."""
     for item in items:
-        if is_timed(item):
-            item.add_marker(pytest.mark.xdist_group("real-time"))
+        group = group_of(item)
+        if group:
+            item.add_marker(pytest.mark.xdist_group(group))
     for item in [item for item in items if item.nodeid.startswith(FITTING)][::THINNED]:
         item.add_marker(pytest.mark.other_processor)
     items.sort(key=_place)
 
 
 def _place(item: pytest.Item) -> int:
-    if is_timed(item):
-        return 0
-    if "chromium" in getattr(item, "fixturenames", ()):
-        return 1
+    group = group_of(item)
+    if group:
+        return 0 if group == "real-time" else 1
     return 2 if item.nodeid.startswith(LONG) else 3
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """From its first test that is not held to time a worker leaves the cores to the one whose tests are."""
-    if "PYTEST_XDIST_WORKER" in os.environ and hasattr(os, "nice") and not is_timed(item):
+    if "PYTEST_XDIST_WORKER" in os.environ and hasattr(os, "nice") and group_of(item) != "real-time":
         os.nice(max(0, NICER - os.nice(0)))

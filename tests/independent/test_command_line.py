@@ -360,7 +360,7 @@ BAD_INPUT: dict[str, tuple[list[str], tuple[str, ...]]] = {
         ("dc_resistivty", "circuit.dc_resistivity"),
     ),
     "unknown group": (["identify", "friend-2", "STEP", "--free", "electricl", "--out", "x.toml"], ("electrical",)),
-    "nothing free": (["identify", "friend-2", "STEP", "--out", "x.toml"], ("free",)),
+    "nothing free": (["identify", "friend-2", "STEP", "--free", "", "--out", "x.toml"], ("free",)),
     "a report of an actuator that is no fit": (
         ["report", "friend-2", "--runs", "STEP", "--out", "x.html"],
         ("friend-2",),
