@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ipmclab import load_actuator, simulate, write_actuator, write_run
-from tests.page.browser.conftest import LONG, serious, served
+from tests.page.browser.conftest import LONG, serious, served, wait_until
 
 pytest.importorskip("playwright")
 
@@ -100,11 +100,13 @@ def test_what_cannot_be_is_said_at_its_field(address: str, open_page, lab: Path)
     name.fill("W" * 40)
     page.get_by_role("button", name="Identify").click()
     page.get_by_text("free parameters are determined").wait_for(timeout=LONG)
+    card = page.locator(".lab-job").filter(has_text="W" * 40).first
+    button = card.get_by_role("button", name="Show")
     for width in (1280, 820, 390):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
-        job = page.locator(".lab-job").filter(has_text="W" * 40).first.bounding_box()
-        show = page.locator(".lab-job").filter(has_text="W" * 40).get_by_role("button", name="Show").bounding_box()
+        wait_until(lambda: card.bounding_box() and button.bounding_box(), "the fit is drawn")
+        job, show = card.bounding_box(), button.bounding_box()
         assert show["x"] + show["width"] <= job["x"] + job["width"] + 1
     actuator = page.get_by_label("Actuator, also with stages")
     actuator.fill("")

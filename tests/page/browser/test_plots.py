@@ -59,6 +59,7 @@ def test_keys_zoom_around_the_cursor_and_never_out_of_the_curves(address: str, o
     assert page.get_by_role("button", name="Show all of the time: keyed").is_hidden()
     box = panels.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 3)
+    page.wait_for_function("() => Math.abs(keyed.at - 7.0) < 0.5")
     assert shown()[2] == pytest.approx(7.0, abs=0.5)
 
 

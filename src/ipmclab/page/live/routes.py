@@ -58,6 +58,8 @@ def routes(bench: Bench) -> APIRouter:
             await _tell(socket, bench, seat, view, listening)
         except (WebSocketDisconnect, RuntimeError, OSError):
             pass  # it is gone
+        except asyncio.CancelledError:
+            pass  # the server ends, and this browser did not answer that in time: no fault of anybody's
         finally:
             listening.cancel()
             bench.seats.leave(seat)
