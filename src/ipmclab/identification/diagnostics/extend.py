@@ -121,7 +121,6 @@ def afresh(
     known : Extended or None
         What was found from where the fit stands: where a start leads there too, no other is asked.
     """
-    best = known
     try:
         richer = with_stages(actuator, direction.name)
         richer = richer.replace(**direction.sized(1.0))
@@ -141,13 +140,13 @@ def afresh(
             if known is not None and abs(tried[-1].cost - known.cost) < _SAME * known.cost:
                 return known
         lowest = min(tried, key=lambda one: one.cost)
-        if known is None or lowest.cost < HOPE * known.cost:
-            if not lowest.solution.converged:
-                lowest = replace(lowest, solution=_briefly(lowest.problem, lowest.solution.theta, _AFRESH))
-            best = lowest if known is None or lowest.cost < known.cost else known
+        if known is not None and not lowest.cost < HOPE * known.cost:
+            return known
+        if not lowest.solution.converged:
+            lowest = replace(lowest, solution=_briefly(lowest.problem, lowest.solution.theta, _AFRESH))
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
-        return best
-    return best
+        return known
+    return lowest if known is None or lowest.cost < known.cost else known
 
 
 def _briefly(problem: Problem, theta: FloatArray, evaluations: int) -> Solution:
