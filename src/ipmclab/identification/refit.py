@@ -12,7 +12,7 @@ from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.again import fits_again
+from ipmclab.identification.search.again import Fitted, fits_again
 from ipmclab.identification.solved import fitted, values_of
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, stage, telling
@@ -92,7 +92,7 @@ def refit(
     count = len(pieces[0][1]) if pieces else 0
     with telling(progress):
         stage(f"{count} fits", 0.0, 1.0, usual=count)
-        thetas = fits_again(start, _shifts(start.problem, pieces, count), count, engine or Here())
+        thetas = fits_again(start, _shifts(start, pieces, count), count, engine or Here())
     converged = np.array([theta is not None for theta in thetas], dtype=bool)
     values = {}
     for name, of_ended in values_of(start.problem, [theta for theta in thetas if theta is not None]).items():
@@ -101,14 +101,12 @@ def refit(
     return Refits(values, converged)
 
 
-def _shifts(problem: Problem, pieces: Sequence[tuple[tuple[int, str], FloatArray]], count: int) -> Iterator[FloatArray]:
+def _shifts(start: Fitted, pieces: Sequence[tuple[tuple[int, str], FloatArray]], count: int) -> Iterator[FloatArray]:
     """By how much the residuals of the problem change with the readings of each fit."""
-    rows = max((piece.stop for piece in problem.pieces.values()), default=0)
-    beforehand = sum(unknown.prior is not None for unknown in problem.unknowns)
     for fit in range(count):
-        shift = np.zeros(rows + beforehand)
+        shift = np.zeros_like(start.here.residual)
         for key, differences in pieces:
-            shift[problem.pieces[key]] = problem.whitened(key, differences[fit][None])[0]
+            shift[start.problem.pieces[key]] = start.problem.whitened(key, differences[fit][None])[0]
         yield shift
 
 
