@@ -137,7 +137,7 @@ def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Pro
 def _from_everywhere(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:
     """The lowest minimum of a problem near one that was searched before, and from where those searches ended."""
     first = minimum_beside(problem, near)
-    starts = [end.vector_in(problem, near.theta) for end in (*ends, *_usual(problem, near, ends))]
+    starts = [end.vector_of(problem.unknowns, near.theta) for end in (*ends, *_usual(problem, near, ends))]
     tried = [(problem, first), *((problem, minimum(problem, start, evaluations=SHORTLY)) for start in starts)]
     return to_the_end(tried)[0] if starts else tried[0]
 
@@ -165,7 +165,7 @@ def _in_full(problem: Problem, smaller: Problem, solution: Solution) -> Solution
     """A point of a problem whose zeros and slopes were left to the noise, with the best of these in the whole one."""
     if len(problem.unknowns) == len(smaller.unknowns) and problem is smaller:
         return solution
-    theta = Rival.of(smaller, solution.theta).vector_in(problem, np.zeros(len(problem.unknowns)))
+    theta = Rival.of(smaller, solution.theta).vector_of(problem.unknowns, np.zeros(len(problem.unknowns)))
     names = {unknown.name for unknown in smaller.unknowns}
     left = np.array([unknown.name not in names for unknown in problem.unknowns], dtype=bool)
     here = problem.evaluate(theta)

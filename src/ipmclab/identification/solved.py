@@ -71,12 +71,7 @@ def fitted(fit: Fit) -> Fitted:
         As ``solved``.
     """
     estimate = solved(fit)
-    names = [unknown.name for unknown in estimate.problem.unknowns]
-    own = estimate.solution.theta
-    starts = [
-        np.array([rival.entries.get(name, entry) for name, entry in zip(names, own, strict=True)])
-        for rival in estimate.rivals
-    ]
+    starts = [rival.vector_of(estimate.problem.unknowns, estimate.solution.theta) for rival in estimate.rivals]
     correlated = estimate.correlated
     return Fitted(correlated.problem, correlated.solution.theta, correlated.solution.evaluation, starts)
 

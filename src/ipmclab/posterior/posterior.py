@@ -237,9 +237,8 @@ def _together(fit: Fit, stated: Mapping[str, Parameter], order: Order) -> dict[s
 
 def _place(rival: Rival, density: Density) -> FloatArray:
     """Another fit as a vector of the density."""
-    found = density.coordinates.middle.copy()
-    for number, unknown in enumerate(density.unknowns):
-        found[number] = rival.entries.get(unknown.name, found[number])
+    found, count = density.coordinates.middle.copy(), len(density.unknowns)
+    found[:count] = rival.vector_of(density.unknowns, found[:count])
     return found
 
 

@@ -51,7 +51,7 @@ def still_rivals(
         if any(rival.reach.values()):  # it need not be as good: the readings cannot tell it from the best
             found.append(rival)
             continue
-        theta = rival.vector_in(problem, solution.theta)
+        theta = rival.vector_of(problem.unknowns, solution.theta)
         other = minimum_near(problem, theta, evaluations=SHORTLY)
         if np.abs(other.theta - solution.theta).max(initial=0.0) < _SAME:
             continue

@@ -9,7 +9,7 @@ else is fitted again at each place, and what is known of a parameter reaches ove
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution, Solvable, entry_errors, minimise
 from ipmclab.model.stages.circuit import Circuit
 
@@ -97,10 +98,10 @@ class Rival:
         reach = place.errors * np.sqrt(variance * min(left, SURE)) if left > 0.0 else None
         return cls.of(problem, place.solution.theta, reach)
 
-    def vector_in(self, problem: Problem, own: FloatArray) -> FloatArray:
-        """Its vector in a problem that may have other unknowns too; theirs are taken from ``own``."""
-        names = [unknown.name for unknown in problem.unknowns]
-        return np.array([self.entries.get(name, entry) for name, entry in zip(names, own, strict=True)])
+    def vector_of(self, unknowns: Sequence[Unknown], own: FloatArray) -> FloatArray:
+        """Its entries of some unknowns, which may be others too; theirs are taken from ``own``."""
+        pairs = zip(unknowns, own, strict=True)
+        return np.array([self.entries.get(unknown.name, entry) for unknown, entry in pairs], dtype=np.float64)
 
     def sorted_as(self, problem: Problem, order: Order) -> Rival:
         """With branches and modes named as they stand in another order: the fastest is the fastest there."""

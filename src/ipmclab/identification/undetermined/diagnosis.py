@@ -179,9 +179,7 @@ def _shown_by(
 def _apart(unknowns: Sequence[Unknown], values: FloatArray, rivals: Sequence[Rival]) -> FloatArray:
     """Distance of each entry to the farthest other fit that is as good."""
     own = np.array([unknown.entry(float(value)) for unknown, value in zip(unknowns, values, strict=True)])
-    there = [
-        [rival.entries.get(u.name, float(entry)) for u, entry in zip(unknowns, own, strict=True)] for rival in rivals
-    ]
+    there = [rival.vector_of(unknowns, own) for rival in rivals]
     return np.asarray(np.abs(np.array([own, *there]) - own).max(axis=0))
 
 

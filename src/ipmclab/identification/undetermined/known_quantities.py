@@ -195,7 +195,9 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
     moved = [seen.along(theta, place) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
     every = seen.sides([*moved, *(seen.along_fixed(theta, name, base[name]) for name in held)])
     sides, of_held = every[: len(moved)], every[len(moved) :]
-    here, *others = seen.quantities([base, *(seen.at(_vector(problem, theta, rival)) for rival in point.rivals)])
+    here, *others = seen.quantities(
+        [base, *(seen.at(rival.vector_of(problem.unknowns, theta)) for rival in point.rivals)]
+    )
     # A leverage is the change of each entry for 1 % of a fixed value.
     sizes = np.array([0.01 * abs(base[name]) for name in held])
     follows = np.array([found.leverage[name] for name in held]).reshape(len(held), len(sides)) / sizes[:, None]
@@ -223,12 +225,6 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         ends = _value(name, min(each) - reach), _value(name, max(each) + reach)
         told[name] = Known(name, _value(name, value), ends, leans)
     return told
-
-
-def _vector(problem: Problem, theta: FloatArray, rival: Rival) -> FloatArray:
-    """Another fit as a vector; what it does not speak of stays."""
-    pairs = zip(problem.unknowns, theta, strict=True)
-    return np.array([rival.entries.get(unknown.name, float(entry)) for unknown, entry in pairs])
 
 
 def _value(name: str, on_scale: float) -> float:
