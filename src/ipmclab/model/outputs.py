@@ -12,6 +12,7 @@ from ipmclab.errors import InputError
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.assemble import System
 from ipmclab.model.blocks import Block
+from ipmclab.model.kinds import edition
 from ipmclab.model.numerics.cascade import Wiring, entries_of
 from ipmclab.model.numerics.dense import Dense, parts
 from ipmclab.model.numerics.law_modal import Loop, law_loop
@@ -166,9 +167,13 @@ def _wired(actuator: Actuator) -> tuple[Wiring | None, FloatArray]:
     return _wiring(blocks), entries_of(blocks)
 
 
-@lru_cache(maxsize=256)
 def set_up(structure: Structure) -> tuple[WrittenOut | None, Wiring | None]:
     """The blocks of a structure written out, and which of them drives which."""
+    return _set_up(structure, edition())
+
+
+@lru_cache(maxsize=256)
+def _set_up(structure: Structure, _edition: int) -> tuple[WrittenOut | None, Wiring | None]:
     written = written_out(structure)
     return written, None if written is None else _wiring(written.blocks)
 

@@ -10,19 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.blocks import Block
-from ipmclab.model.kinds import edition
 from ipmclab.model.structure import Structure
 
 FloatArray = npt.NDArray[np.float64]
-
-_KEPT: Final = 256
 
 
 class _Term:
@@ -138,11 +134,6 @@ def written_out(structure: Structure) -> WrittenOut | None:
     >>> found.entries(strip.parameter_values)[:4].reshape(2, 2).tolist() == first.a.tolist()
     True
     """
-    return _written_out(structure, edition())
-
-
-@lru_cache(maxsize=_KEPT)
-def _written_out(structure: Structure, _edition: int) -> WrittenOut | None:
     lines: list[str] = []
     terms = _Terms(structure.declarations, lines)
     try:
