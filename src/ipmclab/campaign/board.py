@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ipmclab.campaign.state import as_begun
+
 
 @dataclass(frozen=True)
 class Square:
@@ -77,7 +79,7 @@ def board_of(events: Sequence[Mapping[str, Any]]) -> Board | None:
     >>> str(board.squares["s1", "force"]), board.following, f"{board.done} of {board.planned}"
     ('1 of 2', 's1/force/room/step 1 V/2', '1 of 3')
     """
-    begun = next((one for one in reversed(events) if one["event"] == "campaign"), None)
+    begun = as_begun(events)
     if begun is None:
         return None
     plan: list[str] = begun["plan"]

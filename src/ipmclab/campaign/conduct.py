@@ -113,11 +113,11 @@ class Conduct:
         InputError
             Another campaign was carried out in this folder.
         """
-        begun = self._state.of("campaign")
-        if not begun:
+        begun = self._state.begun
+        if begun is None:
             about = {"title": self._campaign.title, "checksum": self._campaign.checksum}
             self._state.add("campaign", **about, version=__version__, plan=list(self._runs), text=self._campaign.text)
-        elif (begun[-1]["checksum"], begun[-1]["plan"]) != (self._campaign.checksum, list(self._runs)):
+        elif (begun["checksum"], begun["plan"]) != (self._campaign.checksum, list(self._runs)):
             raise InputError(
                 "this folder has another campaign, or another version of this one",
                 code="another-campaign",

@@ -43,6 +43,18 @@ _CHANNELS: Final = ("displacement", "force", "current")
 Tell = Callable[[str, float], None]
 
 
+def model_name(sample: str) -> str:
+    """What the file of a sample's model is called: its id, with a checksum where a file cannot be called that.
+
+    Examples
+    --------
+    >>> model_name("friend-2"), model_name("Nafion 117/3")
+    ('friend-2', 'Nafion-117-3-92348cb4')
+    """
+    word = re.sub(r"[^A-Za-z0-9._-]+", "-", sample).lstrip(".")
+    return word if word == sample else f"{word}-{zlib.crc32(sample.encode()):08x}"
+
+
 @dataclass(frozen=True)
 class Choice:
     """From which run a model is identified, and which ones it is to predict.
@@ -68,9 +80,7 @@ class Choice:
     @property
     def name(self) -> str:
         """Of the file: the sample, and ``-force`` where its modulus was found besides."""
-        word = re.sub(r"[^A-Za-z0-9._-]+", "-", self.sample).lstrip(".")
-        own = word if word == self.sample else f"{word}-{zlib.crc32(self.sample.encode()):08x}"
-        return f"{own}-force" if self.is_of_modulus else own
+        return f"{model_name(self.sample)}-force" if self.is_of_modulus else model_name(self.sample)
 
     @property
     def is_of_modulus(self) -> bool:

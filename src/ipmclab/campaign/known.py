@@ -9,8 +9,9 @@ from pathlib import Path
 
 from ipmclab.campaign.blocks import blocks_of
 from ipmclab.campaign.campaign import Campaign, Strip
+from ipmclab.campaign.identified import model_name
 from ipmclab.campaign.results import RunResult, read_results
-from ipmclab.campaign.state import FILE, read_events
+from ipmclab.campaign.state import FILE, as_begun, read_events
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.identify import identify
@@ -55,7 +56,7 @@ def recorded_runs(campaign: Campaign, folder: Path) -> tuple[tuple[RunResult, ..
         No campaign was carried out in this folder, or another one.
     """
     events = read_events(folder)
-    begun = next((one for one in reversed(events) if one["event"] == "campaign"), None)
+    begun = as_begun(events)
     if begun is None or begun["checksum"] != campaign.checksum:
         raise InputError(
             "this folder has another campaign, or another version of this one",
@@ -169,7 +170,7 @@ def _newer(sample: str, known: Known) -> Iterator[str]:
 
 def _start(strip: Strip, models: Path | None) -> Actuator:
     """What the campaign has identified of a sample from one of its runs, or else the actuator that it names."""
-    if models is not None and (path := models / f"{strip.sample.id}.toml").is_file():
+    if models is not None and (path := models / f"{model_name(strip.sample.id)}.toml").is_file():
         return replace(load_actuator(path), fit_table=None)
     if strip.actuator is None:
         raise InputError(

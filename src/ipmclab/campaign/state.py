@@ -10,7 +10,7 @@ import errno
 import json
 import os
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -88,6 +88,11 @@ class State:
             ) from error
         self.events.append(told)
 
+    @property
+    def begun(self) -> Mapping[str, Any] | None:
+        """How the campaign was begun."""
+        return as_begun(self.events)
+
     def of(self, event: str) -> list[dict[str, Any]]:
         """The events of one kind, in their order."""
         return [one for one in self.events if one["event"] == event]
@@ -130,6 +135,17 @@ def _events(content: bytes) -> Iterator[dict[str, Any]]:
         text, _, checksum = line.rpartition(b" ")
         if checksum == f"{zlib.crc32(text):08x}".encode():
             yield json.loads(text)
+
+
+def as_begun(events: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """How the campaign of these events was begun: its title, its checksum and its plan; None before it was.
+
+    Examples
+    --------
+    >>> as_begun([{"event": "campaign", "title": "two strips"}, {"event": "recorded"}])["title"]
+    'two strips'
+    """
+    return next((one for one in reversed(events) if one["event"] == "campaign"), None)
 
 
 def read_events(folder: Path) -> list[dict[str, Any]]:
