@@ -10,7 +10,7 @@ from ipmclab.cli.output import print_paragraph, print_remarks, print_table, read
 
 if TYPE_CHECKING:
     from ipmclab.comparison.metric_model import MetricModel
-    from ipmclab.comparison.population import Population
+    from ipmclab.comparison.population import OfCondition, Population
 
 _CONDITIONS = 12
 """That a terminal shows of one metric; --json has all."""
@@ -22,7 +22,7 @@ def print_populations(found: Mapping[str, Population], unknown: Mapping[str, str
 
     for name, one in found.items():
         print(f"\n{name}")
-        rows = [_next_cells(one, condition) for condition in one.model.conditions()]
+        rows = [_next_cells(one.model, told) for told in one.conditions()]
         print_table(["the next strip", "middle", "95 % by the posterior", "by the mixed model"], rows[:_CONDITIONS])
         if len(rows) > _CONDITIONS:
             print(f"{len(rows) - _CONDITIONS} more conditions: see --json")
@@ -50,7 +50,7 @@ def populations_document(found: Mapping[str, Population], unknown: Mapping[str, 
                     }
                     for each in one.scatter
                 ],
-                "next_strip": [_next_document(one, condition) for condition in one.model.conditions()],
+                "next_strip": [_next_document(told) for told in one.conditions()],
                 "strips_apart": [vars(each) for each in one.strips_apart],
                 "steps": one.steps,
                 "seed": one.seed,
@@ -61,11 +61,10 @@ def populations_document(found: Mapping[str, Population], unknown: Mapping[str, 
     }
 
 
-def _next_document(one: Population, condition: Mapping[str, float]) -> dict[str, Any]:
-    (mean, of_mean), (value, interval) = one.mean(condition), one.next_strip(condition)
-    mixed = one.model.next_strip(condition)
+def _next_document(told: OfCondition) -> dict[str, Any]:
+    (mean, of_mean), (value, interval), mixed = told.mean, told.next_strip, told.by_mixed_model
     return {
-        "condition": condition,
+        "condition": told.condition,
         "mean": {"value": mean, "interval": of_mean},
         "value": value,
         "interval": interval,
@@ -73,13 +72,12 @@ def _next_document(one: Population, condition: Mapping[str, float]) -> dict[str,
     }
 
 
-def _next_cells(one: Population, condition: Mapping[str, float]) -> list[str]:
-    named = {factor.name: factor for factor in one.model.factors}
-    where = ", ".join(f"{named[name].label} {named[name].show(value)}" for name, value in condition.items())
-    value, interval = one.next_strip(condition)
-    mixed = one.model.next_strip(condition)
-    by_mixed = "not known" if mixed is None else _interval(one.model, mixed[1])
-    return [where or "as measured", _read(one.model, value), _interval(one.model, interval), by_mixed]
+def _next_cells(model: MetricModel, told: OfCondition) -> list[str]:
+    named = {factor.name: factor for factor in model.factors}
+    where = ", ".join(f"{named[name].label} {named[name].show(value)}" for name, value in told.condition.items())
+    value, interval = told.next_strip
+    by_mixed = "not known" if told.by_mixed_model is None else _interval(model, told.by_mixed_model[1])
+    return [where or "as measured", _read(model, value), _interval(model, interval), by_mixed]
 
 
 def _read(model: MetricModel, value: float) -> str:

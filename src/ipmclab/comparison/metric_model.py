@@ -247,12 +247,14 @@ class MetricModel:
             expected = fit.new_reading(self.design[own].mean(axis=0), shares_of(mine))
             apart = Estimate(float(self.values[own].mean()) - expected.value, expected.standard_error, expected.freedom)
             found.append((sample, apart))
-        found.sort(key=lambda pair: pair[1].p_value)
+        return self.judged([(sample, apart.value, apart.p_value) for sample, apart in found])
+
+    def judged(self, found: Sequence[tuple[str, float, float]]) -> tuple[StripApart, ...]:
+        """Strips, how far each is out, and how likely that is: the farthest first, with Holm's correction."""
         results, largest = [], 0.0
-        for place, (sample, apart) in enumerate(found):
-            largest = max(largest, min(1.0, (len(found) - place) * apart.p_value))
-            value = _exp(apart.value) if self.is_ratio else apart.value
-            results.append(StripApart(sample, value, largest, largest < _UNLIKE))
+        for place, (sample, apart, chance) in enumerate(sorted(found, key=lambda one: one[2])):
+            largest = max(largest, min(1.0, (len(found) - place) * chance))
+            results.append(StripApart(sample, _exp(apart) if self.is_ratio else apart, largest, largest < _UNLIKE))
         return tuple(results)
 
 

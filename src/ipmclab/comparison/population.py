@@ -31,13 +31,15 @@ from ipmclab.posterior.sampling import Chains, sample
 
 FloatArray = npt.NDArray[np.float64]
 
+Known = tuple[float, tuple[float, float]]
+"""A value and its 95 % interval."""
+
 SEED: Final = 20261124
 STEPS: Final = 4000
 _KEPT: Final = 2000  # draws, of all chains together: intervals are mixtures over them
 _LEAST: Final = 1e-4  # of the scale: a standard deviation is not asked below
 _MOST: Final = 1e3
 _FEWEST: Final = 300.0  # effective draws with which the others of a strip are told by weights
-_UNLIKE: Final = 0.05
 _COMPONENTS: Final = (RESIDUAL, MOUNTING, STRIP)
 
 
@@ -59,6 +61,25 @@ class Scatter:
     median: float
     interval: tuple[float, float]
     convergence: Convergence
+
+
+@dataclass(frozen=True)
+class OfCondition:
+    """What a population tells of one condition, each value with its 95 % interval [SI].
+
+    Parameters
+    ----------
+    condition : mapping of factor to float
+    next_strip, mean : (float, (float, float))
+        What a strip that was not measured will read, once; what such strips read on average.
+    by_mixed_model : (float, (float, float)) or None
+        The next strip, as the mixed model has it.
+    """
+
+    condition: Mapping[str, float]
+    next_strip: Known
+    mean: Known
+    by_mixed_model: Known | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +107,14 @@ class Population:
     _sums: _Sums = field(repr=False)
     _components: FloatArray = field(repr=False)
 
-    def mean(self, condition: Mapping[str, float]) -> tuple[float, tuple[float, float]]:
+    def conditions(self) -> list[OfCondition]:
+        """What it tells of each condition that was measured."""
+        return [
+            OfCondition(one, self.next_strip(one), self.mean(one), self.model.next_strip(one))
+            for one in self.model.conditions()
+        ]
+
+    def mean(self, condition: Mapping[str, float]) -> Known:
         """What strips of this make read on average, with its 95 % interval.
 
         Parameters
@@ -97,12 +125,12 @@ class Population:
         row = self.model.row_of(condition)
         return self._told(*self._sums.expected(self._components, row))
 
-    def next_strip(self, condition: Mapping[str, float]) -> tuple[float, tuple[float, float]]:
+    def next_strip(self, condition: Mapping[str, float]) -> Known:
         """What a strip that was not measured will read, once, in a mounting of its own, with its 95 % interval."""
         centre, variance = self._sums.expected(self._components, self.model.row_of(condition))
         return self._told(centre, variance + self._components.sum(axis=1))
 
-    def _told(self, centre: FloatArray, variance: FloatArray) -> tuple[float, tuple[float, float]]:
+    def _told(self, centre: FloatArray, variance: FloatArray) -> Known:
         low, middle, high = mixture_quantiles(centre, np.sqrt(variance), (0.025, 0.5, 0.975))
         if self.model.is_ratio:
             low, middle, high = (math.exp(min(one, 700.0)) for one in (low, middle, high))
@@ -151,13 +179,13 @@ def population_of(model: MetricModel, *, seed: int = SEED, steps: int = STEPS) -
     bayes_package("emcee")
     sums = _Sums.of(model.design, model.values, model.rows)
     chains, names = _walk(model, sums, seed, steps)
-    flat = chains.vectors.reshape(-1, chains.vectors.shape[2])[:, : len(names)]
+    flat = chains.vectors.reshape(-1, len(names))
     low, middle, high = np.exp(np.quantile(flat, (0.025, 0.5, 0.975), axis=0))
     scatter = tuple(
         Scatter(name, float(middle[at]), (float(low[at]), float(high[at])), chains.judgement.of[name])
         for at, name in enumerate(names)
     )
-    components = _variances(flat[:: max(len(flat) // _KEPT, 1)], names)
+    components = _variances(_thinned(flat), names)
     return Population(
         model=model,
         scatter=tuple(reversed(scatter)),
@@ -298,6 +326,10 @@ def _walk(model: MetricModel, sums: _Sums, seed: int, steps: int) -> tuple[Chain
     return chains, names
 
 
+def _thinned(draws: FloatArray) -> FloatArray:
+    return draws[:: max(len(draws) // _KEPT, 1)]
+
+
 def _variances(entries: FloatArray, names: Sequence[str]) -> FloatArray:
     """Variances of repeats, mountings and strips, 0 where nothing tells one, shape (n, 3)."""
     found = np.zeros((len(entries), len(_COMPONENTS)))
@@ -332,7 +364,7 @@ def _apart(model: MetricModel, sums: _Sums, components: FloatArray, seed: int, s
         below = float(weights @ ndtr((value - centre) / deviation))
         away = value - float(weights @ centre)
         found.append((sample_id, away, 2.0 * min(below, 1.0 - below)))
-    return _judged(found, is_ratio=model.is_ratio)
+    return model.judged(found)
 
 
 def _of_the_others(model: MetricModel, own: npt.NDArray[np.bool_], rest: _Sums, seed: int, steps: int) -> FloatArray:
@@ -343,20 +375,9 @@ def _of_the_others(model: MetricModel, own: npt.NDArray[np.bool_], rest: _Sums, 
     if others is None:
         raise IpmclabError("the others are too few", code="too-few-strips", where=model.key, repair="measure more")
     chains, names = _walk(others, rest, seed, steps)
-    flat = chains.vectors.reshape(-1, chains.vectors.shape[2])[:, : len(names)]
-    return _variances(flat[:: max(len(flat) // _KEPT, 1)], names)
+    return _variances(_thinned(chains.vectors.reshape(-1, len(names))), names)
 
 
 def _weights(logarithms: FloatArray) -> FloatArray:
     found = np.exp(logarithms - logarithms.max())
     return np.asarray(found / found.sum())
-
-
-def _judged(found: list[tuple[str, float, float]], *, is_ratio: bool) -> tuple[StripApart, ...]:
-    """The farthest first, with Holm's correction for how many were looked at."""
-    results, largest = [], 0.0
-    for place, (sample_id, away, chance) in enumerate(sorted(found, key=lambda one: one[2])):
-        largest = max(largest, min(1.0, (len(found) - place) * chance))
-        value = math.exp(min(away, 700.0)) if is_ratio else away
-        results.append(StripApart(sample_id, value, largest, largest < _UNLIKE))
-    return tuple(results)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ipmclab.comparison.display import quantity_of
 from ipmclab.comparison.population_words import sentences
-from ipmclab.reporting.figures.population import MOST_CONDITIONS, Interval, told_of
+from ipmclab.reporting.figures.population import MOST_CONDITIONS, Interval, condition_text
 from ipmclab.reporting.wording import with_unit
 from ipmclab.units import Quantity
 
@@ -43,14 +43,14 @@ def population_parts(populations: Mapping[str, Population]) -> list[PopulationPa
 
 def _part(name: str, one: Population) -> PopulationPart:
     quantity = quantity_of(one.model.metric.unit)
-    told = told_of(one)
+    told = one.conditions()
     rows = tuple(
         (
-            each.condition,
-            f"{with_unit(each.mean, quantity)} ({_ends(each.of_mean, quantity)})",
-            with_unit(each.middle, quantity),
-            _ends(each.interval, quantity),
-            "–" if each.mixed is None else _ends(each.mixed[1], quantity),
+            condition_text(one, each),
+            f"{with_unit(each.mean[0], quantity)} ({_ends(each.mean[1], quantity)})",
+            with_unit(each.next_strip[0], quantity),
+            _ends(each.next_strip[1], quantity),
+            "–" if each.by_mixed_model is None else _ends(each.by_mixed_model[1], quantity),
         )
         for each in told[:MOST_CONDITIONS]
     )

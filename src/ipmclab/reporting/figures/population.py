@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from matplotlib.figure import Figure
@@ -15,7 +14,7 @@ from ipmclab.reporting.style import COLOURS, label_text, style
 from ipmclab.reporting.wording import spelled_unit, with_unit
 
 if TYPE_CHECKING:
-    from ipmclab.comparison.population import Population
+    from ipmclab.comparison.population import Known, OfCondition, Population
 
 MOST_CONDITIONS: Final = 12
 """That are drawn, and stand in the table; all of them are in the data."""
@@ -23,41 +22,25 @@ MOST_CONDITIONS: Final = 12
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Told:
-    """What is told of one condition [SI]: the next strip, the mean of strips, and the next strip by the mixed model."""
-
-    condition: str
-    values: tuple[float, ...]
-    middle: float
-    interval: Interval
-    mean: float
-    of_mean: Interval
-    mixed: tuple[float, Interval] | None
-
-
-def told_of(one: Population) -> list[Told]:
-    """What a population tells of each condition that was measured."""
-    found = []
-    for condition in one.model.conditions():
-        shown = ", ".join(with_unit(condition[each.name], each.quantity, trim=True) for each in one.model.factors)
-        values = tuple(condition[each.name] for each in one.model.factors)
-        (middle, interval), (mean, of_mean) = one.next_strip(condition), one.mean(condition)
-        mixed = one.model.next_strip(condition)
-        found.append(Told(shown or "as measured", values, middle, interval, mean, of_mean, mixed))
-    return found
+def condition_text(one: Population, told: OfCondition) -> str:
+    """A condition as people read it."""
+    shown = (with_unit(told.condition[each.name], each.quantity, trim=True) for each in one.model.factors)
+    return ", ".join(shown) or "as measured"
 
 
 def population_figures(populations: Mapping[str, Population]) -> list[ComparedFigure]:
     """A figure of the next strip for each metric that was sampled."""
-    return [_figure(one, told_of(one)) for one in populations.values()]
+    return [_figure(one, one.conditions()) for one in populations.values()]
 
 
-def _figure(one: Population, told: Sequence[Told]) -> ComparedFigure:
+def _figure(one: Population, told: Sequence[OfCondition]) -> ComparedFigure:
     model = one.model
     factors = (f"{each.name} [{each.quantity.unit}]" for each in model.factors)
     ends = ("mean", "mean_low", "mean_high", "next", "next_low", "next_high", "mixed", "mixed_low", "mixed_high")
-    rows = ((*each.values, each.mean, *each.of_mean, each.middle, *each.interval, *_mixed(each)) for each in told)
+    rows = (
+        (*(each.condition[factor.name] for factor in model.factors), *_cells(each.mean, each.next_strip), *_mixed(each))
+        for each in told
+    )
     return ComparedFigure(
         name=f"posterior-{model.waveform}-{model.key}".replace(".", "-").replace("_", "-").replace(" ", "-"),
         title=f"The next strip by its posterior: {model.label}, {model.waveform}",
@@ -69,11 +52,15 @@ def _figure(one: Population, told: Sequence[Told]) -> ComparedFigure:
     )
 
 
-def _mixed(told: Told) -> tuple[float | str, ...]:
-    return ("", "", "") if told.mixed is None else (told.mixed[0], *told.mixed[1])
+def _cells(*known: Known) -> list[float]:
+    return [cell for value, interval in known for cell in (value, *interval)]
 
 
-def _draw(one: Population, told: Sequence[Told]) -> Figure:
+def _mixed(told: OfCondition) -> Sequence[float | str]:
+    return ("", "", "") if told.by_mixed_model is None else _cells(told.by_mixed_model)
+
+
+def _draw(one: Population, told: Sequence[OfCondition]) -> Figure:
     quantity = quantity_of(one.model.metric.unit)
 
     def shown(interval: Interval) -> list[float]:
@@ -83,12 +70,12 @@ def _draw(one: Population, told: Sequence[Told]) -> Figure:
         figure, grid = panel_grid([max(0.28 * len(told), 0.6)], 1, margins=Margins(left=2.2, top=0.15))
         panel = grid[0, 0]
         for place, each in enumerate(told):
-            if each.mixed is not None:
-                panel.plot(shown(each.mixed[1]), [place + 0.22] * 2, color=COLOURS["muted"], linewidth=1.0)
-            panel.plot(shown(each.interval), [place] * 2, color=COLOURS["blue"], linewidth=1.0)
-            panel.plot(shown(each.of_mean), [place] * 2, color=COLOURS["blue"], linewidth=3.2)
-            panel.plot(shown((each.middle, each.middle)), [place] * 2, "o", markersize=3.6, color=COLOURS["blue"])
-        panel.set_yticks(range(len(told)), [label_text(each.condition, longest=40) for each in told])
+            if each.by_mixed_model is not None:
+                panel.plot(shown(each.by_mixed_model[1]), [place + 0.22] * 2, color=COLOURS["muted"], linewidth=1.0)
+            panel.plot(shown(each.next_strip[1]), [place] * 2, color=COLOURS["blue"], linewidth=1.0)
+            panel.plot(shown(each.mean[1]), [place] * 2, color=COLOURS["blue"], linewidth=3.2)
+            panel.plot(shown((each.next_strip[0],) * 2), [place] * 2, "o", markersize=3.6, color=COLOURS["blue"])
+        panel.set_yticks(range(len(told)), [label_text(condition_text(one, each), longest=40) for each in told])
         panel.set_ylim(len(told) - 0.4, -0.6)
         panel.grid(visible=True, axis="x")
         panel.grid(visible=False, axis="y")
