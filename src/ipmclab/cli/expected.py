@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def print_expected(proposal: Proposal) -> None:
     """Print each parameter with its interval now and after the runs."""
-    from ipmclab.planning.told import interval, of_draws
+    from ipmclab.planning.proposal_words import interval, of_draws
 
     print_table(
         ["parameter", "value", "95 % interval now", "after these runs", "unit"],

@@ -147,7 +147,7 @@ def _refuse(options: Mapping[str, object], why: str) -> None:
 
 
 def _print(proposal: Proposal, minutes: float) -> None:
-    from ipmclab.planning.told import bench_time, of_goal, of_limits, of_time
+    from ipmclab.planning.proposal_words import bench_time, of_goal, of_limits, of_time
 
     print_table(
         ["run", "signal", "for", *_where(proposal.runs), "on the bench"],

@@ -146,7 +146,7 @@ def _agreed(file: str) -> bool:
 
 def _print(proposal: StripsProposal, lines: str, minutes: float) -> None:
     from ipmclab.cli.record_view import duration_text
-    from ipmclab.planning.told import AIMS
+    from ipmclab.planning.proposal_words import of_time
 
     rows = []
     for sample, run in proposal.runs:
@@ -165,10 +165,7 @@ def _print(proposal: StripsProposal, lines: str, minutes: float) -> None:
             ]
         )
     print_table(["run", "sample", "as", "signal", "for", "condition", "on the bench", "gain [nats]"], rows)
-    print_paragraph(
-        f"{len(rows)} runs take {proposal.time / 60.0:.3g} of {minutes:g} min, with rests. Each is the one that "
-        f"{AIMS[proposal.goal]} most for its time, over all samples, after those before it."
-    )
+    print_paragraph(of_time(proposal, minutes, among="over all samples"))
     for sample, of_sample in proposal.of.items():
         print(f"\n{sample}: {len(of_sample.runs)} of the runs")
         print_expected(of_sample)

@@ -119,7 +119,7 @@ def greedy(questions: Mapping[str, Questions], left: float) -> dict[str, list[Of
     """
     taken: dict[str, list[Offer]] = {name: [] for name in questions}
     places = {name: one.home for name, one in questions.items()}
-    offers = first = {name: one.offers(one.start, one.home) for name, one in questions.items()}
+    offers = first = {name: one.first_offers for name, one in questions.items()}
     minutes, number = left / 60.0, 0
     _refuse_endless(minutes, [run.time for each in first.values() for run, _ in each])
     while True:
@@ -149,7 +149,7 @@ def proposal_of(questions: Questions, goal: GoalName, taken: Sequence[Offer]) ->
     return Proposal(
         goal=goal,
         runs=tuple(run for run, _ in taken),
-        best_of_kind=tuple(_best_of_kind(questions.offers(before, questions.home))),
+        best_of_kind=tuple(_best_of_kind(questions.first_offers)),
         expected=tuple(_expected(questions.strip, before, after)),
         rank_before=fit.rank,
         rank_after=max(fit.rank, after.rank),

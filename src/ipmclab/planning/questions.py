@@ -137,6 +137,11 @@ class Questions:
             aims = tuple(Model.of([before.after(each[k]) for each in told]) for k in range(len(self.strips)))
         self.start = Belief((before,) * len(self.strips), aims, predicted)
 
+    @cached_property
+    def first_offers(self) -> list[Offer]:
+        """What each run would gain as the very next one."""
+        return self.offers(self.start, self.home)
+
     def offers(self, belief: Belief, place: Environment | None) -> list[Offer]:
         """What each run would gain as the next one, the most for a minute first."""
         found = []

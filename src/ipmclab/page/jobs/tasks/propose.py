@@ -23,7 +23,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """
     from ipmclab import load_actuator
     from ipmclab.fit.fit_file import read_fit
-    from ipmclab.planning import told
+    from ipmclab.planning import proposal_words as told
     from ipmclab.planning.candidates import Allowance
     from ipmclab.planning.propose import INPUTS, propose_runs
     from ipmclab.rig.safety.limits import Limits

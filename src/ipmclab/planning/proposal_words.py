@@ -9,6 +9,7 @@ from ipmclab.units import significant
 
 if TYPE_CHECKING:
     from ipmclab.planning.proposal import Expected, Proposal
+    from ipmclab.planning.strips import StripsProposal
 
 AIMS: Final = {
     "parameters": "narrows the joint interval of the parameters",
@@ -18,11 +19,12 @@ AIMS: Final = {
 """What each run of a plan does most, by the goal that it is for."""
 
 
-def of_time(proposal: Proposal, minutes: float) -> str:
-    """How much of the time the runs take, and why it is these."""
+def of_time(proposal: Proposal | StripsProposal, minutes: float, *, among: str = "") -> str:
+    """How much of the time the runs take, and why it is these; ``among`` says of how many samples."""
+    most = ", ".join(text for text in ("most for its time", among, "after those before it") if text)
     return (
         f"{len(proposal.runs)} runs take {proposal.time / 60.0:.3g} of {minutes:g} min, with rests. Each is the one "
-        f"that {AIMS[proposal.goal]} most for its time, after those before it."
+        f"that {AIMS[proposal.goal]} {most}."
     )
 
 
