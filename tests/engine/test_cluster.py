@@ -129,6 +129,6 @@ def test_no_scheduler_and_no_dask_are_said(monkeypatch: pytest.MonkeyPatch) -> N
         raise ImportError(name)
 
     monkeypatch.setattr(importlib, "import_module", lacking)
-    with pytest.raises(InputError, match=r"Dask is not installed; install it with: pip install 'ipmclab\[cluster\]'"):  # noqa: SIM117
+    with pytest.raises(InputError, match=r"Dask is not installed; in the folder of ipmclab, write: uv tool install "):  # noqa: SIM117
         with cluster.cluster("tcp://127.0.0.1:1"):
             pass

@@ -287,5 +287,5 @@ def test_what_cannot_be_sampled_is_refused(fit: Fit, tmp_path: Path) -> None:
 
 def test_a_missing_package_is_named(fit: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "emcee", None)
-    with pytest.raises(InputError, match=r"emcee is not installed; install it with: pip install 'ipmclab\[bayes\]'"):
+    with pytest.raises(InputError, match=r'emcee is not installed; .*write: uv tool install "\.\[bayes\]"'):
         sample_posterior(fit)

@@ -6,7 +6,6 @@ takes it from another worker, and where all that had it died it is made again.
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import logging
 import pickle
@@ -22,6 +21,7 @@ from typing import Any, Final
 from ipmclab.engine.engine import Result, Shared, Task
 from ipmclab.engine.task import Outcome, differences, packed, perform, software
 from ipmclab.errors import InputError
+from ipmclab.extras import package
 
 PATIENCE: Final = 60.0
 """Seconds without any worker after which the work is given up."""
@@ -247,12 +247,4 @@ def _value(outcome: Outcome) -> Any:
 
 
 def _distributed() -> Any:
-    try:
-        return importlib.import_module("distributed")
-    except ImportError as error:
-        raise InputError(
-            "Dask is not installed",
-            code="missing-package",
-            where="--scheduler",
-            repair="install it with: pip install 'ipmclab[cluster]', or use --workers",
-        ) from error
+    return package("distributed", extra="cluster", where="--scheduler", known_as="Dask")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ipmclab.errors import InputError
+from ipmclab.extras import package
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import OUTPUTS
@@ -41,16 +41,7 @@ def to_control(system: System, name: str) -> control.StateSpace:
     InputError
         When python-control is not installed.
     """
-    try:
-        import control
-    except ImportError as error:
-        raise InputError(
-            "python-control is not installed",
-            code="missing-package",
-            where="to_control",
-            repair="install it with: pip install 'ipmclab[control]'",
-        ) from error
-
+    control = package("control", extra="control", where="to_control", known_as="python-control")
     linear = small_signal(system)
     return control.StateSpace(
         *(linear.a, linear.b, linear.c, linear.d),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import warnings
-from types import ModuleType
+from typing import Any
 
-from ipmclab.errors import InputError
+from ipmclab.extras import package
 
 
-def bayes_package(name: str) -> ModuleType:
+def bayes_package(name: str) -> Any:
     """Emcee or ArviZ.
 
     Raises
@@ -17,15 +16,7 @@ def bayes_package(name: str) -> ModuleType:
     InputError
         It is not installed.
     """
-    try:
-        with warnings.catch_warnings():
-            # ArviZ announces its next version once a day.
-            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing", category=FutureWarning)
-            return importlib.import_module(name)
-    except ImportError as error:
-        raise InputError(
-            f"{name} is not installed",
-            code="missing-package",
-            where="posterior",
-            repair="install it with: pip install 'ipmclab[bayes]'",
-        ) from error
+    with warnings.catch_warnings():
+        # ArviZ announces its next version once a day.
+        warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing", category=FutureWarning)
+        return package(name, extra="bayes", where="posterior")

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
 from ipmclab.destination import keep_what_is_read, replacing, target_of
-from ipmclab.errors import InputError, IpmclabError
+from ipmclab.errors import InputError
+from ipmclab.extras import package
 from ipmclab.publication.inventory import CHECKSUMS, Item, RunFacts, checksum, inventory
 from ipmclab.publication.licences import licence_of
 from ipmclab.publication.tables import ABOUT, tables
@@ -136,15 +137,7 @@ def export_crate(
 
 
 def _library() -> Callable[..., ROCrate]:
-    try:
-        from rocrate.rocrate import ROCrate
-    except ModuleNotFoundError as error:
-        raise IpmclabError(
-            "RO-Crates are written by the package rocrate, which is not installed",
-            code="missing-extra",
-            repair="install ipmclab with its extra: pip install 'ipmclab[crate]'",
-        ) from error
-    made: Callable[..., ROCrate] = ROCrate
+    made: Callable[..., ROCrate] = package("rocrate.rocrate", extra="crate", where="export --to ro-crate").ROCrate
     return made
 
 

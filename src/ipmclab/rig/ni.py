@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.extras import install
 from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver
@@ -159,7 +160,7 @@ def client() -> Any:
             "the package nidaqmx is not installed",
             code="no-nidaqmx",
             where="bench",
-            repair='install ipmclab with its extra ni, such as: uv tool install ".[ni]"',
+            repair=install("ni"),
         ) from error
     return nidaqmx
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
-from ipmclab.errors import InputError
+from ipmclab.extras import package
 
 
 def parquet() -> tuple[Any, Any]:
@@ -31,12 +30,4 @@ def salib(module: str) -> Any:
 
 
 def _imported(module: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise InputError(
-            f"{module.partition('.')[0]} is not installed",
-            code="missing-package",
-            where="sweep",
-            repair="install it with: pip install 'ipmclab[sweep]'",
-        ) from error
+    return package(module, extra="sweep", where="sweep")

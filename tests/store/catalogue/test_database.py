@@ -128,7 +128,7 @@ def test_the_address_may_come_from_the_environment(folder: Path, tmp_path: Path,
 
 def test_without_psycopg(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)
-    with pytest.raises(InputError, match=r"pip install 'ipmclab\[postgres\]'") as caught:
+    with pytest.raises(InputError, match=r"uv tool install .*postgres") as caught:
         Catalogue(folder, "postgresql://ada@127.0.0.1/runs").query()
     assert caught.value.code == "missing-package"
 

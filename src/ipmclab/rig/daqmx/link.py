@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+from ipmclab.extras import install
 from ipmclab.rig.bench import BenchError
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class Link:
                 "the package grpcio is not installed",
                 code="no-grpc",
                 where=address,
-                repair='install ipmclab with its extra ni, such as: uv tool install ".[ni]"',
+                repair=install("ni"),
             ) from error
         self.patience = patience
         self._channel = grpc.insecure_channel(address, options=_OPTIONS)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.extras import install
 
 if TYPE_CHECKING:
     from sqlalchemy import URL, Connection, Engine
@@ -206,7 +207,7 @@ class Database:
                 "a catalogue in PostgreSQL needs the package psycopg, which is not installed",
                 code="missing-package",
                 where=self.where,
-                repair="install ipmclab with its extra: pip install 'ipmclab[postgres]'",
+                repair=install("postgres"),
             ) from error
 
     @contextmanager

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ipmclab.errors import InputError
+from ipmclab.extras import package
 from ipmclab.store.importers.columns import Clock, Columns, open_error
 from ipmclab.store.strict import Strict
 
@@ -27,15 +28,7 @@ def read(path: Path, options: TdmsFile) -> Columns:  # noqa: ARG001  # every imp
     InputError
         npTDMS is not installed, or the file is damaged, truncated or without channels.
     """
-    try:
-        import nptdms
-    except ImportError as error:
-        raise InputError(
-            "reading TDMS needs the package npTDMS, which is not installed",
-            code="missing-package",
-            where=str(path),
-            repair="install ipmclab with its extra: pip install 'ipmclab[tdms]'",
-        ) from error
+    nptdms = package("nptdms", extra="tdms", where=str(path), known_as="npTDMS, which reads TDMS files,")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # npTDMS warns of what is refused below
