@@ -1,9 +1,10 @@
 """How many small changes to the code does the suite notice?
 
-Run ``python -m benchmarks.mutants [--changes 200] [--workers 2] [--limit 240] [--record]``. Changes are drawn over
-``src`` with seed 20261121, a tenth from each of ``rig/safety`` and ``store/journal`` besides their part of the whole.
-Each is made in a copied tree, where the tests that could notice run until one fails. What was found is kept under
-``build/`` as it is found: a call that is ended goes on where it was, as long as the changed files are what they were.
+Run ``python -m benchmarks.mutants [--changes 200] [--workers 2] [--limit 240] [--again] [--record]``. Changes are drawn
+over ``src`` with seed 20261121, a tenth from each of ``rig/safety`` and ``store/journal`` besides their part of the
+whole; those of these rooms are tried first. Each is made in a copied tree, where the tests that could notice run until
+one fails. What was found is kept under ``build/`` as it is found: a call that is ended goes on where it was, as long as
+the changed files are what they were. Tests that were written since are asked with ``--again``.
 """
 
 from __future__ import annotations
@@ -39,11 +40,17 @@ class Known:
         self._verdicts = {}
         for line in path.read_text().splitlines() if path.exists() else ():
             found = json.loads(line)
-            self._verdicts[found.pop("key")] = Verdict(Change(**found.pop("change")), **found)
+            key, change = found.pop("key"), Change(**found.pop("change"))
+            self._verdicts[key] = Verdict(change, **found)
 
     def get(self, change: Change) -> Verdict | None:
         """What is known of a change."""
         return self._verdicts.get(_key(change))
+
+    def is_open(self, change: Change, again: bool) -> bool:
+        """Whether it is to be tried: nothing is known of it, or ``again`` and no test noticed it."""
+        verdict = self.get(change)
+        return verdict is None or (again and verdict.noticed_by is None)
 
     def add(self, verdict: Verdict) -> None:
         """Keep it, for good."""
@@ -59,9 +66,10 @@ def _key(change: Change) -> str:
 
 
 def judge(changes: list[Change], known: Known, workers: int, limit: float) -> None:
-    """Put those on trial that are not known yet."""
+    """Put changes on trial."""
     imports = Imports(ROOT)
-    pending = [change for change in changes if known.get(change) is None]
+    pending = list(changes)
+    pending.sort(key=lambda change: change.room not in STRICT)  # what costs a strip or a record comes first
     lock = threading.Lock()
 
     def work(folder: Path) -> None:
@@ -126,6 +134,7 @@ def main() -> None:
     parser.add_argument("--changes", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--limit", type=float, default=240.0, help="for one change [s]")
+    parser.add_argument("--again", action="store_true", help="try once more what no test has noticed")
     parser.add_argument("--known", action="store_true", help="report what is known already, try nothing")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/mutants.md")
     options = parser.parse_args()
@@ -134,7 +143,8 @@ def main() -> None:
     changes = draw(ROOT, options.changes)
     known = Known(ROOT / "build" / "mutants.jsonl")
     if not options.known:
-        judge(changes, known, options.workers, options.limit)
+        asked = [change for change in changes if known.is_open(change, options.again)]
+        judge(asked, known, options.workers, options.limit)
     verdicts = [verdict for change in changes if (verdict := known.get(change))]
     if not verdicts:
         raise SystemExit("no change was put on trial")

@@ -2,20 +2,23 @@
 
 Run ``python -m benchmarks.properties [PATH ...] [--draws 50000] [--minutes 60] [--record]``. The suite draws a hundred
 examples of each property, in CI the same ones every time. Here every property is drawn in rounds, each from a seed of
-its own (20261121 and on), until it has the draws or the time is over: what was really drawn stands in the table. A
-property that says of itself that it is costly has a tenth.
+its own (20261121 and on), until it has the draws or the time is over: what was really drawn stands in the table. The
+first rounds are short, so that all have their turn. A property that says of itself that it is costly has a tenth. What
+was drawn is kept under ``build/``: a call that is ended goes on where it was, as long as the sources are the same.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
+import json
 import os
 import re
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
@@ -24,12 +27,13 @@ import pytest
 from hypothesis import settings
 
 from benchmarks.harness import finish
+from benchmarks.sources import digest
 
 SOURCES = ("src", "tests")
 ROOT = Path(__file__).parents[1]
 SEED: Final = 20261121
-ROUND: Final = 2000
-"""Draws of a property in a round: enough to be worth the start of a process, few enough that all come round."""
+ROUND: Final = 250, 2000
+"""Draws of a property in a round, the first and at most: worth the start of a process, and all come round."""
 
 DRAWS: Final = "IPMCLAB_DRAWS"
 
@@ -52,6 +56,40 @@ def properties(paths: Sequence[str]) -> dict[str, list[str]]:
     if not found:
         sys.exit(f"no property was found:\n{listed}")
     return found
+
+
+def rounds(draws: int) -> Iterator[tuple[int, int]]:
+    """The seed of each round, and its draws: each has twice those of the one before it, up to the most."""
+    done, size = 0, ROUND[0]
+    for seed in itertools.count(SEED):
+        if done >= draws:
+            return
+        yield seed, min(size, draws - done)
+        done, size = done + size, min(2 * size, ROUND[1])
+
+
+class Drawn:
+    """What is drawn, on disk: one round of a file a line, under the text of all sources."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(exist_ok=True)
+        self._path, self._sources = path, digest("properties")
+        lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        self._rounds = {tuple(line["round"]): line for line in lines if line["sources"] == self._sources}
+
+    def turn(self, file: str, draws: int, seed: int, end: float) -> tuple[dict[str, int], dict[str, str]]:
+        """What is known of a round of a file, or comes of it now: nothing where the time is over."""
+        known = self._rounds.get((file, draws, seed))
+        if known is None and time.monotonic() >= end:
+            return {}, {}
+        if known is not None:
+            return known["held"], known["failed"]
+        held, failed = draw(file, draws, seed)
+        line = {"round": (file, draws, seed), "sources": self._sources, "held": held, "failed": failed}
+        with self._path.open("a") as stream:
+            stream.write(json.dumps(line) + "\n")
+        print(f"{file}, seed {seed}: {held.total()} held, {len(failed)} broken", flush=True)
+        return held, failed
 
 
 def draw(file: str, draws: int, seed: int) -> tuple[Counter[str], dict[str, str]]:
@@ -100,17 +138,14 @@ def main() -> None:
     asked = properties(options.paths)
     held: Counter[str] = Counter()
     failed: dict[str, str] = {}
+    drawn = Drawn(ROOT / "build" / "properties.jsonl")
     with ThreadPoolExecutor(options.workers) as pool:
-        for number, done in enumerate(range(0, options.draws, ROUND)):
-            draws = min(ROUND, options.draws - done)
-
-            def turn(file: str, seed: int = SEED + number, draws: int = draws) -> None:
-                if time.monotonic() < end:
-                    more, broken = draw(file, draws, seed)
-                    held.update(more)
-                    failed.update(broken)
-
-            list(pool.map(turn, asked))
+        for seed, draws in rounds(options.draws):
+            turns = [pool.submit(drawn.turn, file, draws, seed, end) for file in asked]
+            for turn in turns:
+                more, broken = turn.result()
+                held.update(more)
+                failed.update(broken)
     finish(
         "properties",
         "Properties drawn anew",

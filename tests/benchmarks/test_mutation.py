@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import ast
+import math
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from benchmarks import mutants, properties
 from benchmarks.mutation.changes import Change, changes_of
 from benchmarks.mutation.noticing import Imports
+from benchmarks.mutation.trial import Verdict
 
 SOURCE = '''"""A µ of text, 3 + 4."""
 LIMIT: float = 2.5  # 7 µm
@@ -72,3 +76,38 @@ def test_the_tests_of_a_module_come_first_after_its_own_examples() -> None:
         first, *others = imports.tests_of(path)
         assert first == path
         assert test in others[:3]
+
+
+def test_a_call_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A verdict is kept under the text of its file. What nobody noticed may be asked again: the last word counts."""
+    monkeypatch.setattr(mutants, "ROOT", tmp_path)
+    noticed, missed, untried = found_in(tmp_path)[:3]
+    kept = tmp_path / "build" / "mutants.jsonl"
+    for verdict in (Verdict(noticed, "tests/test_one.py::test_it", 1.0), Verdict(missed, None, 2.0)):
+        mutants.Known(kept).add(verdict)
+    known = mutants.Known(kept)
+    assert known.get(noticed) == Verdict(noticed, "tests/test_one.py::test_it", 1.0)
+    for again, expected in ((False, [untried]), (True, [missed, untried])):
+        assert [change for change in (noticed, missed, untried) if known.is_open(change, again)] == expected
+    known.add(Verdict(missed, "tests/test_one.py::test_more", 3.0))
+    assert not mutants.Known(kept).is_open(missed, again=True)
+    (tmp_path / "one.py").write_text(f"{SOURCE}\n", encoding="utf-8")
+    assert mutants.Known(kept).is_open(noticed, again=False)
+
+
+def test_properties_are_drawn_in_rounds_of_which_each_has_its_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert list(properties.rounds(6000)) == [(20261121 + k, n) for k, n in enumerate((250, 500, 1000, 2000, 2000, 250))]
+    asked = []
+
+    def draw(*told: object) -> tuple[Counter[str], dict[str, str]]:
+        asked.append(told)
+        return Counter(it=250), {}
+
+    monkeypatch.setattr(properties, "draw", draw)
+    for end, expected in ((math.inf, {"it": 250}), (0.0, {"it": 250})):  # what is known needs no time
+        drawn = properties.Drawn(tmp_path / "properties.jsonl")
+        assert drawn.turn("test_one.py", 250, 20261121, end) == (expected, {})
+    assert drawn.turn("test_one.py", 250, 20261122, 0.0) == ({}, {})
+    assert asked == [("test_one.py", 250, 20261121)]

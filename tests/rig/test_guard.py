@@ -237,6 +237,11 @@ def test_lost_rows_count_as_the_larger_of_their_neighbours() -> None:
     assert sorted((alarm.limit, alarm.row) for alarm in alarms) == [("charge", 502), ("mean_current", 502)]
     with pytest.raises(IpmclabError, match="a block begins at row 503, row 504 was expected"):
         guard.look(503, block)
+    # The larger one may be the last before them, and the current smaller again after.
+    guard = Guard(replace(limits, mean_current=Limit(0.0989)), rate, ELECTRODES)
+    assert guard.look(0, {**block, "current": np.array([0.05, 0.1])}) == ()
+    alarms = guard.look(502, block)
+    assert sorted((alarm.limit, alarm.row) for alarm in alarms) == [("charge", 502), ("mean_current", 502)]
 
 
 def test_single_rows_that_were_missed_count_as_the_larger_of_their_neighbours() -> None:

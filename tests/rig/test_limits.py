@@ -111,6 +111,27 @@ def test_the_layer_that_hands_voltages_on_clamps_whatever_comes() -> None:
     bench.close()
 
 
+def test_what_a_strip_stands_where_nothing_is_said() -> None:
+    """A strip such as friend-2 hangs on these: none moves without being noticed."""
+    assert Limits().as_text() == {
+        "voltage": "3.5 V for 0.02 s, then zero",
+        "current": "500 mA for 0.05 s, then zero",
+        "mean_current": "190 mA for 1 s, then zero",
+        "charge": "10 C, then zero",
+        "power": "0.3 W for 5 s, then zero",
+        "energy": "25 J, then warn",
+        "displacement": "12 mm for 0.5 s, then warn",
+        "force": "80 mN for 0.1 s, then warn",
+        "temperature": "60 degC for 10 s, then zero",
+    }
+
+
+@pytest.mark.parametrize("duration", [-1e-9, np.inf, np.nan])
+def test_a_limit_acts_after_a_time_that_ends(duration: float) -> None:
+    with pytest.raises(InputError, match=r"the duration is .* s; give 0 s or more"):
+        Limit(1.0, duration)
+
+
 def test_limits_from_a_table() -> None:
     limits = Limits.from_table(
         {

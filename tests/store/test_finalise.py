@@ -16,6 +16,7 @@ import pytest
 import xarray
 
 from ipmclab.errors import IpmclabError
+from ipmclab.platform import move_file
 from ipmclab.quality import check
 from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
@@ -280,7 +281,17 @@ def stop_at(patch: pytest.MonkeyPatch, step: str, call: int, *, after: bool) -> 
     patch.setattr(finalise_module, step, stopped)
 
 
-def test_a_run_file_that_was_damaged_after_it_was_renamed_is_made_again(tmp_path: Path) -> None:
+def test_a_run_file_that_was_damaged_after_it_was_renamed_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replaced = []
+
+    def move(source: Path, target: Path) -> None:
+        if target.exists():
+            replaced.append(target)
+            assert target.stat().st_mode & 0o200, "Windows replaces no file that may only be read"
+        move_file(source, target)
+
     journal = recorded(tmp_path)
     content = journal.read_bytes()
     laboratory = Laboratory.open(tmp_path)
@@ -288,8 +299,11 @@ def test_a_run_file_that_was_damaged_after_it_was_renamed_is_made_again(tmp_path
     checksum = read_run(path).content_sha256
     path.chmod(0o644)
     path.write_bytes(path.read_bytes()[:-100])
+    path.chmod(0o444)
     journal.write_bytes(content)
+    monkeypatch.setattr(finalise_module, "move_file", move)
     told = finish_here(journal, laboratory)
+    assert path in replaced
     assert Path(told.path) == path
     assert read_run(path).content_sha256 == checksum
     assert told.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()

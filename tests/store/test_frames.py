@@ -121,7 +121,9 @@ def test_a_flipped_bit_anywhere_costs_one_frame_and_never_a_wrong_value() -> Non
 
 
 def test_the_layout_is_what_the_docs_say() -> None:
-    """Other programs read journals too: 40 bytes of head, little-endian."""
+    """Other programs read journals too: 40 bytes of head, little-endian; what is no rows has 0 of them."""
+    note = Frame(EVENT, b"{}", 0).encode()
+    assert (note[6:12], note[24:32]) == (bytes(6), bytes(8))
     head = Frame(DATA, b"x" * 16, 7, 2, 1, 1234567890123).encode()
     assert HEADER_SIZE == 40
     assert head[:4] == b"RUNF"
