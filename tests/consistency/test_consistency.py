@@ -314,6 +314,17 @@ def test_a_push_of_another_stiffness_is_found(strip: Strip) -> None:
     assert found.values["implied_modulus"] == pytest.approx(2.0 * strip.actuator["beam.modulus"])
 
 
+@pytest.mark.parametrize(("travel", "is_push"), [(40e-6, False), (75e-6, True)])
+def test_a_push_goes_over_fifty_micrometres_or_more(strip: Strip, travel: float, is_push: bool) -> None:
+    """Less is what a strip moves by itself."""
+    run = strip.runs["push"]
+    part = travel / float(np.ptp(run.displacement))
+    found = pushes([replace(run, displacement=part * run.displacement, force=part * run.force)])
+    assert [fact.value for fact in found] == [
+        pytest.approx(stiffness(strip.actuator.parameter_values), rel=0.05)
+    ] * is_push
+
+
 def test_a_run_of_another_sample_is_left_out(strip: Strip) -> None:
     runs = changed(strip, "step force", force=0.3, current=0.5)
     other = RunMetadata(sample=Sample(id="another"))

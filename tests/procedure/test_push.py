@@ -137,9 +137,11 @@ def test_where_noise_hides_the_contact_the_slope_says_so() -> None:
     assert np.mean(np.abs(off) < 1.96) > 0.9
 
 
-def test_a_push_that_bends_is_told() -> None:
-    force = K * IN_AND_OUT * (1.0 + 400.0 * IN_AND_OUT)
-    assert "push-not-straight" in codes(Push(IN_AND_OUT, force))
+@pytest.mark.parametrize(("change", "told"), [(0.4, True), (0.07, True), (0.03, False)])
+def test_a_slope_that_changes_by_five_percent_over_the_push_is_told(change: float, told: bool) -> None:
+    middle = IN_AND_OUT - 0.25e-3
+    force = K * middle * (1.0 + 0.5 * change * middle / 0.5e-3)
+    assert ("push-not-straight" in codes(Push(IN_AND_OUT, force))) is told
 
 
 def test_a_push_one_way_and_a_push_too_far() -> None:
