@@ -108,6 +108,7 @@ def test_the_plan_tells_when_each_run_comes():
     assert [one.starts for one in plan.runs] == pytest.approx([0.0, *ends[:-1]])
     assert plan.seconds == pytest.approx(ends[-1])
     assert plan.limits["strip-1, force"]["voltage"].startswith("4 V")
+    assert list(plan.watched().values()) == ["displacement", "force"]  # another limit is not watched in each
 
 
 def test_the_plan_refuses_what_no_guard_would_let_pass():

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from ipmclab.campaign.blocks import blocks_of
-from ipmclab.campaign.campaign_file import campaign_from_text
+from ipmclab.campaign.campaign_file import campaign_from_text, load_campaign
 from ipmclab.campaign.methods import methods
-from ipmclab.campaign.published import READ_AS, reproduced, unprinted
-from ipmclab.campaign.results import by_repeat, read_results
+from ipmclab.campaign.published import READ_AS, curled, reproduced, unprinted
+from ipmclab.campaign.results import RunResult, by_repeat, read_results
 from ipmclab.campaign.state import read_events
 from ipmclab.cli.app import run
+from ipmclab.comparison.baseline import drift_of
+from ipmclab.comparison.run_metrics import metrics_of_run
 from ipmclab.prediction.headline import READINGS
+from ipmclab.quality.metrics import Metric
 
 CAMPAIGN = """
 title = "a part of <chapter 5>"
@@ -84,6 +87,18 @@ def test_printed_numbers_are_met_by_the_strips_that_were_identified_from_them(ma
     )
 
 
+def test_the_one_curl_of_which_about_a_number_is_printed_stands_beside_it():
+    runs = [run for block in blocks_of(load_campaign("friend-chapter-5")) for run in block.runs]
+    curls = [run for run in runs if run.label == "baseline" and run.sample in ("friend-4", "friend-5")]
+    size = Metric("largest", "displacement", -2.1e-3, "m", None, "")
+    repeated = by_repeat([RunResult(run, None, "", "kept", (), (size,)) for run in curls])
+    (found,) = curled(repeated)
+    assert (found.published.figure, found.published.number, found.distance) == ("5.42", "2 mm", 2.1e-3)
+    assert [name for name in unprinted(repeated, ()) if "friend-5" in name] == [
+        "friend-5, curl, 20 degC, 80 %RH, baseline"
+    ]
+
+
 def test_every_printed_metric_has_one_of_a_run():
     assert set(READ_AS) == set(READINGS)
 
@@ -104,14 +119,27 @@ def test_repeats_have_their_scatter_and_the_interval_of_their_mean(made):
         key: [row for row in rows if (row["channel"], row["metric"]) == key] for key in (LARGEST, ("force", "phase"))
     }
     (twice,) = [row for row in kinds[LARGEST] if row["repeats"] == "2"]
-    values = [float(row["value"]) for row in of_runs if row["experiment"] == "displacement" and _is(row, LARGEST)]
+    _, results = results_of(*made)
+    (curl,) = (drift_of(one.record) for one in results if one.run.part == "curl")
+    parts = [one.record for one in results if one.run.part == "displacement"]
+    values = [
+        metric.value
+        for run in parts
+        for metric in metrics_of_run(run, drift=curl)
+        if (metric.channel, metric.name) == LARGEST
+    ]
+    raw = [float(row["value"]) for row in of_runs if row["experiment"] == "displacement" and _is(row, LARGEST)]
+    assert np.mean(raw) - np.mean(values) == pytest.approx(40.0 * curl.rate, rel=0.2)  # the peak is at the end
+    assert twice["baseline"] == "friend-6/curl/20 degC, 80 %RH/baseline/1"
     assert float(twice["mean"]) == pytest.approx(np.mean(values))
     assert float(twice["standard_deviation"]) == pytest.approx(np.std(values, ddof=1))
     reach = 12.706 * np.std(values, ddof=1) / np.sqrt(2.0)  # Student's t with one degree of freedom
-    assert float(twice["high"]) - float(twice["mean"]) == pytest.approx(reach, rel=1e-3)
+    of_drift = 1.96 * curl.standard_error * np.ptp(parts[0].time)  # in both repeats alike
+    assert float(twice["high"]) - float(twice["mean"]) == pytest.approx(np.hypot(reach, of_drift), rel=1e-3)
     (once,) = kinds["force", "phase"]
     (run_alone,) = [row for row in of_runs if _is(row, ("force", "phase"))]
     assert (once["low"], once["high"], once["standard_deviation"]) == (run_alone["low"], run_alone["high"], "")
+    assert once["baseline"] == ""
 
 
 LARGEST = ("displacement", "largest")
@@ -150,8 +178,13 @@ def test_the_methods_say_what_was_done(made):
         "40 s each at 100 rows",
         "20 degC, 80 %RH",
         "4 runs passed",
+        "each run began with a strip at rest",
+        "dry mass and hydrated mass (weighed once, tapped dry with tissue)",
     ):
         assert text in told
+    assert "rested at 0 V" not in told  # each run is a sitting of its own
+    page = " ".join((out / "report.html").read_text(encoding="utf-8").split())
+    assert "From the displacement of 2 runs the curl of the strip was taken" in page
 
 
 def test_the_report_is_one_file_that_escapes_what_it_was_given(made):
@@ -173,3 +206,4 @@ def test_what_was_found_in_runs_that_count_is_told_once_for_each_kind(made):
     _, results = results_of(*made)
     found = [replace(one, findings=("slip",) if one.run.part == "displacement" else ()) for one in results]
     assert list(_findings(by_repeat(found))) == ["slip: displacement, 20 degC, 80 %RH, step 1 V (2 runs)"]
+    assert not list(_findings(by_repeat(results)))  # a baseline without a voltage is no finding

@@ -13,8 +13,12 @@ import pytest
 
 import ipmclab
 from ipmclab.comparison.compare import Comparison, compare
+from ipmclab.comparison.factors import chosen_factors
+from ipmclab.comparison.table import RunRow
+from ipmclab.quality.metrics import Metric
 from ipmclab.reporting.comparison import comparison_figures, figure_csv, write_comparison, write_comparison_data
-from ipmclab.reporting.figures.comparison import effects_figure
+from ipmclab.reporting.figures.comparison import effects_figure, factor_figures
+from ipmclab.reporting.style import COLOURS, SERIES
 from tests.comparison.campaigns import campaign
 
 SIGNAL = "multisine 1 V 0.1 Hz 2 Hz harmonics=odd phases=random left_out=4"
@@ -64,6 +68,26 @@ def test_a_factor_is_drawn_with_the_rest_held(comparison: Comparison) -> None:
     assert len({row[4] for row in figure.data}) == 2
     assert len(figure.data) == len([row for row in comparison.rows if row.waveform == "step"]) / 3
     assert "relative humidity" in figure.caption
+
+
+def test_a_strip_has_one_look_and_strips_alike_in_the_other_property_are_joined() -> None:
+    """As in figures 5.64 to 5.66: over the loading a line for each membrane; strip c looks the same where a is not."""
+
+    def row(sample: str, thickness: float, loading: float, waveform: str = "step") -> RunRow:
+        values = {"thickness": thickness, "loading": loading}
+        size = Metric("largest", "displacement", 1e3 * thickness * loading, "m", None, "")
+        return RunRow(f"{sample}.nc", sample, "", "", "", waveform, values, {"displacement.largest": size})
+
+    strips = {"a": (183e-6, 0.05), "b": (183e-6, 0.1), "c": (254e-6, 0.05), "d": (254e-6, 0.1)}
+    rows = [row(name, *of) for name, of in strips.items()] + [row(n, *strips[n], "sine") for n in ("c", "d")]
+    found = Comparison(tuple(rows), chosen_factors(["loading"]), ("displacement.largest",), {}, {}, {}, ())
+    step, sine = factor_figures(found)
+    panel, other = step.draw().axes[0], sine.draw().axes[0]
+    grey = [line.get_ydata().tolist() for line in panel.lines if line.get_color() == COLOURS["muted"]]
+    assert np.asarray(grey) == pytest.approx(np.array([[9.15, 18.3], [12.7, 25.4]]))
+    assert panel.lines[-2].get_color() == other.lines[-2].get_color() == COLOURS[SERIES[3]]
+    assert step.columns[-1] == "thickness [m]"
+    assert "one membrane thickness" in step.caption
 
 
 def test_tables_and_figures_as_files(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from ipmclab.campaign.blocks import Block
 from ipmclab.campaign.campaign import ROOM, Campaign
@@ -12,6 +13,9 @@ from ipmclab.campaign.identified import SampleModel
 from ipmclab.rig.experiments.environments import TargetEnvironment
 from ipmclab.rig.experiments.experiment import Experiment
 from ipmclab.rig.safety.limits import Limits
+
+if TYPE_CHECKING:
+    from ipmclab.comparison.compare import Comparison
 
 
 def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -37,7 +41,13 @@ def methods(campaign: Campaign, blocks: Sequence[Block], events: Sequence[Mappin
     each and of the signals under each condition was drawn anew. A strip was hydrated and clamped once for each block of
     runs under one condition.
     """
-    return (_setting(campaign, events), _order(campaign), *_experiments(campaign, blocks), _checks(campaign, events))
+    return (
+        _setting(campaign, events),
+        _order(campaign),
+        *_facts(campaign, events),
+        *_experiments(campaign, blocks),
+        _checks(campaign, events),
+    )
 
 
 def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
@@ -52,7 +62,7 @@ def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
     text += "."
     if campaign.is_virtual:
         text += " The bench was a virtual one: strips, sensors and their noise were computed, in lock-step, from seed "
-        text += f"{campaign.seed}."
+        text += f"{campaign.seed}; each run began with a strip at rest."
     versions = dict.fromkeys(str(one["version"]) for one in events if one["event"] == "campaign")
     return text + (f" Software: ipmclab {_listed(list(versions))}." if versions else "")
 
@@ -70,10 +80,26 @@ def _order(campaign: Campaign) -> str:
     return f"{order} A strip was hydrated and clamped {clamped}."
 
 
+def _facts(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """What was measured of the strips without a run, and how."""
+    facts = [one for one in events if one["event"] == "fact"]
+    by: dict[str, dict[str, list[str]]] = {}  # of each way: what was measured, and of which samples
+    for one in facts:
+        by.setdefault(str(one["how"]), {}).setdefault(str(one["name"]), []).append(str(one["sample"]))
+    told = []
+    for how, names in by.items():
+        samples = list(dict.fromkeys(sample for each in names.values() for sample in each))
+        of = "" if len(samples) == len(campaign.strips) else f" of {_listed(samples)}"
+        told.append(f"{_listed(list(names))}{of} ({how})")
+    if told:
+        yield f"Measured without a run: {'; '.join(told)}."
+
+
 def _experiments(campaign: Campaign, blocks: Sequence[Block]) -> Iterator[str]:
     """What was recorded in each experiment; what holds for all of them is said once, before."""
     kinds = [next(iter(part.experiments.values())) for part in campaign.parts]
-    said = [(text, {text(one) for one in kinds} - {""}) for text in (_between, _environment, _limits)]
+    between = partial(_between, is_rested=not campaign.is_virtual and campaign.clamped != "for each run")
+    said = [(text, {text(one) for one in kinds} - {""}) for text in (between, _environment, _limits)]
     shared = [text for text, found in said if len(found) == 1]
     common = [found.pop() for _, found in said if len(found) == 1]
     if common:
@@ -111,9 +137,12 @@ def _environment(experiment: Experiment) -> str:
     )
 
 
-def _between(experiment: Experiment) -> str:
+def _between(experiment: Experiment, *, is_rested: bool) -> str:
+    """What happened between runs; a strip that is clamped for each run, or begins at rest anyway, needs no pause."""
     text = f"Channels were read at rest for {experiment.zero_time:g} s before and after each run."
-    return text + (f" Between runs the strip rested at 0 V for {experiment.pause:g} s." if experiment.pause else "")
+    if is_rested and experiment.pause:
+        text += f" Between the runs of a block the strip rested at 0 V for {experiment.pause:g} s."
+    return text
 
 
 def _limits(experiment: Experiment) -> str:
@@ -155,6 +184,26 @@ def identification(models: Sequence[SampleModel]) -> tuple[str, ...]:
         "names, and the sheet resistance that of the four probes where it was read. Every other run under that "
         "condition was predicted from its voltage alone.",
     )
+
+
+def comparing(comparison: Comparison | None) -> tuple[str, ...]:
+    """The paragraph on how the runs were held side by side; none where they were not."""
+    if comparison is None:
+        return ()
+    rows = [row for row in comparison.rows if row.baseline]
+    drift = (
+        f"From the displacement of {len(rows)} runs the curl of the strip was taken: the rate of its baseline in the "
+        "same air, along a straight line. It is still in the tables above. "
+        if rows
+        else ""
+    )
+    effects = (
+        "Effects are those of a linear mixed model of each metric, of magnitudes by their logarithm, with random "
+        "intercepts of strips and of mountings: restricted maximum likelihood, 95 % intervals after Kenward and Roger. "
+        if comparison.models
+        else ""
+    )
+    return (f"{drift}{effects}The interval of a mean over repeats is Student's.",)
 
 
 def _listed(names: Sequence[str]) -> str:

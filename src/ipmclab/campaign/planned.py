@@ -60,6 +60,30 @@ class CampaignPlan:
     asks: tuple[str, ...]
     bytes_needed: int
 
+    def watched(self) -> dict[str, str]:
+        """What the guard watches, each with the experiments in which it does; empty where it is so in all of them.
+
+        Examples
+        --------
+        >>> from ipmclab.campaign.campaign_file import campaign_from_text
+        >>> from ipmclab.campaign.template import TEMPLATE
+        >>> plan = plan_campaign(campaign_from_text(TEMPLATE), bytes_free=10**12)
+        >>> list(plan.watched().values())
+        ['displacement', 'force']
+        """
+        parts: dict[str, dict[str, list[str]]] = {}
+        for block in self.blocks:
+            limits = self.limits[_place(block)]
+            text = ", ".join(f"{name} {told}" for name, told in limits.items())
+            samples = parts.setdefault(block.part, {}).setdefault(text, [])
+            if block.strip.sample.id not in samples:
+                samples.append(block.strip.sample.id)
+        found: dict[str, list[str]] = {}
+        for part, texts in parts.items():
+            for text, samples in texts.items():
+                found.setdefault(text, []).append(part if len(texts) == 1 else f"{part} of {', '.join(samples)}")
+        return {text: "" if len(found) == 1 else "; ".join(where) for text, where in found.items()}
+
     def as_dict(self) -> dict[str, Any]:
         """The plan as a JSON document (SI units)."""
         return {
@@ -121,13 +145,18 @@ def plan_campaign(campaign: Campaign, *, bytes_free: int) -> CampaignPlan:
     passed, needed = 0.0, BALLAST
     for one in sittings_of(campaign, blocks):
         plan = _plan(campaign, one, bytes_free)
-        limits[f"{one.block.strip.sample.id}, {one.block.part}"] = plan.as_dict()["limits"]
+        limits[_place(one.block)] = plan.as_dict()["limits"]
         remarks.update(dict.fromkeys(f"{one.block.part}: {text}" for text in plan.remarks))
         asks.update(dict.fromkeys(step.text for step in plan.steps if step.question is not None))
         timed += _timed(one, plan, passed)
         passed += plan.seconds
         needed += plan.bytes_needed - BALLAST
     return CampaignPlan(campaign, blocks, tuple(timed), limits, tuple(remarks), passed, tuple(asks), needed)
+
+
+def _place(block: Block) -> str:
+    """Sample and experiment of a block."""
+    return f"{block.strip.sample.id}, {block.part}"
 
 
 def _plan(campaign: Campaign, one: Sitting, bytes_free: int) -> Plan:

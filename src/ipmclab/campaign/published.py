@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.campaign.blocks import BASELINE
 from ipmclab.campaign.campaign import ROOM
 from ipmclab.campaign.results import Repeated
-from ipmclab.data import PublishedMeasurement, published_measurements
+from ipmclab.data import PublishedInWords, PublishedMeasurement, published_in_words, published_measurements
 from ipmclab.prediction.headline import DURATION, READINGS
 from ipmclab.units import CHANNELS, Quantity
 
@@ -29,6 +30,9 @@ READ_AS: Final[Mapping[tuple[str, str], str]] = {
     ("square", "max_force"): "amplitude",
 }
 """By waveform and metric of the published table: the metric of a run that is the same number."""
+
+CURLED_FOR: Final = 360.0
+"""How long a strip curled [s] of which the thesis has a number: 2 mm in 6 minutes (figure 5.42)."""
 
 _SAMPLE: Final = re.compile(r"friend-(\d)$")
 
@@ -101,9 +105,44 @@ def reproduced(repeated: Sequence[Repeated]) -> tuple[Reproduced, ...]:
     return tuple(found)
 
 
+@dataclass(frozen=True)
+class Curled:
+    """About how far the thesis says that a strip curled without a voltage, beside a baseline of a campaign.
+
+    Parameters
+    ----------
+    published : PublishedInWords
+    kind : Repeated
+    distance : float [m]
+        Mean over the repeats.
+    """
+
+    published: PublishedInWords
+    kind: Repeated
+    distance: float
+
+
+def curled(repeated: Sequence[Repeated]) -> tuple[Curled, ...]:
+    """The baselines of a campaign that last as long as those of which the thesis has a number."""
+    found = []
+    printed = {row.samples: row for row in published_in_words("baseline_drift") if row.number is not None}
+    for one in repeated:
+        match = _SAMPLE.match(one.sample)
+        row = printed.get((int(match[1]),)) if match else None
+        if row is None or (one.measured, one.label) != (row.measured, BASELINE):
+            continue
+        lasts = {result.run.planned.duration for result in one.results} == {CURLED_FOR}
+        distance = one.mean(row.measured, "largest")
+        if lasts and _as_published(one.condition) == row.conditions and distance is not None:
+            found.append(Curled(row, one, abs(distance[0])))
+    return tuple(found)
+
+
 def unprinted(repeated: Sequence[Repeated], found: Sequence[Reproduced]) -> tuple[str, ...]:
     """Kinds of runs of which nothing is printed."""
     told = {(one.published.sample, one.published.measured, one.signal, one.published.conditions) for one in found}
+    curls = [one.published for one in curled(repeated)]
+    told |= {(one.samples[0], one.measured, BASELINE, one.conditions) for one in curls}
     names = []
     for one in repeated:
         match = _SAMPLE.match(one.sample)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -18,6 +18,9 @@ from ipmclab.errors import InputError
 from ipmclab.quality.metrics import Metric, measure
 from ipmclab.run import Run
 from ipmclab.store.run_file import read_run
+
+if TYPE_CHECKING:
+    from ipmclab.comparison.compare import Comparison
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,10 @@ class RunResult:
     findings : tuple of str
         Codes of what was found, the worse ones.
     metrics : tuple of Metric
+    baseline : str, optional
+        Id of the run without voltage whose drift was taken from the displacement.
+    of_drift : mapping of (channel, name) to float [SI], optional
+        By how much the drift may be wrong at a metric, with 95 %: the same in all repeats.
     """
 
     run: CampaignRun
@@ -42,6 +49,8 @@ class RunResult:
     verdict: str
     findings: tuple[str, ...]
     metrics: tuple[Metric, ...]
+    baseline: str = ""
+    of_drift: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     def value(self, channel: str, name: str) -> float | None:
         """A metric [SI], or None where the run does not allow it."""
@@ -78,7 +87,10 @@ class Repeated:
         return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(values)
 
     def interval(self, channel: str, name: str) -> tuple[float, float] | None:
-        """The 95 % interval of the mean of a metric: by the scatter of the repeats, of one run by its own noise."""
+        """The 95 % interval of the mean of a metric: by the scatter of the repeats, of one run by its own noise.
+
+        A drift that was taken from all repeats is wrong by the same amount in each: it does not scatter, and is added.
+        """
         found = self.mean(channel, name)
         if found is None:
             return None
@@ -89,6 +101,7 @@ class Repeated:
             )
             return one.interval
         reach = float(stdtrit(count - 1, 0.975)) * spread / math.sqrt(count)
+        reach = math.hypot(reach, max(one.of_drift.get((channel, name), 0.0) for one in self.results))
         return mean - reach, mean + reach
 
 
@@ -134,6 +147,43 @@ def comparable(results: Sequence[RunResult]) -> list[Run]:
     ]
 
 
+def less_drift(results: Sequence[RunResult], comparison: Comparison) -> tuple[RunResult, ...]:
+    """The runs that were kept, with the metrics that a comparison has of them: without the curl of their strip.
+
+    Parameters
+    ----------
+    results : sequence of RunResult
+    comparison : Comparison
+        Of the same runs, as ``comparable`` gives them.
+    """
+    kept = [one for one in results if one.verdict == "kept"]
+    ids = {row.run: one.run.id for one, row in zip(kept, comparison.rows, strict=True)}
+    return tuple(
+        replace(
+            one,
+            metrics=tuple(row.metrics.values()),
+            baseline=ids.get(row.baseline, ""),
+            of_drift=_of_drift(one.metrics, row.metrics) if row.baseline else {},
+        )
+        for one, row in zip(kept, comparison.rows, strict=True)
+    )
+
+
+def _of_drift(raw: Sequence[Metric], corrected: Mapping[str, Metric]) -> dict[tuple[str, str], float]:
+    """What intervals have of the drift, beside the noise of the run: half of it, by channel and name [SI]."""
+    found = {}
+    for one in raw:
+        other = corrected.get(f"{one.channel}.{one.name}")
+        if other is not None and one.interval is not None and other.interval is not None:
+            half, own = (0.5 * (high - low) for low, high in (other.interval, one.interval))
+            found[one.channel, one.name] = math.sqrt(max(half**2 - own**2, 0.0)) if math.isfinite(half) else 0.0
+    strain, largest = corrected.get("displacement.strain"), corrected.get("displacement.largest")
+    if strain is not None and largest is not None and largest.value:
+        share = found.get(("displacement", "largest"), 0.0) / abs(largest.value)
+        found["displacement", "strain"] = share * abs(strain.value)
+    return found
+
+
 def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:
     """Runs put together that differ in nothing but their repeat, in the order of the first of each."""
     groups: dict[tuple[str, str, str, str, str], list[RunResult]] = {}
@@ -146,9 +196,12 @@ def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:
 
 
 def write_repeats(repeated: Sequence[Repeated], path: Path) -> Path:
-    """Write every metric of each kind of run over its repeats as one table (CSV, SI units)."""
+    """Write every metric of each kind of run over its repeats as one table (CSV, SI units).
+
+    Of a displacement without its curl it names the baselines, by the ids of their runs.
+    """
     head = ["sample", "experiment", "condition", "signal", "measured", "channel", "metric"]
-    head += ["mean", "standard_deviation", "repeats", "low", "high", "unit"]
+    head += ["mean", "standard_deviation", "repeats", "low", "high", "unit", "baseline"]
     with replacing(path, overwrite=True) as part, part.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(head)
@@ -158,7 +211,9 @@ def write_repeats(repeated: Sequence[Repeated], path: Path) -> Path:
                 mean, spread, count = kind.mean(channel, name) or (math.nan, math.nan, 0)
                 low, high = kind.interval(channel, name) or ("", "")
                 about = [kind.sample, kind.part, kind.condition, kind.label, kind.measured, channel, name]
-                table.writerow([*about, mean, "" if count < 2 else spread, count, low, high, unit])
+                baselines = dict.fromkeys(one.baseline for one in kind.results if channel == "displacement")
+                told = "; ".join(name for name in baselines if name)
+                table.writerow([*about, mean, "" if count < 2 else spread, count, low, high, unit, told])
     return path
 
 

@@ -121,9 +121,8 @@ def _print_plan(campaign: Campaign, folder: Path, *, as_json: bool) -> None:
         for one in planned.runs
     ]
     print_table(["run", "after", "takes", "sample", "experiment", "condition", "signal", "repeat"], rows)
-    watched = {", ".join(f"{name} {text}" for name, text in limits.items()) for limits in planned.limits.values()}
-    for text in sorted(watched):
-        print_paragraph(f"The guard watches: {text}.")
+    for text, where in planned.watched().items():
+        print_paragraph(f"The guard watches{f' in {where}' if where else ''}: {text}.")
     for text in planned.asks if not campaign.is_virtual else ():
         print_paragraph(f"A person is asked: {text}.")
     for text in planned.remarks:
@@ -223,7 +222,7 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
     """Measure what was recorded, write tables and report, and say what came of it."""
     from ipmclab.campaign.identified import identify_samples
     from ipmclab.campaign.published import reproduced
-    from ipmclab.campaign.results import by_repeat, comparable, read_results, write_metrics, write_repeats
+    from ipmclab.campaign.results import by_repeat, comparable, less_drift, read_results, write_metrics, write_repeats
     from ipmclab.comparison.compare import compare
     from ipmclab.reporting.campaign import report_campaign
     from ipmclab.reporting.comparison import write_comparison
@@ -231,7 +230,6 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
     with progress("measuring the runs"):
         results = read_results(folder, planned.blocks, state.recorded)
         metrics = write_metrics(results, folder / METRICS)
-        repeats = write_repeats(by_repeat(results), folder / REPEATS)
         printed = reproduced(by_repeat(results))
     with progress("identifying the samples") as tell:
         models = identify_samples(campaign, folder, results, state, tell=tell)
@@ -242,6 +240,8 @@ def _finish(campaign: Campaign, planned: CampaignPlan, folder: Path, state: Stat
             write_comparison(
                 comparison, folder / COMPARISON, command=f"ipmclab characterise {campaign.where}", overwrite=True
             )
+        without = results if comparison is None else less_drift(results, comparison)
+        repeats = write_repeats(by_repeat(without), folder / REPEATS)
     with progress("writing the report"):
         report = report_campaign(
             campaign,

@@ -17,8 +17,8 @@ from markupsafe import Markup
 from ipmclab.campaign.blocks import BASELINE, Block
 from ipmclab.campaign.campaign import Campaign, Strip
 from ipmclab.campaign.identified import SampleModel
-from ipmclab.campaign.methods import identification, methods
-from ipmclab.campaign.published import Reproduced, reproduced, unprinted
+from ipmclab.campaign.methods import comparing, identification, methods
+from ipmclab.campaign.published import CURLED_FOR, Curled, Reproduced, curled, reproduced, unprinted
 from ipmclab.campaign.results import Repeated, RunResult, by_repeat
 from ipmclab.comparison.compare import Comparison
 from ipmclab.errors import InputError
@@ -38,12 +38,18 @@ COLUMNS: Final[Mapping[str, Mapping[str, tuple[str, str]]]] = {
         "": ("current", "amplitude"),
     },
     "current later": {"step": ("current", "mean_of_last_tenth"), "square": ("current", "half_period_end")},
-    "response": {"step": ("response", "largest"), "": ("response", "amplitude")},
+    "response": {
+        "step": ("response", "largest"),
+        BASELINE: ("response", "largest"),
+        "": ("response", "amplitude"),
+    },
     "time to peak": {"step": ("response", "time_to_peak")},
     "back relaxation": {"step": ("response", "back_relaxation")},
 }
 """By column and waveform: the channel and the metric that the report shows; all of them are in the table beside it."""
 
+
+NO_EXCITATION: Final = "no-excitation"
 
 _FINEST: Final = 1e-4
 """A scatter that is a smaller part of a value is not told: nobody reads so many digits."""
@@ -115,11 +121,12 @@ def report_campaign(
             sentences=[*_sentences(results, len(flagged), printed, blocks), *_of_models(models)],
             doubt=bool(flagged) or not all(one.agrees for one in printed),
             printed=[_printed_row(one) for one in printed],
+            curled=[_curled(one) for one in curled(repeated)],
             unprinted=unprinted(repeated, printed),
             samples=list(_samples(campaign, repeated, events, models)),
             comparisons=[] if comparison is None else list(_comparisons(comparison)),
             flagged=flagged,
-            methods=(*methods(campaign, blocks, events), *identification(models)),
+            methods=(*methods(campaign, blocks, events), *identification(models), *comparing(comparison)),
             file=campaign.text,
         )
 
@@ -159,12 +166,20 @@ def _printed_row(one: Reproduced) -> dict[str, Any]:
         "signal": one.signal,
         "condition": one.published.conditions,
         "metric": one.published.metric.replace("_", " "),
-        "printed": bound + with_unit(one.number, quantity),
+        "printed": bound + one.published.number.replace(" ", NO_BREAK),
         "found": with_unit(one.mean, quantity),
         "difference": f"{100.0 * one.difference:+.1f}{NO_BREAK}%".replace("-", "−"),
         "tolerance": f"±{100.0 * one.tolerance:.0f}{NO_BREAK}%",
         "agrees": one.agrees,
     }
+
+
+def _curled(one: Curled) -> str:
+    told = (one.published.number or "").replace(" ", NO_BREAK)
+    return (
+        f"Sample {one.published.samples[0]} curled about {told} in {CURLED_FOR / 60.0:g}{NO_BREAK}min in the room "
+        f"without a voltage (figure {one.published.figure}); here it is {with_unit(one.distance, LENGTH)}."
+    )
 
 
 def _comparisons(comparison: Comparison) -> Iterator[tuple[str, str, Markup]]:
@@ -227,6 +242,8 @@ def _findings(ours: Sequence[Repeated]) -> Iterator[str]:
     for kind in ours:
         for result in kind.results:
             for code in result.findings:
+                if (kind.label, code) == (BASELINE, NO_EXCITATION):  # it is what a baseline is
+                    continue
                 codes.setdefault(code, []).append(f"{kind.part}, {kind.condition}, {kind.label}")
     for code, runs in codes.items():
         counts = Counter(runs)
@@ -254,8 +271,6 @@ def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
 
 def _found(one: Repeated, column: str) -> tuple[str, str, tuple[float, float, int]] | None:
     """A column of one kind of run: channel, metric, and mean, standard deviation and count over the repeats."""
-    if one.label == BASELINE:
-        return None
     of = COLUMNS[column]
     key = of.get(one.label.partition(" ")[0], of.get(""))
     if key is None:

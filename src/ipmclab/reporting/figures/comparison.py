@@ -18,25 +18,29 @@ from ipmclab.comparison.factors import FACTORS, Factor, levels_of
 from ipmclab.comparison.metric_model import Effect, MetricModel
 from ipmclab.comparison.table import RunRow
 from ipmclab.reporting.figures.layout import Margins, panel_grid
-from ipmclab.reporting.figures.panels import series
-from ipmclab.reporting.style import COLOURS, SERIES, label_text, style
+from ipmclab.reporting.figures.strips import (
+    Curve,
+    Look,
+    alike,
+    joined,
+    legend_room,
+    mark_of,
+    strips_in_order,
+    strips_legend,
+)
+from ipmclab.reporting.style import COLOURS, LINES, SERIES, label_text, style
 from ipmclab.reporting.wording import plain, spelled_unit, with_unit
 
 COLUMNS: Final = 3
 _MOST_PANELS: Final = 6
-_LEGEND_COLUMNS: Final = 6
 _MOST_POINTS: Final = 150
 """Runs of one panel that are drawn each; of more, what each strip has at each level."""
 
 _CONDITIONS: Final = ("voltage", "frequency", "humidity", "temperature", "clamp_pressure")
 """Factors that belong to a run, and are held where another is looked at; a strip brings its own along."""
 
-_MOST_STRIPS: Final = 12
-"""Strips that have a colour and a line pattern of their own."""
-
-
-Curve = tuple[list[float], list[float]]
-"""Places and heights."""
+_OF_A_STRIP: Final = {"thickness": "loading", "loading": "thickness"}
+"""Factors of which a strip has one level, each with the other one: strips that are alike in that are joined."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ def factor_figures(comparison: Comparison) -> list[ComparedFigure]:
                 continue
             keys = [key for key in comparison.keys_of(waveform) if _varies(rows, key, factor)][:_MOST_PANELS]
             if keys:
-                found.append(_factor_figure(factor, waveform, rows, keys, held))
+                found.append(_factor_figure(comparison, factor, waveform, rows, keys, held))
     return found
 
 
@@ -108,29 +112,42 @@ def _varies(rows: Sequence[RunRow], key: str, factor: Factor) -> bool:
     return len(set(levels_of(factor, values))) > 1
 
 
-def _factor_figure(factor: Factor, waveform: str, rows: list[RunRow], keys: list[str], held: str) -> ComparedFigure:
+def _factor_figure(
+    comparison: Comparison, factor: Factor, waveform: str, rows: list[RunRow], keys: list[str], held: str
+) -> ComparedFigure:
+    other = FACTORS[_OF_A_STRIP[factor.name]] if factor.name in _OF_A_STRIP else None
     data = tuple(
-        (key, row.run, row.sample, row.mounting, row.values[factor.name], row.metrics[key].value)
+        (
+            *(key, row.run, row.sample, row.mounting, row.values[factor.name], row.metrics[key].value),
+            *([] if other is None else [row.values.get(other.name, "")]),
+        )
         for key in keys
         for row in rows
         if key in row.metrics
     )
+    line = "what one strip has" if other is None else f"the strips of one {other.label}"
+    columns = ("metric", "run", "sample", "mounting", f"{factor.name} [{factor.quantity.unit}]", "value [SI]")
     return ComparedFigure(
         name=f"{factor.name}-{waveform}".replace(" ", "-").replace("_", "-"),
         title=f"{factor.label.capitalize()}, {waveform}",
         caption=(f"Runs at {held}. " if held else "")
-        + "A dot is a run, a line joins what one strip has at each level on the average.",
-        draw=lambda: _draw_factor(factor, rows, keys),
-        columns=("metric", "run", "sample", "mounting", f"{factor.name} [{factor.quantity.unit}]", "value [SI]"),
+        + f"A dot is a run, a line joins {line} at each level on the average.",
+        draw=lambda: _draw_factor(factor, other, rows, keys, comparison.samples),
+        columns=columns if other is None else (*columns, f"{other.name} [{other.quantity.unit}]"),
         data=data,
     )
 
 
-def _draw_factor(factor: Factor, rows: list[RunRow], keys: list[str]) -> Figure:
+def _draw_factor(
+    factor: Factor, other: Factor | None, rows: list[RunRow], keys: list[str], every: Sequence[str]
+) -> Figure:
     lines = math.ceil(len(keys) / COLUMNS)
     samples = list(dict.fromkeys(row.sample for row in rows))
+    order = strips_in_order(every, samples)
+    further = {} if other is None else _looks_of_groups(factor, other, rows)
     with style():
-        margins = Margins(left=0.5, bottom=legend_room(samples), row_gap=0.75, column_gap=0.55)
+        bottom = legend_room(samples, order, list(further))
+        margins = Margins(left=0.5, bottom=bottom, row_gap=0.75, column_gap=0.55)
         figure, grid = panel_grid([1.35] * lines, COLUMNS, margins=margins)
         for place, panel in enumerate(grid.flat):
             if place >= len(keys):
@@ -143,7 +160,9 @@ def _draw_factor(factor: Factor, rows: list[RunRow], keys: list[str]) -> Figure:
             for row, at in zip(told, level, strict=True):
                 curves[row.sample][0].append(factor.quantity.to_display(at))
                 curves[row.sample][1].append(quantity.to_display(_shown(row, keys[place])))
-            for look, own in alike(list(curves.values())):
+            if other is not None:
+                _join_groups(panel, _groups(other, told), curves, further)
+            for look, own in alike(curves, order):
                 _draw_strips_over(panel, own, look, points=len(told) <= _MOST_POINTS)
             panel.set_title(
                 f"{metric_label(keys[place])}{_in_unit(quantity.display_unit)}", fontsize=7.4, fontweight="normal"
@@ -153,8 +172,46 @@ def _draw_factor(factor: Factor, rows: list[RunRow], keys: list[str]) -> Figure:
                 panel.set_xscale("log")
                 few_ticks(panel)
             panel.margins(x=0.08, y=0.12)
-        strips_legend(figure, samples)
+        strips_legend(figure, samples, order, further)
     return figure
+
+
+def _groups(other: Factor, rows: Sequence[RunRow]) -> dict[str, list[str]]:
+    """Strips that are alike in a property, under its value."""
+    there = [row for row in rows if other.name in row.values]
+    found: dict[str, list[str]] = {}
+    for row, level in zip(there, levels_of(other, [row.values[other.name] for row in there]), strict=True):
+        of_level = found.setdefault(f"{other.label} {with_unit(level, other.quantity, trim=True)}", [])
+        if row.sample and row.sample not in of_level:
+            of_level.append(row.sample)
+    return found
+
+
+def _looks_of_groups(factor: Factor, other: Factor, rows: Sequence[RunRow]) -> dict[str, Look]:
+    """A line pattern for each group of strips that has more than one level of a factor."""
+    at = {row.sample: row.values[factor.name] for row in rows}
+    groups = [
+        name
+        for name, strips in _groups(other, rows).items()
+        if len(set(levels_of(factor, [at[one] for one in strips]))) > 1
+    ]
+    looks = {"color": COLOURS["muted"], "linewidth": 0.8}
+    return {name: {**looks, "linestyle": LINES[place % len(LINES)]} for place, name in enumerate(groups)}
+
+
+def _join_groups(
+    panel: Axes, groups: Mapping[str, Sequence[str]], curves: Mapping[str, Curve], looks: Mapping[str, Look]
+) -> None:
+    """A line through the strips of each group: at each level the mean over strips of what each has on the average."""
+    for name, look in looks.items():
+        levels: dict[float, list[float]] = {}
+        for strip in groups.get(name, ()):
+            x, y = curves[strip]
+            if x:
+                levels.setdefault(x[0], []).append(float(np.mean(y)))
+        if len(levels) > 1:
+            at = sorted(levels)
+            panel.plot(at, [float(np.mean(levels[one])) for one in at], zorder=1.5, **look)
 
 
 def _shown(row: RunRow, key: str) -> float:
@@ -166,45 +223,13 @@ def _shown(row: RunRow, key: str) -> float:
 def _draw_strips_over(panel: Axes, curves: Sequence[Curve], look: Mapping[str, Any], *, points: bool) -> None:
     if points:
         every = [value for x, _ in curves for value in x], [value for _, y in curves for value in y]
-        panel.plot(*every, "o", markersize=2.6, alpha=0.55, markeredgewidth=0, color=look["color"])
+        mark: dict[str, Any] = {"marker": mark_of(look), "markersize": 3.0, "markeredgewidth": 0}
+        panel.plot(*every, linestyle="none", alpha=0.55, color=look["color"], **mark)
     means = []
     for x, y in curves:
         at = np.unique(x)
         means.append((at.tolist(), [float(np.mean(np.asarray(y)[np.asarray(x) == level])) for level in at]))
     panel.plot(*joined(means), linewidth=1.0, marker=None if points else ".", markersize=3.0, **look)
-
-
-def alike(curves: Sequence[Curve]) -> list[tuple[dict[str, Any], list[Curve]]]:
-    """The curves of strips by their look: one each, or of many strips one for all, which no colour could tell apart."""
-    if len(curves) <= _MOST_STRIPS:
-        return [(series(number), [curve]) for number, curve in enumerate(curves) if curve[0]]
-    return [({"color": COLOURS["blue"], "alpha": 0.35, "linestyle": "-"}, [curve for curve in curves if curve[0]])]
-
-
-def joined(curves: Sequence[Curve]) -> Curve:
-    """Curves as one, with a gap between each two: many lines of one look are drawn at once."""
-    x: list[float] = []
-    y: list[float] = []
-    for one in curves:
-        x += [*one[0], math.nan]
-        y += [*one[1], math.nan]
-    return x, y
-
-
-def strips_legend(figure: Figure, samples: Sequence[str]) -> None:
-    if not 1 < len(samples) <= _MOST_STRIPS:
-        return
-    from matplotlib.lines import Line2D
-
-    handles = [Line2D([], [], **series(number)) for number in range(len(samples))]
-    names = [label_text(sample or "no sample named", longest=24) for sample in samples]
-    figure.legend(handles, names, loc="lower center", ncols=min(len(names), _LEGEND_COLUMNS))
-
-
-def legend_room(samples: Sequence[str]) -> float:
-    """Height under the panels for their labels and a legend of the strips [inch]."""
-    lines = math.ceil(len(samples) / _LEGEND_COLUMNS) if 1 < len(samples) <= _MOST_STRIPS else 0
-    return 0.55 + (0.1 + 0.19 * lines if lines else 0.0)
 
 
 def _in_unit(unit: str) -> str:

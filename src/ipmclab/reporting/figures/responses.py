@@ -12,16 +12,9 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from ipmclab.comparison.compare import Comparison
 from ipmclab.comparison.frequency_response import FrequencyResponse
 from ipmclab.confidence import NORMAL_95
-from ipmclab.reporting.figures.comparison import (
-    ComparedFigure,
-    Curve,
-    alike,
-    few_ticks,
-    joined,
-    legend_room,
-    strips_legend,
-)
+from ipmclab.reporting.figures.comparison import ComparedFigure, few_ticks
 from ipmclab.reporting.figures.layout import Margins, panel_grid
+from ipmclab.reporting.figures.strips import Curve, alike, joined, legend_room, strips_in_order, strips_legend
 from ipmclab.reporting.style import COLOURS, style
 from ipmclab.reporting.wording import plain, power_of_ten, spelled_unit
 from ipmclab.units import CHANNELS
@@ -91,11 +84,12 @@ def _draw_sines(comparison: Comparison) -> Figure:
     responses = comparison.sine_responses
     channels = [name for name in ("displacement", "force", "current") if any(one.channel == name for one in responses)]
     samples = list(dict.fromkeys(one.sample for one in responses))
+    order = strips_in_order(comparison.samples, samples)
     with style():
         figure, grid = panel_grid(
             [1.5, 1.1],
             len(channels),
-            margins=Margins(bottom=legend_room(samples), column_gap=0.6, row_gap=0.36),
+            margins=Margins(bottom=legend_room(samples, order), column_gap=0.6, row_gap=0.36),
             sharex="all",
         )
         for column, channel in enumerate(channels):
@@ -105,10 +99,10 @@ def _draw_sines(comparison: Comparison) -> Figure:
                 for one in own:
                     heights = CHANNELS[channel].to_display(one.gain) if row == 0 else np.rad2deg(one.phase)
                     curves[one.sample].append((one.frequency.tolist(), heights.tolist()))
-                for look, strips in alike([joined(each) for each in curves.values()]):
+                for look, strips in alike({name: joined(each) for name, each in curves.items()}, order):
                     grid[row, column].plot(*joined(strips), marker="o", markersize=2.6, linewidth=0.9, **look)
             _log_axes(grid[0, column], grid[1, column], channel)
-        strips_legend(figure, samples)
+        strips_legend(figure, samples, order)
     return figure
 
 
