@@ -10,6 +10,7 @@ import pytest
 
 from ipmclab import InputError, Run, RunMetadata, bootstrap, identify, load_actuator, read_fit, write_fit
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.uncertainty.bootstrap import Bootstrap
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine
 from tests.independent.thesis import FRIEND_2
 
@@ -80,6 +81,16 @@ def test_what_is_open_has_no_interval_here_either() -> None:
     found = bootstrap(identify(FRIEND, runs(), free=["electrical", "circuit.sheet_resistance"]), 40)
     assert set(found.standard_errors.values()) == {np.inf}
     assert set(found.intervals.values()) == {(0.0, np.inf)}
+
+
+def test_it_is_told_in_a_line_for_each_parameter() -> None:
+    intervals = {"circuit.dc_resistivity": (1.0, 2.0), "coupling.gain": (3.0, 4.0)}
+    found = Bootstrap({name: np.zeros(40) for name in intervals}, intervals, dict.fromkeys(intervals, 0.1), failed=1)
+    assert str(found).splitlines() == [
+        "Bootstrap of 40 fits, 1 failed",
+        "  circuit.dc_resistivity  1 to 2",
+        "  coupling.gain           3 to 4",
+    ]
 
 
 def test_too_few_draws_and_a_fit_from_a_file_are_refused(fit: Fit, tmp_path: Path) -> None:
