@@ -71,6 +71,15 @@ def test_what_cannot_be_smoothed_is_refused() -> None:
             smooth(run_of(tip), below)
     with pytest.raises(InputError, match="neither displacement nor force"):
         smooth(Run.from_arrays(time=TIME, voltage=tip, current=tip), BELOW)
-    uneven = TIME + 0.005 * (np.arange(len(TIME)) % 2)
+
+
+@pytest.mark.parametrize(("part", "is_even"), [(0.25, False), (1.5e-3, False), (0.7e-3, True)])
+def test_rows_are_even_to_a_thousandth_of_what_lies_between_them(part: float, is_even: bool) -> None:
+    tip = np.zeros(len(TIME))
+    uneven = TIME + 0.5 * part * TIME[1] * (np.arange(len(TIME)) % 2)  # from one to the next it changes by the part
+    run = Run.from_arrays(time=uneven, voltage=tip, displacement=tip)
+    if is_even:
+        assert not np.any(smooth(run, BELOW)[0].displacement)
+        return
     with pytest.raises(InputError, match="not at even times"):
-        smooth(Run.from_arrays(time=uneven, voltage=tip, displacement=tip), BELOW)
+        smooth(run, BELOW)
