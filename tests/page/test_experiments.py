@@ -159,6 +159,14 @@ def test_a_mistake_is_told_in_the_words_of_the_form(lab: Lab, key: str, text: st
     assert told in errors[key]
 
 
+def test_a_file_with_measures_and_circuit_is_proposed_as_an_actuator_and_no_other(lab: Lab) -> None:
+    (lab.root / "circuit.toml").write_text("[geometry]\n[circuit]\n", encoding="utf-8")
+    (lab.root / "measures.toml").write_text("[geometry]\n", encoding="utf-8")
+    told = check(lab, with_values(Draft.new(), sample="s", actuator="nope")).errors["actuator"]
+    assert "known: 'circuit.toml', 'friend-" in told
+    assert "measures.toml" not in told
+
+
 @pytest.mark.parametrize(
     "named", ["friend-2", "friend-2+leak.cubic", "mine.toml", "mine.toml + clamp", "below/mine.toml"]
 )
