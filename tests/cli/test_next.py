@@ -27,11 +27,13 @@ def test_the_plan_as_tables_and_as_a_document(command, fitted: Path) -> None:
         ipmclab.read_fit(fitted), minutes=6.0, allowed=ipmclab.Allowance(rate=25.0, longest=20.0)
     )
     assert [run["signal"] for run in document["runs"]] == [str(run.candidate.signal) for run in expected.runs]
+    assert {run["rate"] for run in document["runs"]} == {25.0}
     assert document["bench_time"] == pytest.approx(expected.time)
     shown = command(*words)
     assert shown.status == 0
     for run in expected.runs:
         assert str(run.candidate.signal) in shown.out
+    assert shown.out.count("25 Hz  ") == len(expected.runs)
     assert "circuit.branches.0.permittivity" in shown.out
 
 

@@ -150,8 +150,11 @@ def _print(proposal: Proposal, minutes: float) -> None:
     from ipmclab.planning.proposal_words import bench_time, of_goal, of_limits, of_time
 
     print_table(
-        ["run", "signal", "for", *_where(proposal.runs), "on the bench"],
-        [[str(place), *_cells(run, proposal.runs), bench_time(run.time)] for place, run in enumerate(proposal.runs, 1)],
+        ["run", "signal", "for", *_where(proposal.runs), "rate", "on the bench"],
+        [
+            [str(place), *_cells(run, proposal.runs), f"{run.rate:.4g} Hz", bench_time(run.time)]
+            for place, run in enumerate(proposal.runs, 1)
+        ],
     )
     print_paragraph(of_time(proposal, minutes))
     print()

@@ -29,6 +29,8 @@ class ProposedRun:
         Of a campaign, as which it is recorded.
     number : int
         Its place among the runs of all strips, counted from 1.
+    rate : float [Hz]
+        Rows each second, at which what it tells was worked out.
     """
 
     candidate: Candidate
@@ -37,6 +39,7 @@ class ProposedRun:
     remarks: tuple[str, ...] = ()
     experiment: str = ""
     number: int = 0
+    rate: float = 0.0
 
     @property
     def gain_per_minute(self) -> float:
@@ -56,6 +59,7 @@ class ProposedRun:
             "experiment": self.experiment or None,
             "signal": str(self.candidate.signal),
             "duration": self.candidate.duration,
+            "rate": self.rate or None,
             "condition": None if condition is None else str(condition),
             "bench_time": self.time,
             "gain": self.gain,

@@ -148,7 +148,8 @@ class Questions:
         for name, candidate, told in self._told:
             after = belief.after(told)
             time = self.ways[name].time(candidate, place)
-            found.append((ProposedRun(candidate, time, belief.loss - after.loss, experiment=name), after))
+            gain, rate = belief.loss - after.loss, self._rate(self.ways[name])
+            found.append((ProposedRun(candidate, time, gain, experiment=name, rate=rate), after))
         return [found[k] for k in largest_first([run.gain_per_minute for run, _ in found])]
 
     def with_remarks(self, run: ProposedRun) -> ProposedRun:
