@@ -106,6 +106,17 @@ def test_tables_and_figures_as_files(tmp_path: Path) -> None:
     assert float(rows[1]["force.largest [N]"]) == pytest.approx(2.0 * float(rows[0]["force.largest [N]"]))
 
 
+def test_performance_says_under_which_condition(tmp_path: Path) -> None:
+    strip = ipmclab.load_actuator("friend-2")
+    signals = ("sine 1 V 0.1 Hz", "sine 1 V 0.5 Hz", "step 1 V")
+    runs = [ipmclab.simulate(strip, one, duration=20.0, rate=20.0) for one in signals]
+    dry = [replace(run, metadata=replace(run.metadata, relative_humidity=60.0, temperature=20.0)) for run in runs]
+    page = write_comparison(compare(dry), tmp_path / "c.html").read_text("utf-8")
+    told = " ".join(re.sub(r"<[^>]*>", " ", page[page.index('id="performance"') :]).split())
+    assert "step 1 V 60 %, 20 °C 0.576 mm" in told
+    assert "displacement 1 V, 60 %, 20 °C 2" in told
+
+
 def test_one_run_alone_makes_a_page(tmp_path: Path) -> None:
     strip = ipmclab.load_actuator("friend-2")
     found = compare([ipmclab.simulate(strip, "step 1 V", duration=10.0, rate=10.0)])

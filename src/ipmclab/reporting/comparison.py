@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ipmclab.comparison.compare import Comparison
 from ipmclab.comparison.display import metric_label, quantity_of
+from ipmclab.comparison.factors import FACTORS
 from ipmclab.comparison.metric_model import Effect, MetricModel
 from ipmclab.comparison.mixed import RESIDUAL
 from ipmclab.comparison.table import RunRow, table_csv, write_csv
@@ -191,9 +192,10 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
             (
                 one.sample or "–",
                 one.signal,
+                _under(one.conditions),
                 with_unit(one.free_displacement, DISPLACEMENT),
                 with_unit(one.blocked_force, FORCE),
-                f"{plain(1e6 * one.work)} uJ",
+                f"{plain(1e6 * one.work)} µJ",
                 "–" if one.work_density is None else f"{plain(one.work_density)} J/m³",
                 "–" if one.efficiency is None else f"{plain(1e6 * one.efficiency)} × 10⁻⁶",
             )
@@ -203,6 +205,7 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
             (
                 one.sample or "–",
                 one.channel,
+                _under(one.conditions),
                 len(one.frequency),
                 "–" if one.bandwidth is None else f"{plain(one.bandwidth)} Hz",
             )
@@ -217,6 +220,11 @@ def comparison_html(comparison: Comparison, *, posterior: Posterior | None = Non
         unread=comparison.unread,
         command=command,
     )
+
+
+def _under(conditions: Mapping[str, float]) -> str:
+    """Conditions as people read them; a dash where none is known."""
+    return ", ".join(with_unit(value, FACTORS[name].quantity, trim=True) for name, value in conditions.items()) or "–"
 
 
 def _link(text: str) -> str:
