@@ -133,6 +133,11 @@ def test_what_is_remarked() -> None:
     assert not any("wider range" in remark for remark in planned(signal="step 1 V", actuator="friend-2").remarks)
 
 
+def test_who_changes_the_strip_is_told_which() -> None:
+    asked = {step.name: step.question.text for step in planned(weigh=True).steps if step.question is not None}
+    assert all(asked[name].startswith("strip-1: ") for name in ("hydrate", "weigh", "clamp"))
+
+
 def test_answers_are_known_beforehand() -> None:
     plan = planned()
     assert unanswered(plan, {"hydrate": "done"}) == ["clamp", "zero", "preload"]

@@ -319,16 +319,17 @@ def prepare(name: str, experiment: Experiment, rig: Rig, visit: Visit | None = N
     if name in CHAMBER:
         return _chamber_step(name, experiment, rig, visit)
     force = "force" in experiment.measured
+    strip = f"{experiment.sample.id}: "  # in a campaign another one than that of the step before
     if name == "hydrate":
         text = "the strip in its solvent between experiments; then take it out and tap it dry with tissue"
-        return PlannedStep(name, text, question=Question.of_an_act(name, text), actions=("rest",))
+        return PlannedStep(name, text, question=Question.of_an_act(name, strip + text), actions=("rest",))
     if name == "clamp":
         at = f" at {experiment.clamp_pressure / 1e3:g} kPa" if experiment.clamp_pressure is not None else ""
         text = f"clamp the strip{at}; 'kept' if it has stayed in the clamp since its last run"
-        return PlannedStep(name, text, question=Question.of_an_act(name, text, "kept"), actions=("rest",))
+        return PlannedStep(name, text, question=Question.of_an_act(name, strip + text, "kept"), actions=("rest",))
     if name == "weigh":
         text = "weigh the strip, tapped dry; type its mass, or 'skip' to go without it"
-        question = Question(name, text, ("skip",), "skip", quantity=MASS, example="131 mg")
+        question = Question(name, strip + text, ("skip",), "skip", quantity=MASS, example="131 mg")
         return PlannedStep(name, text, question=question)
     if name == "zero":
         seconds = experiment.zero_time
