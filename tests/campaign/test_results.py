@@ -206,4 +206,7 @@ def test_what_was_found_in_runs_that_count_is_told_once_for_each_kind(made):
     _, results = results_of(*made)
     found = [replace(one, findings=("slip",) if one.run.part == "displacement" else ()) for one in results]
     assert list(_findings(by_repeat(found))) == ["slip: displacement, 20 degC, 80 %RH, step 1 V (2 runs)"]
+    worded = [replace(one, said={"slip": f"it slips by {one.run.planned.repeat} mm"}) for one in found]
+    told = list(_findings(by_repeat(worded)))
+    assert told == ["it slips by 1 mm, or alike (slip): displacement, 20 degC, 80 %RH, step 1 V (2 runs)"]
     assert not list(_findings(by_repeat(results)))  # a baseline without a voltage is no finding

@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 from ipmclab.campaign.blocks import BASELINE, Block, CampaignRun
 from ipmclab.destination import replacing
 from ipmclab.errors import InputError
+from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, measure
 from ipmclab.run import Run
 from ipmclab.store.run_file import read_run
@@ -37,6 +38,8 @@ class RunResult:
     findings : tuple of str
         Codes of what was found, the worse ones.
     metrics : tuple of Metric
+    said : mapping of str to str, optional
+        What each finding says of the run, by its code.
     baseline : str, optional
         Id of the run without voltage whose drift was taken from the displacement.
     of_drift : mapping of (channel, name) to float [SI], optional
@@ -49,6 +52,7 @@ class RunResult:
     verdict: str
     findings: tuple[str, ...]
     metrics: tuple[Metric, ...]
+    said: Mapping[str, str] = field(default_factory=dict)
     baseline: str = ""
     of_drift: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
@@ -132,7 +136,10 @@ def read_results(
                 continue
             raise
         codes = tuple(dict.fromkeys(one["code"] for one in told["findings"] if one["severity"] != "info"))
-        found.append(RunResult(run, record, told["path"], told["verdict"], codes, measure(record)))
+        findings = check(record)
+        said = {one.code: one.message for one in findings}
+        metrics = measure(record, findings)
+        found.append(RunResult(run, record, told["path"], told["verdict"], codes, metrics, said))
     return tuple(found)
 
 

@@ -239,16 +239,20 @@ def _facts(facts: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
 def _findings(ours: Sequence[Repeated]) -> Iterator[str]:
     """What was found in the runs that count: each code once, with the runs that have it."""
     codes: dict[str, list[str]] = {}
+    said: dict[str, dict[str, None]] = {}
     for kind in ours:
         for result in kind.results:
             for code in result.findings:
                 if (kind.label, code) == (BASELINE, NO_EXCITATION):  # it is what a baseline is
                     continue
                 codes.setdefault(code, []).append(f"{kind.part}, {kind.condition}, {kind.label}")
+                said.setdefault(code, {})[result.said.get(code, "")] = None
     for code, runs in codes.items():
         counts = Counter(runs)
         listed = [name if count == 1 else f"{name} ({count} runs)" for name, count in counts.items()]
-        yield f"{code}: {'; '.join(listed)}"
+        first, *others = [text for text in said[code] if text] or [""]
+        words = f"{first}{', or alike' if others else ''} ({code})" if first else code
+        yield f"{words}: {'; '.join(listed)}"
 
 
 def _curls(ours: Sequence[Repeated]) -> Iterator[tuple[str, str]]:
