@@ -36,6 +36,7 @@ def result(signal, measured="displacement", condition="room", repeat=1, verdict=
     record = replace(clean, **{one: None for one in ("displacement", "force") if one != measured})
     run = SimpleNamespace(
         sample="strip-1",
+        part=measured,
         measured=measured,
         condition=condition,
         label=str(signal),

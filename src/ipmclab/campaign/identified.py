@@ -131,10 +131,10 @@ class SampleModel:
 
 
 def label_of(result: RunResult) -> str:
-    """A run as people call it within its sample."""
+    """A run as people call it within its sample: its signal, with the experiment."""
     run = result.run
     repeat = f", repeat {run.planned.repeat}" if run.planned.repeat > 1 else ""
-    return f"{run.label} ({run.measured}{repeat})"
+    return f"{run.label} ({run.part}{repeat})"
 
 
 def choose_runs(results: Sequence[RunResult], strip: Actuator) -> tuple[Choice, ...]:
