@@ -9,7 +9,7 @@ from ipmclab.cli.output import read
 from ipmclab.cli.published import Comparison
 from ipmclab.data import published_measurements
 from ipmclab.model import Actuator
-from ipmclab.prediction.headline import BACK_RELAXATION_FROM
+from ipmclab.prediction.headline import BACK_RELAXATION_FROM, DURATION
 from ipmclab.procedure.two_sets import two_sets
 from ipmclab.units import CURRENT, FORCE, LENGTH, MASS, MODULUS
 
@@ -99,7 +99,9 @@ def _other_set() -> str:
         f"{read(script.sine, LENGTH, digits=2)}, where {measured['sine', 'max_displacement']} were measured and the "
         f"tables give {read(tables.sine, LENGTH, digits=2)}. "
         "Section 5.2 says of its own simulation that the maxima of the step correspond and that the sine is predicted "
-        "far too large: so the script does, and the tables do not. With the modulus in the comment of the script, "
+        "far too large: so the script does, and the tables do not. Section 6.3 says that it stays constant after its "
+        f"maximum: neither does; up to {DURATION:g} s the displacement rises by another {100.0 * tables.drift:.0f} % "
+        f"and {100.0 * script.drift:.0f} %. With the modulus in the comment of the script, "
         f"{read(soft.modulus, MODULUS)}, the force is {read(soft.force, FORCE, digits=2)} "
         f"({measured['step', 'max_force']} measured). The script calls its numbers values to start an estimation from. "
         "That they meet the displacement suggests, and does not prove, that the conflict between force and "
