@@ -12,6 +12,31 @@ from pathlib import Path
 
 import pytest
 
+UNSEEN = (
+    # Playwright's own list, which an argument of the same name takes the place of
+    "AvoidUnnecessaryBeforeUnloadCheckSync",
+    "DestroyProfileOnBrowserClose",
+    "HttpsUpgrades",
+    "HttpsFirstBalancedModeAutoEnable",
+    "LensOverlay",
+    "MediaRouter",
+    "PaintHolding",
+    "ThirdPartyStoragePartitioning",
+    "AvoidCorsURLLoaderRestartOnRedirect",
+    "TcpPortRandomizationWin",
+    "OptimizationHints",
+    "NetworkTimeServiceQuerying",
+    "AimEnabled",
+    "PreconnectToSearch",
+    # The address bar's list of proposals, two pages of Chromium's own that each window loads: a third of what it costs
+    # to open one
+    "WebUIOmniboxPopup",
+    "WebUIOmniboxAimPopup",
+    # A process for the next page, should there be one
+    "SpareRendererForSitePerProcess",
+)
+"""What Chromium does beside the page that a test looks at, and is kept from."""
+
 LONG = 180_000
 """Milliseconds that a machine may take over what a worker or a recorder does: one that is busy takes long."""
 
@@ -41,7 +66,8 @@ def chromium(require: Callable[[str, object], None]) -> Iterator[object]:
     program = shutil.which("chromium")
     require("chromium", program)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
+        arguments = ["--no-sandbox", "--disable-gpu", f"--disable-features={','.join(UNSEEN)}"]
+        browser = playwright.chromium.launch(executable_path=program, args=arguments)
         yield browser
         browser.close()
 
