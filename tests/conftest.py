@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests import bytecode, profiles
+from tests.collecting import Collecting
 from tests.witness import Witness
 from tests.workers import pytest_collection_modifyitems as pytest_collection_modifyitems
 from tests.workers import pytest_runtest_setup as pytest_runtest_setup
@@ -64,6 +65,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.pluginmanager.register(RealTime(), "real-time")
+    # Not hooks of this file, which would see only what lies below it.
+    config.pluginmanager.register(Collecting(), "collecting")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,33 @@
+"""How the suite is collected, which each worker does for itself: nothing is looked at in vain."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Generator, Sequence
+from pathlib import Path
+
+import pytest
+
+
+class Collecting:
+    """Looks for examples only in files that have some, and takes nothing for garbage meanwhile."""
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collection(self) -> Generator[None, object, object]:
+        """All that is made while tests are collected stays: a collector would look through it again and again."""
+        gc.disable()
+        try:
+            return (yield)
+        finally:
+            gc.enable()
+            gc.freeze()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(
+        self, file_path: Path
+    ) -> Generator[None, Sequence[pytest.Collector], Sequence[pytest.Collector]]:
+        """Of a file without examples its tests alone: most modules have none, and would be imported to see that."""
+        found = yield
+        if file_path.suffix != ".py" or b">>>" in file_path.read_bytes():
+            return found
+        return [one for one in found if type(one) is pytest.Module]
