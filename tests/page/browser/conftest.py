@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,9 @@ UNSEEN = (
     "SpareRendererForSitePerProcess",
 )
 """What Chromium does beside the page that a test looks at, and is kept from."""
+
+LOOK = 50
+"""Milliseconds between two looks at what a test waits for; else a browser draws 60 frames a second to look in each."""
 
 LONG = 180_000
 """Milliseconds that a machine may take over what a worker or a recorder does: one that is busy takes long."""
@@ -79,6 +83,7 @@ def opening(chromium) -> Iterator[Callable[..., object]]:
     faults: list[str] = []
 
     def watch(page) -> None:
+        page.wait_for_function = partial(page.wait_for_function, polling=LOOK)
         page.on("pageerror", lambda error: faults.append(f"error: {error}"))
         page.on("request", lambda request: _local(request.url) or faults.append(f"asked elsewhere: {request.url}"))
 
