@@ -84,6 +84,29 @@ def test_a_baseline_takes_out_the_curl() -> None:
     assert row_of(run, drift=drift).baseline == drift.name
 
 
+def test_a_strip_that_curls_ever_more_slowly() -> None:
+    """As sample 1 in room air: 19 um/s at first, 7 um/s after 6 min. A run counts from its own place on that course."""
+    time, noise = np.arange(0.0, 360.0, 0.1), np.random.default_rng(2)
+
+    def course(since: float, response: float, **about: object) -> Run:
+        rows = time if not response else time[time <= 40.0]
+        moved = 7e-3 * (1.0 - np.exp(-(since + rows) / 360.0)) - 7e-3 * (1.0 - np.exp(-since / 360.0))
+        voltage = np.where(rows >= 2.0, response, 0.0)
+        metadata = RunMetadata(sample=Sample("s1"), **about)  # type: ignore[arg-type]
+        moved = moved + 1e-3 * voltage + 1e-6 * noise.normal(size=len(rows))
+        return Run.from_arrays(time=rows, voltage=voltage, displacement=moved, metadata=metadata)
+
+    drift = drift_of(course(0.0, 0.0, mounting_id="m1", recorded_at="2026-01-01T10:00:00+00:00"))
+    assert drift is not None
+    for since, mounting in ((0.0, "m2"), (360.0, "m1"), (0.0, None), (180.0, None)):
+        run = course(since, 1.0, mounting_id=mounting, recorded_at="2026-01-01T10:07:00+00:00")
+        largest = metric(run, "largest", "displacement", drift=drift.during(run.metadata))
+        assert largest.interval is not None
+        assert largest.interval[0] < 1e-3 < largest.interval[1], (since, mounting)
+        if mounting:
+            assert largest.value == pytest.approx(1e-3, rel=0.1)
+
+
 def test_the_baseline_of_the_mounting_that_came_last_before_the_run_counts() -> None:
     def baseline(mounting: str, when: str) -> Run:
         return replace(curling(1e-6, 0.0, mounting_id=mounting, recorded_at=when), file=f"{mounting}-{when}.nc")

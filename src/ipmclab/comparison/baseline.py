@@ -1,7 +1,8 @@
 """The curl of a strip without voltage, and a run without it.
 
 In room air a strip curls while it dries (Friend: 2 mm in 6 minutes). A record at 0 V of the same strip shows how fast;
-along a straight line, that is taken from the displacement of its runs.
+along a straight line, that is taken from the displacement of its runs. It curls ever more slowly: a run that was
+clamped anew begins as wet as the baseline did, one in the same clamping goes on where the baseline ended.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ _WETTER: Final = 6.0
 
 _BLOCKS: Final = 10
 """Pieces of a baseline whose own rates tell how straight its curl is."""
+
+_STRETCH: Final = 40.0
+"""At the beginning and at the end of a baseline [s]: as long as a run (Friend, appendix A.2)."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Drift:
     ----------
     rate : float [m/s]
     standard_error : float [m/s]
-        By noise, and by how the curl leaves a straight line.
+        By noise, and by how far the rate changes along the baseline.
     name : str
         Of the baseline run.
     sample, mounting : str, optional
@@ -88,6 +92,8 @@ class Drift:
         Empty where it is not known.
     air : Air
         Around the strip meanwhile.
+    first, last : pair of float [m/s], optional
+        Rate and standard error in the first and in the last stretch of it; None where it is too short.
     """
 
     rate: float
@@ -97,6 +103,27 @@ class Drift:
     mounting: str | None = None
     recorded_at: str = ""
     air: Air = Air()
+    first: tuple[float, float] | None = None
+    last: tuple[float, float] | None = None
+
+    def during(self, about: RunMetadata) -> Drift:
+        """The drift that a run has: that of the baseline's beginning where it was clamped anew, of its end after it.
+
+        Where nobody knows which, it is the whole baseline's.
+
+        Examples
+        --------
+        >>> drift = Drift(2e-6, 1e-6, "baseline.nc", mounting="a", first=(3e-6, 1e-7), last=(1e-6, 1e-7))
+        >>> from ipmclab.run import RunMetadata
+        >>> [drift.during(RunMetadata(mounting_id=one)).rate for one in ("a", "b", None)]
+        [1e-06, 3e-06, 2e-06]
+        """
+        if self.mounting is None or about.mounting_id is None:
+            return self
+        is_anew = about.mounting_id != self.mounting
+        after = _moment(self.recorded_at) <= _moment(about.recorded_at or "")
+        part = self.first if is_anew else self.last if after else None
+        return self if part is None else replace(self, rate=part[0], standard_error=part[1])
 
 
 def is_baseline(run: Run) -> bool:
@@ -127,22 +154,39 @@ def drift_of(run: Run) -> Drift | None:
         return None
     time, values = run.time[there], run.displacement[there]
     rate, error = _line(time, values)
-    pieces = [
-        _line(part, read)[0]
-        for part, read in zip(np.array_split(time, _BLOCKS), np.array_split(values, _BLOCKS), strict=True)
-        if len(part) >= 2 and np.ptp(part) > 0.0
-    ]
-    bent = float(np.std(pieces, ddof=1)) / math.sqrt(len(pieces)) if len(pieces) > 2 else 0.0
+    parts = zip(np.array_split(time, _BLOCKS), np.array_split(values, _BLOCKS), strict=True)
+    pieces = [_line(part, read) for part, read in parts if len(part) >= 2 and np.ptp(part) > 0.0]
+    if len(pieces) > 2:
+        rates, errors = np.array(pieces).T
+        spread = float(np.var(rates, ddof=1))
+        # A straight curl has pieces that differ by noise alone; what they differ by beyond it, a run may have too.
+        bent = max(spread - float(np.mean(errors**2)), 0.0)
+        error = math.hypot(max(error, math.sqrt(spread / len(pieces))), math.sqrt(bent))
     sample = run.metadata.sample
     return Drift(
         rate=rate,
-        standard_error=max(error, bent),
+        standard_error=error,
         name=run.name or "baseline",
         sample=None if sample is None else sample.id,
         mounting=run.metadata.mounting_id,
         recorded_at=run.metadata.recorded_at or "",
         air=air_of(run),
+        first=_stretch(time, values),
+        last=_stretch(time[-1] - time[::-1], -values[::-1]),
     )
+
+
+def _stretch(time: FloatArray, values: FloatArray) -> tuple[float, float] | None:
+    """The rate in the first stretch of a record, and its standard error; None where there are not two of them.
+
+    Another run begins somewhat earlier or later: half of what the rate changes by until the next stretch counts too.
+    """
+    since = time - time[0]
+    ends = np.searchsorted(since, [_STRETCH, 2.0 * _STRETCH])
+    if since[-1] < 2.0 * _STRETCH or min(ends[0], ends[1] - ends[0]) < _FEWEST:
+        return None
+    (rate, error), (following, _) = (_line(time[i:k], values[i:k]) for i, k in ((0, ends[0]), (ends[0], ends[1])))
+    return rate, math.hypot(error, 0.5 * (rate - following))
 
 
 def _line(time: FloatArray, values: FloatArray) -> tuple[float, float]:

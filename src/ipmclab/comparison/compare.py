@@ -284,7 +284,8 @@ class _Reader:
             air = air_of(run)
             drift = baseline_for(run.metadata, self._drifts, air)
             self._taken[run.name] = run.metadata, air, drift
-        return row_of(run, strip=self.strips.get(sample), drift=drift)
+        during = None if drift is None else drift.during(run.metadata)
+        return row_of(run, strip=self.strips.get(sample), drift=during)
 
     def _corrected(self, one: Run | str | os.PathLike[str], name: str) -> RunRow | None:
         """The row of a run for which another baseline counts, now that all are known; None where the same one does.
