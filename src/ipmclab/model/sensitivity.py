@@ -39,21 +39,47 @@ _MOST_EXPONENTIALS: Final = 4096
 class Sensitivities:
     """Outputs and their derivatives, in SI units.
 
+    Every derivative of an output is a sum of the same few courses over time, each times a number. Who needs sums of
+    derivatives adds those numbers first, and goes over the rows once.
+
     Parameters
     ----------
     values : float array, shape (n_outputs, n_time)
-    parameters : float array, shape (n_outputs, n_time, n_names)
-        By each named parameter.
-    states : float array, shape (n_outputs, n_time, n_states)
-        By each initial state, in the order of ``actuator.state_names``.
-    delay : float array, shape (n_outputs, n_time)
-        By the delay. Where an edge falls on a row, the jump of the reading itself has no derivative and is left out.
+    courses : float array, shape (1 or n_outputs, n_courses, n_time)
+        Those of all outputs, or of each its own.
+    by_parameters : float array, shape (n_outputs, n_names, n_first)
+        How much of the first courses, or of all, is in the derivative by each named parameter.
+    by_states : float array, shape (n_outputs, n_states, n_first)
+        In that by each initial state, in the order of ``actuator.state_names``.
+    by_delay : float array, shape (n_outputs, n_courses)
+        In that by the delay. Where an edge falls on a row, the jump of the reading itself has no derivative and is
+        left out.
     """
 
     values: FloatArray
-    parameters: FloatArray
-    states: FloatArray
-    delay: FloatArray
+    courses: FloatArray
+    by_parameters: FloatArray
+    by_states: FloatArray
+    by_delay: FloatArray
+
+    @cached_property
+    def parameters(self) -> FloatArray:
+        """Derivatives by each named parameter, shape (n_outputs, n_time, n_names)."""
+        return (self.by_parameters @ self.courses[:, : self.by_parameters.shape[2]]).transpose(0, 2, 1)
+
+    @cached_property
+    def states(self) -> FloatArray:
+        """Derivatives by each initial state, shape (n_outputs, n_time, n_states)."""
+        return (self.by_states @ self.courses[:, : self.by_states.shape[2]]).transpose(0, 2, 1)
+
+    @cached_property
+    def delay(self) -> FloatArray:
+        """Derivatives by the delay, shape (n_outputs, n_time)."""
+        return (self.by_delay[:, None] @ self.courses)[:, 0]
+
+    def summed(self, weights: FloatArray, row: int, out: FloatArray) -> None:
+        """Write sums of the first courses of an output, shape (n_sums, n_time), by how much of each is in each sum."""
+        np.matmul(weights, self.courses[row if len(self.courses) > 1 else 0, : weights.shape[1]], out=out)
 
 
 def sensitivities(
@@ -120,11 +146,10 @@ def sensitivities(
             point.system, point.stepped, point.moves_over(line.durations), line, state[seen], len(times), asked
         )
     if len(seen) < len(state):
-        states = np.zeros((*found.values.shape, len(state)))
-        states[:, :, seen] = found.states
-        found = replace(found, states=states)
-    _before_laser(found, actuator, names, [OUTPUTS[place] for place in chosen])
-    return found
+        by_states = np.zeros((len(found.values), len(state), found.by_states.shape[2]))
+        by_states[:, seen] = found.by_states
+        found = replace(found, by_states=by_states)
+    return _before_laser(found, actuator, names, [OUTPUTS[place] for place in chosen])
 
 
 class Kept:
@@ -235,18 +260,26 @@ class _Point:
         return self.moves[key]
 
 
-def _before_laser(found: Sensitivities, actuator: Actuator, names: Sequence[str], outputs: Sequence[str]) -> None:
-    """Put what a laser reads in place of the displacement, where the strip stands before one, and its derivatives."""
-    if not actuator.structure.laser:
-        return
-    for row in (row for row, name in enumerate(outputs) if name == "displacement"):
-        reading = Laser().reading(found.values[row], actuator.parameter_values)
-        found.values[row] = reading.values
-        found.delay[row] *= reading.by_displacement
-        for slopes in (found.parameters, found.states):
-            slopes[row] *= reading.by_displacement[:, None]
-        for place in (place for place, name in enumerate(names) if name == "geometry.sensing_length"):
-            found.parameters[row, :, place] += reading.by_sensing_length
+def _before_laser(
+    found: Sensitivities, actuator: Actuator, names: Sequence[str], outputs: Sequence[str]
+) -> Sensitivities:
+    """With what a laser reads in place of the displacement, where the strip stands before one, and its derivatives."""
+    if not actuator.structure.laser or "displacement" not in outputs:
+        return found
+    row = outputs.index("displacement")
+    reading = Laser().reading(found.values[row], actuator.parameter_values)
+    found.values[row] = reading.values
+    courses = np.zeros((len(outputs), 1 + found.courses.shape[1], found.values.shape[1]))
+    courses[:, 1:] = found.courses
+    courses[row, 1:] *= reading.by_displacement
+    courses[row, 0] = reading.by_sensing_length
+    by_parameters, by_states, by_delay = (
+        np.concatenate([np.zeros_like(by[..., :1]), by], axis=-1)
+        for by in (found.by_parameters, widened(found.by_states, found.courses.shape[1]), found.by_delay)
+    )
+    for place in (place for place, name in enumerate(names) if name == "geometry.sensing_length"):
+        by_parameters[row, place, 0] = 1.0
+    return Sensitivities(found.values, courses, by_parameters, by_states, by_delay)
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,24 +326,27 @@ def _by_modes(point: _Point, line: Timeline, state: FloatArray, asked: Collectio
     if point.modes is None:
         return None
     system, at = point.system, point.moves_over(line.durations).at
-    parameters, states = modal_tangents(point.modes, line, state, by_states="states" in asked)
+    courses, by_parameters, by_states = modal_tangents(point.modes, line, state, by_states="states" in asked)
     # The outputs themselves are those of every other way, to the last digit; for them alone it is as fast.
     values = np.empty((len(system.c), len(line.reading)))
     step = np.concatenate([at[1][..., None], at[2][..., None], at[0]], axis=-1)
     kernels.dense(step, np.hstack([system.d, system.c]), line.course, state.copy(), values)
-    by_delay = np.zeros_like(values)
+    by_delay = np.zeros((len(values), len(courses)))
     if "delay" in asked:
-        _delay(system, at[:2], line, by_delay)
-    return Sensitivities(values, parameters, states, by_delay)
+        courses = np.concatenate([courses, _delay(system, at[:2], line)])
+        by_delay = np.hstack([by_delay, np.eye(len(values))])
+    return Sensitivities(values, courses[None], by_parameters, by_states, by_delay)
 
 
-def _delay(system: System, move: Sequence[FloatArray], line: Timeline, by_delay: FloatArray) -> None:
-    """Write the derivative by the delay; of the move, what it does to a state and to a constant voltage."""
+def _delay(system: System, move: Sequence[FloatArray], line: Timeline) -> FloatArray:
+    """The derivative of the outputs by the delay; of the move, what it does to a state and to a constant voltage."""
     from ipmclab.model.numerics import kernels
 
     moving: list[Any] = [line.interval, line.rate, line.jump, line.read_before_jump, line.row, line.reading_rate]
     matrices: list[Any] = [np.ascontiguousarray(one) for one in (*move, system.b[:, 0], system.c, system.d[:, 0])]
+    by_delay = np.zeros((len(system.c), len(line.reading)))
     kernels.dense_delay(*[*matrices[:2], *moving, *matrices[2:], by_delay])
+    return by_delay
 
 
 def _linear(
@@ -332,17 +368,20 @@ def _linear(
     tangents = np.hstack([np.zeros((n, count)), np.eye(n)[:, :by_states]])
     values = np.empty((len(c), rows))
     derivatives = np.empty((len(c), rows, count + by_states))
-    by_delay = np.zeros_like(values)
     along: list[Any] = [*moves.at[:3], *moves.by[:3], line.interval, line.start, line.end, line.row, line.reading]
     kernels.dense_tangents(*[*along, c, d, d_c, d_d, state, tangents, values, derivatives])
-    if "delay" in asked:
-        _delay(system, moves.at[:2], line, by_delay)
-    return Sensitivities(
-        values=values,
-        parameters=derivatives[:, :, :count],
-        states=derivatives[:, :, count:] if by_states else np.zeros((*values.shape, n)),
-        delay=by_delay,
-    )
+    by_delay = _delay(system, moves.at[:2], line) if "delay" in asked else np.zeros_like(values)
+    return _each(values, np.concatenate([derivatives, by_delay[..., None]], axis=2), count, n, asked)
+
+
+def _each(
+    values: FloatArray, derivatives: FloatArray, count: int, states: int, asked: Collection[str]
+) -> Sensitivities:
+    """Of derivatives by parameters, initial states where asked, and delay, shape (n_outputs, n_time, n_columns)."""
+    alone = np.broadcast_to(np.eye(derivatives.shape[2]), (len(values), *[derivatives.shape[2]] * 2))
+    by_states = alone[:, count:-1] if "states" in asked else np.zeros((len(values), states, 0))
+    by_delay = alone[:, -1] if "delay" in asked else np.zeros_like(alone[:, -1])
+    return Sensitivities(values, derivatives.transpose(0, 2, 1), alone[:, :count, :count], by_states, by_delay)
 
 
 def _with_laws(
@@ -371,7 +410,7 @@ def _with_laws(
         law_end=_side_by_side(moves.by[4], columns),
         outputs=_side_by_side(_slopes(read[1:], read[0].shape), columns),
         ports=_side_by_side(_slopes(seen[1:], seen[0].shape), columns),
-        coefficients=_widened(_slopes(coefficients[1:], laws.coefficients.shape), columns),
+        coefficients=widened(_slopes(coefficients[1:], laws.coefficients.shape), columns),
     )
     constant, slope = moves.at[1][..., None], moves.at[2][..., None]
     steps = Steps(np.concatenate([constant, slope, moves.at[0], moves.at[3]], axis=-1), moves.at[4], laws.drop)
@@ -386,16 +425,11 @@ def _with_laws(
             steps, readings, table, by, line.course, later, np.ascontiguousarray(state), tangents, values, derivatives
         )
     )
-    return Sensitivities(
-        values=values,
-        parameters=derivatives[:, :, :count],
-        states=derivatives[:, :, count:-1] if by_states else np.zeros((*values.shape, n)),
-        delay=derivatives[:, :, -1] if "delay" in asked else np.zeros_like(values),
-    )
+    return _each(values, derivatives, count, n, asked)
 
 
-def _widened(by: FloatArray, columns: int) -> FloatArray:
-    """Derivatives by parameters along the last axis, and 0 for initial states and delay behind them."""
+def widened(by: FloatArray, columns: int) -> FloatArray:
+    """The same with a longer last axis, 0 behind what is there."""
     wide = np.zeros((*by.shape[:-1], columns))
     wide[..., : by.shape[-1]] = by
     return wide
@@ -403,5 +437,5 @@ def _widened(by: FloatArray, columns: int) -> FloatArray:
 
 def _side_by_side(by: FloatArray, columns: int) -> FloatArray:
     """Derivatives of a matrix, shape (..., rows, entries, n_parameters), as (..., entries, rows * columns)."""
-    wide = np.moveaxis(_widened(by, columns), -3, -2)
+    wide = np.moveaxis(widened(by, columns), -3, -2)
     return np.ascontiguousarray(wide).reshape(*wide.shape[:-2], -1)

@@ -106,7 +106,7 @@ def test_a_response_and_its_slope_against_a_convolution() -> None:
     poles = np.array([-30.0, -0.7])
     state, slope = np.empty((2, 61)), np.empty((2, 61))
     kind = np.arange(60)
-    pole_response(steps, kind, start, end, poles, state, slope)
+    pole_response(steps, kind, start, end, poles, np.empty(0, np.int64), state, slope)
     knots = np.concatenate([[0], np.cumsum(steps)])
     for row, pole in enumerate(poles):
         total = 0.0
@@ -117,7 +117,7 @@ def test_a_response_and_its_slope_against_a_convolution() -> None:
         assert state[row, -1] == pytest.approx(total, abs=1e-7)
         moved = [np.empty((1, 61)) for _ in range(4)]
         for sign, keep in ((1, moved[:2]), (-1, moved[2:])):
-            pole_response(steps, kind, start, end, np.array([pole * (1 + sign * 1e-6)]), *keep)
+            pole_response(steps, kind, start, end, np.array([pole * (1 + sign * 1e-6)]), np.empty(0, np.int64), *keep)
         assert slope[row, -1] == pytest.approx((moved[0][0, -1] - moved[2][0, -1]) / (2e-6 * pole), rel=1e-5, abs=1e-9)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,8 @@ import numpy.typing as npt
 from ipmclab.identification.problem.kernels import pole_response
 
 FloatArray = npt.NDArray[np.float64]
+
+_EVERY: Final = np.empty(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +33,13 @@ class Drive:
 
 def responses(drive: Drive, poles: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Response to the drive of 1/(s - pole) and its derivative with respect to the pole, shape (n_pole, n_time)."""
-    state = np.empty((len(poles), len(drive.kind) + 1))
+    state = np.empty((len(poles), len(drive.present)))
     slope = np.empty_like(state)
-    pole_response(drive.durations, drive.kind, drive.start, drive.end, poles, state, slope)
-    if drive.rows is None:
-        return state, slope
-    return state[:, drive.rows], slope[:, drive.rows]
+    respond(drive, poles, state, slope)
+    return state, slope
+
+
+def respond(drive: Drive, poles: FloatArray, state: FloatArray, slope: FloatArray) -> None:
+    """Write the same where it is wanted."""
+    rows = _EVERY if drive.rows is None else drive.rows
+    pole_response(drive.durations, drive.kind, drive.start, drive.end, poles, rows, state, slope)

@@ -55,6 +55,7 @@ def pole_response(
     start: FloatArray,
     end: FloatArray,
     poles: FloatArray,
+    rows: IndexArray,
     state: FloatArray,
     slope: FloatArray,
 ) -> None:
@@ -69,24 +70,33 @@ def pole_response(
     start, end : float array, shape (n_step,)
         The input at both ends of each step; straight between them.
     poles : float array, shape (n_pole,) [1/s]
-    state, slope : float array, shape (n_pole, n_step + 1)
+    rows : int array, shape (n_row,)
+        The ends of steps that are wanted, ascending, 0 the begin of the first one; empty where all are.
+    state, slope : float array, shape (n_pole, n_row)
         Where the response and its derivative are written.
     """
     weights = np.empty((len(durations), 6))
+    every = len(rows) == 0
+    wanted = state.shape[1]
     for j in range(len(poles)):
         for m in range(len(durations)):
             decay, first, second, first_slope, second_slope = ramp_weights(durations[m], poles[j])
             weights[m, 0], weights[m, 1], weights[m, 2] = decay, first, second
             weights[m, 3], weights[m, 4], weights[m, 5] = durations[m] * decay, first_slope, second_slope
         x = dx = 0.0
-        state[j, 0] = slope[j, 0] = 0.0
+        row = 0
+        if every or rows[0] == 0:
+            state[j, 0] = slope[j, 0] = 0.0
+            row = 1
         for k in range(len(kind)):
             m = kind[k]
             # In this order only one product and one sum wait for the step before.
             dx = weights[m, 0] * dx + (weights[m, 3] * x + (weights[m, 4] * start[k] + weights[m, 5] * end[k]))
             x = weights[m, 0] * x + (weights[m, 1] * start[k] + weights[m, 2] * end[k])
-            state[j, k + 1] = x
-            slope[j, k + 1] = dx
+            if row < wanted and (every or rows[row] == k + 1):
+                state[j, row] = x
+                slope[j, row] = dx
+                row += 1
 
 
 @kernel

@@ -16,9 +16,10 @@ from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.means import in_means
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.record import LEAST_NOISE, PreparedRun
-from ipmclab.identification.problem.response import Responder, Response
+from ipmclab.identification.problem.response import Responder
 from ipmclab.identification.problem.unknowns import WATER, Unknown
 from ipmclab.model.environment import sorption
+from ipmclab.model.sensitivity import Sensitivities, widened
 from ipmclab.progress import tick
 
 FloatArray = npt.NDArray[np.float64]
@@ -81,7 +82,10 @@ class Evaluation:
             factor = np.zeros_like(products)
         if factor.diagonal().min() > WELL_APART:
             return np.asarray(factor.T * size)
-        found = np.linalg.qr(self.rows.T, mode="r")
+        from scipy.linalg.lapack import dgeqrf
+
+        # The rows lie as LAPACK wants them: NumPy's function would turn them twice, in four times the time.
+        found = np.triu(dgeqrf(self.rows.T)[0][: len(self.rows)])
         products[: len(found)], products[len(found) :] = found, 0.0
         return products
 
@@ -345,7 +349,7 @@ class Problem:
 
     def _response(
         self, record: PreparedRun, values: Mapping[str, float], theta: FloatArray, names: Sequence[str]
-    ) -> Response:
+    ) -> Sensitivities:
         start = self.start(theta, record.place)
         return self.responder.respond(record, values, names, self.delay(theta, record), start)
 
@@ -372,11 +376,14 @@ class Problem:
             sigma = self.noise[record.place, output]
             place = rows[:, self.pieces[record.place, output]]
             found = place if reading.complete else np.empty((len(rows), len(reading.values)))
-            np.matmul(chains / sigma, response.parameters[row].T, out=found[:-1])
-            if own.starts:
-                found[own.starts] = response.states[row].T / sigma
-            for column, unknown in own.delays:
-                found[column] = response.delay[row] * (unknown.scale / sigma)
+            weights = chains @ response.by_parameters[row]
+            if own.starts or own.delays:
+                weights = widened(weights, response.courses.shape[1])
+                by_states = response.by_states[row]
+                weights[own.starts, : by_states.shape[1]] = by_states
+                for column, unknown in own.delays:
+                    weights[column] = response.by_delay[row] * unknown.scale
+            response.summed(weights / sigma, row, found[:-1])
             for column, added in own.sensors[output]:
                 found[column] = added / sigma
             found[-1] = self._away(record, output, theta, response.values[row]) / sigma

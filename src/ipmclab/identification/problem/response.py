@@ -3,40 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.admittance import Admittance, Elements, admittance, capacitor_voltages
-from ipmclab.identification.problem.drive import Drive, responses
+from ipmclab.identification.problem.drive import respond
 from ipmclab.identification.problem.record import PreparedRun, drive, model_hold
 from ipmclab.model import Actuator
-from ipmclab.model.sensitivity import Kept, sensitivities
+from ipmclab.model.sensitivity import Kept, Sensitivities, sensitivities
 from ipmclab.model.stages.circuit import CONTACT, Circuit
 
 FloatArray = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """One run's outputs and their derivatives, in SI units.
-
-    Parameters
-    ----------
-    values : float array, shape (n_output, n_time)
-    parameters : float array, shape (n_output, n_time, n_name)
-    states : float array, shape (n_output, n_time, n_amplitude)
-        For the starting amplitudes of this responder.
-    delay : float array, shape (n_output, n_time)
-        For the delay of the run's edges, where that is free.
-    """
-
-    values: FloatArray
-    parameters: FloatArray
-    states: FloatArray
-    delay: FloatArray
 
 
 class Responder(Protocol):
@@ -56,8 +36,8 @@ class Responder(Protocol):
 
     def respond(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
-    ) -> Response:
-        """The outputs of one run, in the order of its readings."""
+    ) -> Sensitivities:
+        """The outputs of one run, in the order of its readings; its states are the amplitudes of its start."""
 
 
 def lumped(branches: int, values: Mapping[str, float], series: float = 0.0) -> Elements:
@@ -102,7 +82,7 @@ class CircuitResponder:
         # The latest answers are kept: runs share their circuit, and a point is often asked again for other names.
         self._seen: dict[object, tuple[Admittance, FloatArray]] = {}
         self._chains: dict[object, FloatArray] = {}
-        self._moved: dict[int, tuple[object, tuple[Drive, FloatArray, FloatArray]]] = {}
+        self._moved: dict[int, tuple[object, FloatArray]] = {}
 
     def _circuit(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str]
@@ -120,13 +100,16 @@ class CircuitResponder:
         seen, derivatives = self._seen[behind]
         return seen, derivatives @ self._chains[asked]
 
-    def _responses(self, record: PreparedRun, poles: FloatArray, delay: float) -> tuple[Drive, FloatArray, FloatArray]:
+    def _courses(self, record: PreparedRun, poles: FloatArray, delay: float) -> FloatArray:
+        """The voltage as it is read, what each pole answers to it, and the slopes of that by the pole."""
         key = (poles.tobytes(), delay, record.start)
         kept = self._moved.get(record.place)
         if kept is None or kept[0] != key:
             given = drive(record, delay)
-            kept = key, (given, *responses(given, poles))
-            self._moved[record.place] = kept
+            courses = np.empty((1 + 2 * len(poles), len(given.present)))
+            courses[0] = given.present
+            respond(given, poles, courses[1 : 1 + len(poles)], courses[1 + len(poles) :])
+            kept = self._moved[record.place] = key, courses
         return kept[1]
 
     def for_means(self) -> CircuitResponder:
@@ -149,29 +132,26 @@ class CircuitResponder:
 
     def respond(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
-    ) -> Response:
+    ) -> Sensitivities:
         """Current and its derivatives."""
         seen, derivatives = self._circuit(record, values, names)
-        given, state, slope = self._responses(record, seen.poles, delay)
-        current = seen.direct * given.present + seen.residues @ state
-        by_pole = seen.residues[:, None] * slope
-        by_delay = np.zeros_like(current)
-        if record.delay_is_free:
-            # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
-            by_delay -= seen.residues @ (seen.poles[:, None] * state + given.present)
-        decay = np.zeros((self.branches, 0))
+        courses, count = self._courses(record, seen.poles, delay), self.branches
+        into = np.concatenate([[seen.direct], seen.residues, np.zeros(count)])
+        by_names = derivatives.T.copy()
+        by_names[:, 1 + count :] *= seen.residues
+        # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
+        by_delay = np.concatenate([[-seen.residues.sum()], -seen.residues * seen.poles, np.zeros(count)])
+        by_start = np.zeros((0, 1 + 2 * count))
         if record.start == "free":
-            free = start if len(start) else np.zeros(self.branches)
+            free = start if len(start) else np.zeros(count)
             since = record.run.time - record.run.time[0]
             decay = np.exp(np.outer(seen.poles, since))
-            current += free @ decay
-            by_pole += free[:, None] * since * decay
-            if record.delay_is_free:
-                by_delay += record.run.voltage[0] * (seen.residues @ decay)
-        by_coefficient = np.concatenate([given.present[None, :], state, by_pole])
-        # A row for each name, in which the least squares runs fastest.
-        by_name = derivatives.T @ by_coefficient
-        return Response(current[None], by_name.T[None], decay.T[None], by_delay[None])
+            courses = np.concatenate([courses, decay, since * decay])
+            into = np.concatenate([into, free, np.zeros(count)])
+            by_names = np.hstack([by_names, np.zeros((len(names), count)), derivatives[1 + count :].T * free])
+            by_delay = np.concatenate([by_delay, record.run.voltage[0] * seen.residues, np.zeros(count)])
+            by_start = np.eye(len(courses))[1 + 2 * count : 1 + 3 * count]
+        return Sensitivities((into @ courses)[None], courses[None], by_names[None], by_start[None], by_delay[None])
 
 
 class ActuatorResponder:
@@ -231,14 +211,13 @@ class ActuatorResponder:
 
     def respond(
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
-    ) -> Response:
+    ) -> Sensitivities:
         """Outputs and their derivatives."""
         basis = self._bases.get(record.place)
         state = None if basis is None else basis @ start if len(start) else np.zeros(len(basis))
         asked = [*(["states"] if basis is not None else []), *(["delay"] if record.delay_is_free else [])]
         found = self._sensitivities(record, values, names, delay, state, asked=asked)
-        states = found.states @ basis if basis is not None else found.states[:, :, :0]
-        return Response(found.values, found.parameters, states, found.delay)
+        return replace(found, by_states=found.by_states[:, :0] if basis is None else basis.T @ found.by_states)
 
     def _sensitivities(
         self,
@@ -249,11 +228,10 @@ class ActuatorResponder:
         state: FloatArray | None,
         *,
         asked: Collection[str],
-    ) -> Response:
-
+    ) -> Sensitivities:
         if self._kept is None:
             self._kept = Kept(by_rows=self._of_means)
-        found = sensitivities(
+        return sensitivities(
             self._at(values, record.series_resistance),
             tuple(names),
             record.run.time,
@@ -265,7 +243,6 @@ class ActuatorResponder:
             asked=asked,
             kept=self._kept,
         )
-        return Response(found.values, found.parameters, found.states, found.delay)
 
     def _at(self, values: Mapping[str, float], series_resistance: float) -> Actuator:
         """The actuator with some parameters; the latest is kept, which runs share."""

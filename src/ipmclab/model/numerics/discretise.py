@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -54,8 +54,6 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     -------
     transition : Transition, leading axes (n_systems, n_durations)
     """
-    from scipy.linalg import matrix_balance
-
     n = len(systems[0].states)
     inputs = [
         system.b if (ports := system.law_ports) is None else np.hstack([system.b, ports.drive]) for system in systems
@@ -64,7 +62,7 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
     steps = np.asarray(durations, dtype=np.float64)
     # Displacement and velocity differ by the natural frequency: scaled alike, the exponential
     # needs fewer squarings. The scales are powers of two, which cost no digit.
-    scales = matrix_balance(systems[0].a.real, permute=False, separate=True)[1][0]
+    _, scales = balanced(systems[0].a.real)
     kind = np.result_type(*(system.a for system in systems), *inputs)
     # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a
     # constant 1 (V, N or A) and, times t, the response to a slope that reaches 1 at t.
@@ -96,6 +94,16 @@ def transitions(systems: Sequence[System], durations: npt.ArrayLike) -> Transiti
         law_begin=held[..., given:] - ramped[..., given:],
         law_end=ramped[..., given:],
     )
+
+
+def balanced(matrix: Matrix) -> tuple[Any, Any]:
+    """A real matrix whose rows and columns have been scaled alike by powers of two, and these (LAPACK's dgebal)."""
+    from scipy.linalg.lapack import dgebal
+
+    if not matrix.size:
+        return matrix, np.ones(len(matrix))
+    found, _, _, scales, _ = dgebal(matrix, scale=1, permute=0)
+    return found, scales
 
 
 def _exponentials(matrices: Matrix) -> Matrix:

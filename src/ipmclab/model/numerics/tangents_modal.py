@@ -9,12 +9,12 @@ answers and slopes, however many parameters there are. An initial state does as 
 
 from __future__ import annotations
 
-import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.numerics.discretise import balanced
 from ipmclab.model.numerics.timeline import Timeline
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,11 +22,6 @@ ComplexArray = npt.NDArray[np.complex128]
 
 LOST: Final = 1e-10
 """Part of a derivative that rounding may take, as poles lie close together, before another way must answer."""
-
-_SERIES: Final = 0.5
-_TERMS: Final = 16  # 0.5^16/16! is below 1e-18
-_WEIGHTS: Final = {order: [1 / math.factorial(k + order) for k in range(_TERMS, -1, -1)] for order in (1, 2)}
-_SLOPE_WEIGHTS: Final = {order: [k / math.factorial(k + order) for k in range(_TERMS, 0, -1)] for order in (1, 2)}
 
 
 class Slopes(NamedTuple):
@@ -78,27 +73,25 @@ class Modes(NamedTuple):
     @classmethod
     def of(cls, slopes: Slopes) -> Modes | None:
         """The modes; None where the poles lie too close together for digits to be left."""
-        from scipy.linalg import matrix_balance
-
         if not slopes.a.size or not np.all(np.isfinite(slopes.a)):
             return None
-        balanced, (scales, _) = matrix_balance(slopes.a, permute=False, separate=True)
+        balance, scales = balanced(slopes.a)
         try:
-            poles, right = np.linalg.eig(balanced)
+            poles, right = np.linalg.eig(balance)
         except np.linalg.LinAlgError:
             return None
         apart = poles[:, None] - poles
         np.fill_diagonal(apart, np.inf)
         # Poles and eigenvectors are as sure as rounding of the whole matrix leaves them.
         nearest = np.minimum(np.abs(apart).min(axis=0), np.abs(poles))
-        unsure = np.finfo(float).eps * np.linalg.norm(balanced) / np.maximum(nearest, np.finfo(float).tiny)
+        unsure = np.finfo(float).eps * np.linalg.norm(balance) / np.maximum(nearest, np.finfo(float).tiny)
         if not np.linalg.cond(right) * unsure.max() < LOST:
             return None
         left = np.linalg.inv(right)
         # These must be the modes of this very matrix, entry by entry: a small one may be all that drives a force.
-        size = np.minimum(np.linalg.norm(balanced, axis=1)[:, None], np.linalg.norm(balanced, axis=0))
-        wrong = np.abs((right * poles) @ left - balanced)
-        if np.any(wrong > LOST * np.where(balanced != 0.0, np.abs(balanced), size)):
+        size = np.minimum(np.linalg.norm(balance, axis=1)[:, None], np.linalg.norm(balance, axis=0))
+        wrong = np.abs((right * poles) @ left - balance)
+        if np.any(wrong > LOST * np.where(balance != 0.0, np.abs(balance), size)):
             return None
         right, left = scales[:, None] * right, left / scales
         change = left @ slopes.d_a @ right
@@ -118,18 +111,18 @@ class Modes(NamedTuple):
 
         Returns
         -------
-        weights : complex array, shape (n_outputs, 2 n, n_parameters)
+        weights : complex array, shape (n_outputs, n_parameters, 2 n)
         """
         own = self.read * driven
         by = self.d_read * driven + self.read * (self.mixed @ driven + d_driven)[:, None, :]
         by -= (self.read @ self.mixed) * driven
-        return np.concatenate([by, own * self.moved[:, None, :]], axis=2).transpose(1, 2, 0)
+        return np.concatenate([by, own * self.moved[:, None, :]], axis=2).transpose(1, 0, 2)
 
 
 def modal_tangents(
     modes: Modes, line: Timeline, state: FloatArray, *, by_states: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the outputs over a time line.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Derivatives of the outputs over a time line, as sums of what the poles answer.
 
     Parameters
     ----------
@@ -142,81 +135,57 @@ def modal_tangents(
 
     Returns
     -------
-    parameters : float array, shape (n_outputs, n_time, n_parameters)
-    states : float array, shape (n_outputs, n_time, n)
+    courses : float array, shape (n_courses, n_time)
+        The voltage as it is read, what the poles answer, and the slopes of that.
+    by_parameters : float array, shape (n_outputs, n_parameters, n_first)
+        How much of the first of them, or of all, is in the derivative by each parameter.
+    by_initial : float array, shape (n_outputs, n, n_first)
+        In that by each initial state.
     """
     given = modes.slopes
     kept = np.flatnonzero(modes.poles.imag >= 0.0)  # the other of a pair answers the conjugate
-    rows, n = len(line.reading), len(modes.poles)
-    is_pair = modes.poles[kept].imag > 0.0
+    n, outputs = len(modes.poles), len(given.c)
+    is_pair = np.tile(modes.poles[kept].imag > 0.0, 2)
     times = np.where(is_pair, 2.0, 1.0)
+
+    def of_kept(weights: ComplexArray) -> list[FloatArray]:
+        """By real and imaginary parts of the answers; without those that are 0."""
+        return [weights.real, -weights.imag[..., is_pair]]
+
+    def by_drive(drive: FloatArray, d_drive: FloatArray) -> list[FloatArray]:
+        weights = modes.weights(modes.left @ drive, d_drive @ modes.left.T)
+        return of_kept(weights[..., np.concatenate([kept, n + kept])] * times)
+
     voltage = _answers(modes.poles[kept], line, 0.0)
-    drives = [(voltage, given.b, given.d_b)]
+    courses = [line.reading[None], voltage.real, voltage.imag[is_pair]]
+    by_parameters = [given.d_d.T[:, :, None], *by_drive(given.b, given.d_b)]
+    by_initial = [np.zeros((outputs, n, 0))]
     moves = bool(np.any(state))
     if moves or by_states:
         free = _answers(modes.poles[kept], line, 1.0)
-    if moves:  # at rest it stays out of the sum below: with more terms, though they are 0, that rounds otherwise
-        drives.append((free, state, np.zeros((len(given.d_b), n))))
-    columns: list[FloatArray] = [line.reading[:, None]]
-    weights: list[FloatArray] = [given.d_d.T[:, None, :]]
-    for answers, drive, d_drive in drives:
-        of_all = modes.weights(modes.left @ drive, d_drive @ modes.left.T)
-        of_kept = of_all[:, np.concatenate([kept, n + kept])] * np.tile(times, 2)[:, None]
-        columns += [answers.real, answers.imag[:, np.tile(is_pair, 2)]]
-        weights += [of_kept.real, -of_kept.imag[:, np.tile(is_pair, 2)]]
-    parameters = np.hstack(columns) @ np.concatenate(weights, axis=1)
-    states = np.zeros((len(given.c), rows, n))
+        courses += [free.real, free.imag[is_pair]]
+    if moves:  # at rest it stays out of the sum: with more terms, though they are 0, that rounds otherwise
+        by_parameters += by_drive(state, np.zeros((len(given.d_b), n)))
     if by_states:
-        sees = modes.read[:, kept, None] * modes.left[kept] * times[:, None]
-        states = free.real[:, : len(kept)] @ sees.real - free.imag[:, : len(kept)] @ sees.imag
-    return parameters, states
+        sees = np.zeros((outputs, n, 2 * len(kept)), dtype=np.complex128)
+        seen = modes.read[:, kept, None] * modes.left[kept] * times[: len(kept), None]
+        sees[..., : len(kept)] = seen.transpose(0, 2, 1)
+        by_initial = [np.zeros((outputs, n, sum(len(one) for one in courses[:3]))), *of_kept(sees)]
+    return np.concatenate(courses), np.concatenate(by_parameters, axis=2), np.concatenate(by_initial, axis=2)
 
 
 def _answers(poles: ComplexArray, line: Timeline, first: float) -> ComplexArray:
-    """What each pole answers at each row, and its slope by the pole, shape (n_time, 2 n_poles).
+    """What each pole answers at each row, and its slope by the pole, shape (2 n_poles, n_time).
 
     Parameters
     ----------
     first : float
         0: from rest to the voltage; 1: from 1, without a voltage.
     """
-    from ipmclab.model.numerics.tangents_modal_loop import pole_answers
+    from ipmclab.model.numerics.tangents_modal_loop import pole_answers, pole_moves
 
-    answers = np.empty((len(line.reading), 2 * len(poles)), dtype=np.complex128)
-    moves: list[Any] = [*_moves(poles, line.durations, driven=1.0 - first)]
-    pole_answers(*moves, *[line.interval, line.start, line.end, line.row, first, answers])
+    moves = np.empty((6, len(line.durations), len(poles)), dtype=np.complex128)
+    pole_moves(poles, line.durations, 1.0 - first, moves)
+    answers = np.empty((2 * len(poles), len(line.reading)), dtype=np.complex128)
+    pole_answers(moves, line.interval, line.start, line.end, line.row, first, answers)
     return answers
-
-
-def _moves(poles: ComplexArray, durations: FloatArray, driven: float) -> tuple[npt.NDArray[Any], ...]:
-    """What an interval of each kind does to an answer, each of shape (n_kinds, n_poles).
-
-    ``s+ = decay s + held u0 + ramped (u1 - u0)``; then the derivatives of these three by the pole.
-    """
-    length = durations[:, None]
-    x = poles * length
-    small = np.abs(x) < _SERIES
-    safe = np.where(small, 1.0, x)
-    decay = np.exp(x)
-    # (e^x - 1)/x and (e^x - 1 - x)/x^2, and their derivatives
-    first = np.where(small, _series(x, 1), (decay - 1.0) / safe)
-    second = np.where(small, _series(x, 2), (first - 1.0) / safe)
-    d_first = np.where(small, _series(x, 1, slope=True), (decay - first) / safe)
-    d_second = np.where(small, _series(x, 2, slope=True), (d_first - second) / safe)
-    square = driven * length * length
-    return (
-        decay,
-        driven * length * first,
-        driven * length * second,
-        length * decay,
-        square * d_first,
-        square * d_second,
-    )
-
-
-def _series(x: ComplexArray, order: int, *, slope: bool = False) -> ComplexArray:
-    """The sum of x^k/(k + order)!, or its derivative."""
-    found = np.zeros_like(x)
-    for weight in _SLOPE_WEIGHTS[order] if slope else _WEIGHTS[order]:
-        found = found * x + weight
-    return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,14 +14,58 @@ ComplexArray = npt.NDArray[np.complex128]
 IndexArray = npt.NDArray[np.int64]
 
 
+_SERIES = 0.5
+_TERMS = 16  # 0.5^16/16! is below 1e-18
+
+
+@kernel
+def series(x: complex, order: int) -> tuple[complex, complex]:
+    """The sum of x^k/(k + order)!, and its derivative."""
+    term = 1.0 + 0j
+    for k in range(2, order + 1):
+        term /= k
+    total, slope = term, 0j
+    for k in range(1, _TERMS + 1):
+        slope += term * (k / (k + order))
+        term *= x / (k + order)
+        total += term
+    return total, slope
+
+
+@kernel
+def pole_moves(poles: ComplexArray, durations: FloatArray, driven: float, moves: ComplexArray) -> None:
+    """What an interval of each kind does to an answer: ``s+ = decay s + held u0 + ramped (u1 - u0)``.
+
+    Parameters
+    ----------
+    poles : complex array, shape (n_poles,) [1/s]
+    durations : float array, shape (n_kinds,) [s]
+    driven : float
+        1 with a voltage, 0 without one.
+    moves : complex array, shape (6, n_kinds, n_poles)
+        Written: decay, held and ramped, then the derivatives of the three by the pole.
+    """
+    for m in range(len(durations)):
+        length = durations[m]
+        square = driven * length * length
+        for j in range(len(poles)):
+            x = poles[j] * length
+            decay = cmath.exp(x)
+            if abs(x) < _SERIES:
+                first, d_first = series(x, 1)
+                second, d_second = series(x, 2)
+            else:  # (e^x - 1)/x and (e^x - 1 - x)/x^2, and their derivatives
+                first = (decay - 1.0) / x
+                second = (first - 1.0) / x
+                d_first = (decay - first) / x
+                d_second = (d_first - second) / x
+            moves[0, m, j], moves[1, m, j], moves[2, m, j] = decay, driven * length * first, driven * length * second
+            moves[3, m, j], moves[4, m, j], moves[5, m, j] = length * decay, square * d_first, square * d_second
+
+
 @kernel
 def pole_answers(
-    decay: ComplexArray,
-    held: ComplexArray,
-    ramped: ComplexArray,
-    d_decay: ComplexArray,
-    d_held: ComplexArray,
-    d_ramped: ComplexArray,
+    moves: ComplexArray,
     interval: IndexArray,
     start: FloatArray,
     end: FloatArray,
@@ -31,23 +77,24 @@ def pole_answers(
 
     Parameters
     ----------
-    decay, held, ramped, d_decay, d_held, d_ramped : complex arrays, shape (n_kinds, n_poles)
-        ``s+ = decay s + held u0 + ramped (u1 - u0)``, and the derivatives of the three by the pole.
+    moves : complex array, shape (6, n_kinds, n_poles)
+        As ``pole_moves`` writes them.
     interval, start, end, row : arrays
         As in ``kernels.dense_tangents``.
     first : float
         The answer before the first interval.
-    answers : complex array, shape (n_time, 2 n_poles)
+    answers : complex array, shape (2 n_poles, n_time)
         Written: the answers, then their slopes.
     """
+    decay, held, ramped, d_decay, d_held, d_ramped = moves[0], moves[1], moves[2], moves[3], moves[4], moves[5]
     n = decay.shape[1]
     s, slope = np.full(n, first + 0j), np.zeros(n, np.complex128)
     for i in range(row.shape[0]):
         k = row[i]
         if k >= 0:
             for j in range(n):
-                answers[k, j] = s[j]
-                answers[k, n + j] = slope[j]
+                answers[j, k] = s[j]
+                answers[n + j, k] = slope[j]
         if i < interval.shape[0]:
             m = interval[i]
             u, du = start[i], end[i] - start[i]
