@@ -100,6 +100,41 @@ def pole_response(
 
 
 @kernel
+def shifted_levels(
+    levels: FloatArray, whole: int, first: int, between: bool, kind: IndexArray, level: FloatArray, rows: IndexArray
+) -> None:
+    """What a voltage that is held over each row is between rows and edges that lie beside them.
+
+    Parameters
+    ----------
+    levels : float array, shape (n_row + 1,)
+        Before the first edge, then since each.
+    whole : int
+        How many rows the edges lie behind theirs, rounded down.
+    first : int
+        The row at which the input begins.
+    between : bool
+        Whether the edges lie between rows: then each row is two steps, before and after its edge, else one.
+    kind, level : arrays, shape (n_step,)
+        Written.
+    rows : int array, shape (n_row,)
+        Written: the knot of each row.
+    """
+    last = len(levels) - 1
+    parts = 2 if between else 1
+    for k in range(len(kind) // parts):
+        before = min(max(first + k - whole, 0), last)
+        after = min(max(first + k - whole + 1, 0), last)
+        if between:
+            kind[2 * k], kind[2 * k + 1] = 0, 1
+            level[2 * k], level[2 * k + 1] = levels[before], levels[after]
+        else:
+            kind[k], level[k] = 0, levels[after]
+    for row in range(len(rows)):
+        rows[row] = parts * (row - first)
+
+
+@kernel
 def pole_values(
     durations: FloatArray, kind: IndexArray, start: FloatArray, end: FloatArray, poles: FloatArray, state: FloatArray
 ) -> None:

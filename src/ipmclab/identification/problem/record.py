@@ -17,6 +17,7 @@ import numpy.typing as npt
 from ipmclab.fit.observation import Start
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.drive import Drive
+from ipmclab.identification.problem.kernels import shifted_levels
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable
@@ -313,18 +314,14 @@ def _shifted(voltage: FloatArray, step: float, delay: float, *, from_rest: bool)
     part = rows - whole
     # The input begins with the first edge where that comes before the record; a given state begins at row 0.
     first = min(whole, 0) if from_rest else 0
-    row = np.arange(first, len(voltage))
+    between = part >= 1e-9
     levels = np.concatenate([[0.0 if from_rest else voltage[0]], voltage])
-    before, after = (levels[np.clip(row - whole + k, 0, len(voltage))] for k in (0, 1))
-    if part < 1e-9:
-        kind = np.zeros(len(row) - 1, dtype=np.int64)
-        return Drive(
-            np.array([step]), kind, after[:-1], after[:-1], after[-len(voltage) :], row[-len(voltage) :] - first
-        )
-    level = np.column_stack([before[:-1], after[:-1]]).ravel()
-    kind = np.tile(np.array([0, 1]), len(row) - 1)
-    durations = np.array([part * step, (1.0 - part) * step])
-    return Drive(durations, kind, level, level, before[-len(voltage) :], 2 * (row[-len(voltage) :] - first))
+    steps = (len(voltage) - 1 - first) * (2 if between else 1)
+    kind, level, knots = np.empty(steps, np.int64), np.empty(steps), np.empty(len(voltage), np.intp)
+    shifted_levels(levels, whole, first, between, kind, level, knots)
+    read = np.clip(np.arange(len(voltage)) - whole + (0 if between else 1), 0, len(voltage))
+    durations = np.array([part * step, (1.0 - part) * step] if between else [step])
+    return Drive(durations, kind, level, level, levels[read], knots)
 
 
 def model_hold(record: PreparedRun) -> Hold:

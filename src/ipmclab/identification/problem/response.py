@@ -58,13 +58,11 @@ def lumped_derivatives(branches: int, values: Mapping[str, Any], names: Sequence
     """
     if not names:
         return np.zeros((2 + 2 * branches, 0))
-    steps = 1e-30 * np.maximum(np.abs(np.stack([values[name] for name in names], axis=-1)), 1e-12)
+    given = np.stack([values[name] for name in names], axis=-1)
+    steps = 1e-30 * np.maximum(np.abs(given), 1e-12)
     # All steps at once: each parameter is an array that has moved in its own column only.
-    moved: dict[str, Any] = dict(values)
-    for column, name in enumerate(names):
-        moved[name] = np.zeros(steps.shape, dtype=np.complex128)
-        moved[name] += np.asarray(values[name])[..., None]
-        moved[name][..., column] += 1j * steps[..., column]
+    each = given[..., None] + 1j * np.eye(len(names)) * steps[..., None]
+    moved = {**values, **{name: each[..., column, :] for column, name in enumerate(names)}}
     parts = Circuit(branches).elements(moved)
     elements = np.empty((*steps.shape[:-1], 2 + 2 * branches, len(names)), dtype=np.complex128)
     for row, element in enumerate([parts.series, parts.dc, *parts.branch_resistances, *parts.branch_capacitances]):

@@ -195,9 +195,9 @@ class Tied:
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian of the others."""
         whole = self._problem.evaluate(self.full(theta))
-        rows = whole.rows.copy()
-        rows[self._free] -= rows[self._tied]
-        return Evaluation(np.delete(rows, self._tied, axis=0), whole.beforehand)
+        rows = np.delete(whole.rows, self._tied, axis=0)
+        rows[self._free - (self._free > self._tied)] -= whole.rows[self._tied]
+        return Evaluation(rows, whole.beforehand)
 
     def errors(self, there: Solution) -> FloatArray:
         """Standard error of each entry of the whole problem at a minimum of this one."""
