@@ -22,6 +22,21 @@ Less is rounding, of either sign. The root is the part of a singular value at wh
 
 
 @kernel
+def continued(coefficients: FloatArray, before: FloatArray, driven: FloatArray) -> FloatArray:
+    """An autoregression that is driven, after some values of it, the latest first."""
+    order = len(coefficients)
+    found = np.empty(order + len(driven))
+    for k in range(order):
+        found[k] = before[order - 1 - k]
+    for k in range(len(driven)):
+        value = driven[k]
+        for j in range(order):
+            value += coefficients[j] * found[order + k - 1 - j]
+        found[order + k] = value
+    return found[order:]
+
+
+@kernel
 def whiten(
     columns: FloatArray,
     steps: IndexArray,

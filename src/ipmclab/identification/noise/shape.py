@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.identification.noise.kernels import continued
 from ipmclab.statespace.terms import Terms, autoregression
 
 FloatArray = npt.NDArray[np.float64]
@@ -62,7 +63,7 @@ def spread_by(columns: FloatArray, steps: npt.NDArray[np.int64], shape: Shape) -
     if order:
         coefficients, covariances = autoregression(np.tanh(shape.entries[:order]))
         found[:order] = covariances[:count]
-        found[order:] = _goes_on(coefficients, covariances[::-1], np.zeros(max(count - order, 0)))
+        found[order:] = continued(coefficients, covariances[::-1], np.zeros(max(count - order, 0)))
         found[0] += np.exp(2.0 * shape.entries[-1]) if shape.terms.white else 0.0
     else:
         found[0] = 1.0
@@ -95,7 +96,7 @@ def structure(shape: Shape, lags: Sequence[int]) -> FloatArray:
     if order:
         coefficients, first = autoregression(np.tanh(shape.entries[:order]))
         covariances[:order] = first
-        covariances[order:] = _goes_on(coefficients, first[::-1], np.zeros(max(longest - order, 0)))
+        covariances[order:] = continued(coefficients, first[::-1], np.zeros(max(longest - order, 0)))
         covariances[0] += np.exp(2.0 * shape.entries[-1]) if shape.terms.white else 0.0
     walk = np.exp(2.0 * shape.entries[order]) if shape.terms.walk else 0.0
     steps = np.array(lags)
@@ -123,7 +124,7 @@ def drawn(shape: Shape, steps: npt.NDArray[np.int64], generator: np.random.Gener
         coefficients, covariances = autoregression(np.tanh(shape.entries[:order]))
         apart = np.abs(np.arange(order)[:, None] - np.arange(order))
         before = np.linalg.cholesky(covariances[apart]) @ generator.standard_normal(order)
-        found = _goes_on(coefficients, before, found)
+        found = continued(coefficients, before, found)
         if shape.terms.white:
             found = found + np.exp(shape.entries[-1]) * generator.standard_normal(count)
     if shape.terms.walk:
@@ -131,11 +132,3 @@ def drawn(shape: Shape, steps: npt.NDArray[np.int64], generator: np.random.Gener
         walked[0] = 0.0
         found = found + np.cumsum(walked)
     return np.asarray(np.sqrt(shape.variance) * found[places])
-
-
-def _goes_on(coefficients: FloatArray, before: FloatArray, driven: FloatArray) -> FloatArray:
-    """An autoregression that is driven, after some values of it, the latest first."""
-    from scipy.signal import lfilter, lfiltic
-
-    denominator = np.concatenate([[1.0], -coefficients])
-    return np.asarray(lfilter([1.0], denominator, driven, zi=lfiltic([1.0], denominator, before))[0])
