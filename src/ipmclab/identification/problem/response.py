@@ -134,7 +134,7 @@ class CircuitResponder:
         """Current and its derivatives."""
         seen, derivatives = self._circuit(record, values, names)
         courses, count = self._courses(record, seen.poles, delay), self.branches
-        into = np.concatenate([[seen.direct], seen.residues, np.zeros(count)])
+        current = seen.direct * courses[0] + seen.residues @ courses[1 : 1 + count]
         by_names = derivatives.T.copy()
         by_names[:, 1 + count :] *= seen.residues
         # A response shifts with its edges, dx/dd = -dx/dt, but not with the start of a record that was not at rest.
@@ -144,12 +144,12 @@ class CircuitResponder:
             free = start if len(start) else np.zeros(count)
             since = record.run.time - record.run.time[0]
             decay = np.exp(np.outer(seen.poles, since))
+            current += free @ decay
             courses = np.concatenate([courses, decay, since * decay])
-            into = np.concatenate([into, free, np.zeros(count)])
             by_names = np.hstack([by_names, np.zeros((len(names), count)), derivatives[1 + count :].T * free])
             by_delay = np.concatenate([by_delay, record.run.voltage[0] * seen.residues, np.zeros(count)])
             by_start = np.eye(len(courses))[1 + 2 * count : 1 + 3 * count]
-        return Sensitivities((into @ courses)[None], courses[None], by_names[None], by_start[None], by_delay[None])
+        return Sensitivities(current[None], courses[None], by_names[None], by_start[None], by_delay[None])
 
 
 class ActuatorResponder:
