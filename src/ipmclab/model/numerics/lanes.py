@@ -16,6 +16,7 @@ from ipmclab.model.assemble import System
 from ipmclab.model.numerics import lanes_loop
 from ipmclab.model.numerics.cascade import Wiring
 from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.discretise import balanced
 from ipmclab.model.numerics.lanes_loop import ENTRY, NONE, ONE, WIDTH
 from ipmclab.run import Hold
 
@@ -172,10 +173,8 @@ def _pattern(system: System, like: System, *, with_end: bool) -> npt.NDArray[np.
 
 def _transition(system: System, like: System, period: float, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
     """E, b0 and b1 of each system, shapes (n_sets, n, n) and twice (n_sets, n, 1)."""
-    from scipy.linalg import matrix_balance
-
     sets, n = len(system.a), system.a.shape[-1]
-    scales = matrix_balance(like.a, permute=False, separate=True)[1][0] if n else np.ones(0)
+    _, scales = balanced(like.a)
     size = np.abs(like.b / scales[:, None]).max(initial=0.0)
     level = float(np.exp2(np.round(np.log2(size)))) if size > 0.0 else 1.0
     # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a constant 1 V
