@@ -64,7 +64,7 @@ class Tree:
         """Run pytest until something fails or the time is over [s]."""
         shutil.rmtree(self._cache, ignore_errors=True)
         log = self.folder / ".log"
-        options = ["-x", "-v", "--no-header", "--tb=no", *arguments]
+        options = ["-x", "-v", "-n0", "--no-header", "--tb=no", *arguments]
         start = time.monotonic()
         process = _SERVER.Process(target=_run_pytest, args=(self.folder, log, options))
         process.start()
