@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ipmclab
+from ipmclab.cli.identifiable import print_profiles
 from ipmclab.fit.fit_file import read_fit
 from tests.cli.conftest import Command
 
@@ -63,6 +65,29 @@ def test_what_current_alone_leaves_open_is_never_a_number(command: Command, step
     assert "Correlation of the estimates" not in page
     assert "any positive value" not in page
     assert "Every value within the interval of" in page
+
+
+def test_a_profile_is_told_where_it_ends_elsewhere_than_its_interval(capsys: pytest.CaptureFixture[str]) -> None:
+    """A tenth of the interval's width is no other end; what is open on a side is told by the other."""
+    ends = {
+        "circuit.dc_resistivity": ((1.02, 1.98), (False, False)),
+        SHEET: ((0.8, 2.0), (False, False)),
+        "coupling.p1": ((1.0, 3.0), (True, False)),
+        "coupling.gain": ((0.1, 9.0), (True, True)),
+    }
+    known = SimpleNamespace(determined=True, interval=(1.0, 2.0))
+    fit = SimpleNamespace(
+        actuator=ipmclab.load_actuator("friend-2"),
+        practical=None,
+        profiles={name: SimpleNamespace(interval=one, is_open=is_open) for name, (one, is_open) in ends.items()},
+        parameters=dict.fromkeys(ends, known),
+    )
+    print_profiles(fit)  # type: ignore[arg-type]
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith("The profile of the likelihood ends elsewhere than the 95 % interval: ")
+    assert f": {SHEET} 0.8 to 2 ohm/sq; coupling.p1 below 3 " in said
+    assert "dc_resistivity" not in said
+    assert "gain" not in said
 
 
 def test_profiles_are_in_the_file_and_in_the_report(command: Command, step: Path) -> None:
