@@ -393,8 +393,8 @@ def _with_laws(
     rows: int,
     asked: Collection[str],
 ) -> Sensitivities:
-    from ipmclab.model.numerics.dense_laws_loop import LawTable, Readings, Steps
-    from ipmclab.model.numerics.tangents_loop import Later, Slopes, dense_laws_tangents
+    from ipmclab.model.numerics.dense_laws_loop import LawTable
+    from ipmclab.model.numerics.tangents_loop import Later, Readings, Slopes, Steps, dense_laws_tangents
 
     n, count = len(state), len(stepped)
     by_states = n if "states" in asked else 0

@@ -64,3 +64,10 @@ def kernel(function: _Function) -> _Function:
         finally:
             config.CACHE_DIR = before
     return compiled
+
+
+def part(function: _Function) -> _Function:
+    """A function that becomes a part of each kernel that calls it, and is kept with these."""
+    njit: Any = numba.njit
+    compiled: _Function = njit(error_model="numpy", nogil=True, forceinline=True)(function)
+    return compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,9 @@ from ipmclab.errors import IpmclabError
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.discretise import Transition, transitions
+
+if TYPE_CHECKING:
+    from ipmclab.model.numerics.dense_laws_loop import Columns
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -41,7 +44,7 @@ class LawNumbers:
         ``c`` and ``d`` of the ports, shapes (n_laws, n_states) and (n_laws, n_inputs).
     reach : float array, shape (n_outputs, n_laws)
     drop : float array, shape (n_kinds + 1, n_laws, n_laws) [ohm]
-        See ``dense_laws_loop.dense_laws``.
+        See ``dense_laws_loop.Columns``.
     """
 
     forms: IndexArray
@@ -78,8 +81,10 @@ class Dense:
     def __init__(self, system: System, move: Transition) -> None:
         self._read = np.hstack([system.d, system.c])
         self._step = np.concatenate([move.constant, move.slope, move.state, move.law_begin], axis=-1)
-        self._law_end = np.ascontiguousarray(move.law_end)
-        self._laws = None if system.law_ports is None else law_numbers(system, self._law_end)
+        self._inputs = len(system.inputs)
+        self._laws = None if system.law_ports is None else law_numbers(system, np.ascontiguousarray(move.law_end))
+        if self._laws is not None:
+            self._columns = _columns(self._laws, self._read, self._step, move.law_end)
 
     @classmethod
     def of(cls, system: System, durations: npt.ArrayLike) -> Dense:
@@ -103,11 +108,42 @@ class Dense:
 
             dense(self._step, self._read, course, x, outputs)
             return
-        from ipmclab.model.numerics.dense_laws_loop import LawTable, Readings, Steps, dense_laws
+        from ipmclab.model.numerics.dense_laws_loop import LawTable, dense_laws, room
 
-        steps = Steps(self._step, self._law_end, laws.drop)
-        readings = Readings(np.hstack([self._read, laws.reach]), np.hstack([laws.ports[1], laws.ports[0]]))
-        check_solved(dense_laws(steps, readings, LawTable(laws.forms, laws.coefficients), course, x, outputs))
+        table, written = LawTable(laws.forms, laws.coefficients), room(self._columns, self._inputs)
+        check_solved(dense_laws(self._columns, table, laws.drop, course, x, outputs, written))
+
+
+def _columns(laws: LawNumbers, read: FloatArray, step: FloatArray, law_end: FloatArray) -> Columns:
+    """The numbers of ``dense_laws``; arrays as in ``Dense``."""
+    from ipmclab.model.numerics.dense_laws_loop import Columns, filled
+    from ipmclab.model.numerics.law_rows_loop import law_rows
+
+    c, d = laws.ports
+    given = d.shape[1]
+
+    def as_columns(rows: FloatArray) -> FloatArray:
+        made = np.zeros((*rows.shape[:-2], rows.shape[-1], filled(rows.shape[-2])))
+        made[..., : rows.shape[-2]] = np.swapaxes(rows, -1, -2)
+        return made
+
+    def at_end(direct: FloatArray, of_state: FloatArray) -> FloatArray:
+        """What is read of the inputs at the end, and of the state there."""
+        found = of_state @ step
+        found[..., :given] += direct
+        found[..., given : 2 * given] += direct
+        return found
+
+    shown = np.concatenate([step, at_end(read[:, :given], read[:, given:])], axis=-2)
+    added = np.concatenate([law_end, read[:, given:] @ law_end + laws.reach], axis=-2)
+    return Columns(
+        step=np.concatenate([as_columns(shown), as_columns(at_end(d, c))], axis=-1),
+        end=as_columns(added),
+        drop=as_columns(laws.drop),
+        outputs=as_columns(np.hstack([read, laws.reach])),
+        ports=as_columns(np.hstack([d, c])),
+        laws=law_rows(int(laws.forms[0]), laws.coefficients),
+    )
 
 
 def check_solved(failed: int) -> None:

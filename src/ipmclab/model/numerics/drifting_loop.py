@@ -20,7 +20,7 @@ from ipmclab.model.environment.track_loop import (
 )
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
-from ipmclab.model.numerics.dense_laws_loop import AtLaws, LawTable, begin, see, was_seen, write
+from ipmclab.model.numerics.dense_laws_loop import LawTable
 from ipmclab.model.numerics.kernels import multiply
 from ipmclab.model.numerics.law_loop import solve_several
 
@@ -79,6 +79,67 @@ class Marching(NamedTuple):
     walk: FloatArray
 
 
+class _AtLaws(NamedTuple):
+    """The voltages p that laws read and the currents w that they give, for inputs that were seen; r is p + drop w."""
+
+    r: FloatArray
+    p: FloatArray
+    w: FloatArray
+    seen: FloatArray
+
+
+@kernel
+def _see(ports: FloatArray, inputs: FloatArray, i: int, x: FloatArray, now: _AtLaws) -> None:
+    """What the ports read of the inputs in row i and of the state, but for what the laws lower themselves."""
+    given = inputs.shape[1]
+    for g in range(given):
+        now.seen[g] = inputs[i, g]
+    for l in range(now.r.shape[0]):  # noqa: E741
+        total = 0.0
+        for g in range(given):
+            total += ports[l, g] * inputs[i, g]
+        for j in range(x.shape[0]):
+            total += ports[l, given + j] * x[j]
+        now.r[l] = total
+
+
+@kernel
+def _was_seen(inputs: FloatArray, i: int, now: _AtLaws) -> bool:
+    """Whether p and w already hold for the inputs in row i."""
+    same = True
+    for g in range(inputs.shape[1]):
+        same = same and inputs[i, g] == now.seen[g]
+    return same
+
+
+@kernel
+def _write(read: FloatArray, reading: FloatArray, k: int, x: FloatArray, w: FloatArray, outputs: FloatArray) -> None:
+    """The outputs of row k."""
+    given, n = reading.shape[1], x.shape[0]
+    for o in range(outputs.shape[0]):
+        total = 0.0
+        for g in range(given):
+            total += read[o, g] * reading[k, g]
+        for j in range(n):
+            total += read[o, given + j] * x[j]
+        for l in range(w.shape[0]):  # noqa: E741
+            total += read[o, given + n + l] * w[l]
+        outputs[o, k] = total
+
+
+@kernel
+def _begin(start: FloatArray, end: FloatArray, i: int, x: FloatArray, w: FloatArray, from_here: FloatArray) -> None:
+    """Inputs, their changes, state and laws as interval i begins, side by side."""
+    given, n = start.shape[1], x.shape[0]
+    for g in range(given):
+        from_here[g] = start[i, g]
+        from_here[given + g] = end[i, g] - start[i, g]
+    for j in range(n):
+        from_here[2 * given + j] = x[j]
+    for l in range(w.shape[0]):  # noqa: E741
+        from_here[2 * given + n + l] = w[l]
+
+
 @kernel
 def drifting(
     track: Track,
@@ -122,7 +183,7 @@ def drifting(
     read = reads[: shown * (seen + m)].reshape(shown, seen + m)
     ports = reads[shown * (seen + m) : reads.shape[0] - m * m].reshape(m, seen)
     lines, read_lines = no_lines(knots.moves.shape[0], moves.shape[0]), no_lines(1, reads.shape[0])
-    x, now = march.x, AtLaws(np.empty(m), march.laws[:m], march.laws[m:], np.full(given, np.nan))
+    x, now = march.x, _AtLaws(np.empty(m), march.laws[:m], march.laws[m:], np.full(given, np.nan))
     base, from_here = np.empty(n), np.empty(columns)
     i = first
     while i < count:
@@ -138,20 +199,20 @@ def drifting(
                 kind = interval[j]
                 numbers_there(panel, knots.moves[kind], walk, lines, kind, moves)
             if row[j] >= 0:
-                if m > 0 and not was_seen(reading, row[j], now):
-                    see(ports, reading, row[j], x, now)
+                if m > 0 and not _was_seen(reading, row[j], now):
+                    _see(ports, reading, row[j], x, now)
                     if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                         return j, False
-                write(read, reading, row[j], x, now.w, outputs)
-            if m > 0 and not was_seen(start, j, now):
-                see(ports, start, j, x, now)
+                _write(read, reading, row[j], x, now.w, outputs)
+            if m > 0 and not _was_seen(start, j, now):
+                _see(ports, start, j, x, now)
                 if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                     return j, False
-            begin(start, end, j, x, now.w, from_here)
+            _begin(start, end, j, x, now.w, from_here)
             multiply(step, 0, from_here, base)
             length = ends[j + 1] - ends[j]
             if m > 0:
-                see(ports, end, j, base, now)
+                _see(ports, end, j, base, now)
                 if not solve_several(forms, coefficients, drop, now.r, now.p, now.w):
                     return j, False
                 for l in range(m):  # noqa: E741
@@ -169,11 +230,11 @@ def drifting(
         go_on(track, walk, ends[last], lost, flowed, water)
         i = last
         if i == count and row[i] >= 0:
-            if m > 0 and not was_seen(reading, row[i], now):
-                see(ports, reading, row[i], x, now)
+            if m > 0 and not _was_seen(reading, row[i], now):
+                _see(ports, reading, row[i], x, now)
                 if not solve_several(forms, coefficients, within, now.r, now.p, now.w):
                     return i, False
-            write(read, reading, row[i], x, now.w, outputs)
+            _write(read, reading, row[i], x, now.w, outputs)
     return i, True
 
 

@@ -13,11 +13,44 @@ import numpy.typing as npt
 
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.course import Course
-from ipmclab.model.numerics.dense_laws_loop import LawTable, Readings, Steps
+from ipmclab.model.numerics.dense_laws_loop import LawTable
 from ipmclab.model.numerics.kernels import multiply
 from ipmclab.model.numerics.law_loop import eliminate, law, law_by_coefficients, solve_several
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class Steps(NamedTuple):
+    """What an interval of each kind does.
+
+    Parameters
+    ----------
+    step : float array, shape (n_kinds, n, 2 n_inputs + n + n_laws)
+        What makes the next state, but for what the laws give at the end: of the inputs as the interval begins, of how
+        much they change, of the state and of the laws as it begins (``discretise.Transition``, side by side).
+    law_end : float array, shape (n_kinds, n, n_laws)
+        What the laws at the end add to it.
+    drop : float array, shape (n_kinds + 1, n_laws, n_laws) [ohm]
+        By how much w at the end of an interval of each kind lowers p there; in the last place within an instant.
+    """
+
+    step: FloatArray
+    law_end: FloatArray
+    drop: FloatArray
+
+
+class Readings(NamedTuple):
+    """What is read of inputs, state and laws.
+
+    Parameters
+    ----------
+    outputs : float array, shape (n_outputs, n_inputs + n + n_laws)
+    ports : float array, shape (n_laws, n_inputs + n)
+        The voltages that the laws read, but for what they lower themselves.
+    """
+
+    outputs: FloatArray
+    ports: FloatArray
 
 
 class Slopes(NamedTuple):
