@@ -1,8 +1,9 @@
 /* What one writes by hand for many parameter sets: sixteen strips side by side in two vectors of eight doubles.
  *
  * The recursion of modal_loop.py: two modes of the circuit side by side, two chained pairs. `lanes` writes four outputs
- * of each strip, sixteen strips beside each other; `fused` writes none and keeps the sums of their squares. Compiled on
- * the spot by benchmarks/batch.py with -O3 -march=native -ffp-contract=fast, no -ffast-math.
+ * of each strip, sixteen strips beside each other; `placed` puts the outputs of each strip behind each other, turning
+ * squares of eight by eight numbers; `fused` writes none and keeps the sums of their squares. Compiled on the spot by
+ * benchmarks/batch.py with -O3 -march=native -ffp-contract=fast, no -ffast-math.
  */
 typedef double vector __attribute__((vector_size(64)));
 enum { PAIR = 2, NUMBERS = 26 };
@@ -13,6 +14,7 @@ struct batch {
     const vector *coefficients;         /* [group][number][PAIR] */
     vector *outputs;                    /* [group][row][output][PAIR] */
     vector *squares;                    /* [group][output][PAIR] */
+    double *behind;                     /* [strip][output][row] */
 };
 
 #define ROWS(WRITE)                                                                                                   \
@@ -71,6 +73,52 @@ void fused(const struct batch *restrict batch)
         s1[i] += node * node;
         s2[i] += displacement * displacement;
         s3[i] += force * force;
+    })
+#undef END
+}
+
+typedef long places __attribute__((vector_size(64)));
+typedef double loose __attribute__((vector_size(64), aligned(8)));
+enum { CHUNK = 128, EIGHT = 8 };
+
+static inline void halves(vector *r, int half, places low, places high)
+{
+    for (int k = 0; k < EIGHT; k++)
+        if (!(k & half)) {
+            const vector a = r[k], b = r[k + half];
+            r[k] = __builtin_shuffle(a, b, low);
+            r[k + half] = __builtin_shuffle(a, b, high);
+        }
+}
+
+static void spread(const vector made[CHUNK][4][PAIR], long rows, long group, long begin, const struct batch *batch)
+{
+    for (int o = 0; o < 4; o++)
+        for (int i = 0; i < PAIR; i++)
+            for (long t = 0; t < rows; t += EIGHT) { /* rows are a multiple of eight here */
+                vector r[EIGHT];
+                for (int k = 0; k < EIGHT; k++) r[k] = made[t + k][o][i];
+                halves(r, 1, (places){0, 8, 2, 10, 4, 12, 6, 14}, (places){1, 9, 3, 11, 5, 13, 7, 15});
+                halves(r, 2, (places){0, 1, 8, 9, 4, 5, 12, 13}, (places){2, 3, 10, 11, 6, 7, 14, 15});
+                halves(r, 4, (places){0, 1, 2, 3, 8, 9, 10, 11}, (places){4, 5, 6, 7, 12, 13, 14, 15});
+                double *to = batch->behind + ((group * PAIR * EIGHT + i * EIGHT) * 4 + o) * batch->n + begin + t;
+                for (int k = 0; k < EIGHT; k++) *(loose *)(to + k * 4 * batch->n) = r[k];
+            }
+}
+
+void placed(const struct batch *restrict batch)
+{
+#define END spread((const vector(*)[4][PAIR])made, batch->n % CHUNK, g, batch->n - batch->n % CHUNK, batch);              \
+    (void)s0, (void)s1, (void)s2, (void)s3;
+    vector made[CHUNK][4][PAIR];
+    ROWS({
+        vector *restrict row = &made[k % CHUNK][0][i];
+        row[0] = current;
+        row[PAIR] = node;
+        row[2 * PAIR] = displacement;
+        row[3 * PAIR] = force;
+        if (i == PAIR - 1 && k % CHUNK == CHUNK - 1)
+            spread((const vector(*)[4][PAIR])made, CHUNK, g, k - CHUNK + 1, batch);
     })
 #undef END
 }

@@ -17,7 +17,8 @@ from ipmclab.model.numerics import lanes_loop
 from ipmclab.model.numerics.cascade import Wiring
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.discretise import balanced
-from ipmclab.model.numerics.lanes_loop import ENTRY, NONE, ONE, WIDTH
+from ipmclab.model.numerics.lanes_loop import CHUNK, ENTRY, NONE, ONE
+from ipmclab.model.numerics.vectors_loop import WIDTH
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
@@ -151,7 +152,7 @@ class Lanes:
         groups[:, : self._states] = start[filled].reshape(count, WIDTH, -1).transpose(0, 2, 1)
         for place, (_, name) in enumerate(tallies):
             groups[:, first + place] = lanes_loop.TALLIES[name][1]
-        run(0, count, flat, voltage, found)
+        run(flat, voltage, np.empty((CHUNK, WIDTH)), np.empty((self._outputs, CHUNK, WIDTH)), found)
         return groups
 
 
@@ -213,7 +214,7 @@ def _made(
     source = lanes_loop.loop_source(name, entries, outputs, gathered, shared=shared)
     made: dict[str, Any] = {}
     # Numba keeps compiled code for the file that a function stands in: this one's is the file that wrote it.
-    exec(compile(source, lanes_loop.__file__, "exec"), vars(lanes_loop), made)
+    exec(compile(source, lanes_loop.__file__, "exec"), lanes_loop.WORDS, made)
     run: Callable[..., None] = kernel(made[name])
     return run
 

@@ -2,10 +2,8 @@
 
 The state of one system moves by ``z+ = A z + b u`` and reads ``y = C z + d u`` for every hold (``lanes.Lanes``). Which
 entries of these matrices are not zero, and which are one, is the same for all parameter sets of an actuator. From that
-pattern ``loop_source`` writes the loop out: one statement for each state and each output, in which every product is one
-load of a coefficient of all systems that lie side by side. A compiler turns exactly this form into vector operations:
-all in one flat array, at places that are numbers in the source, because it cannot know of two arrays that they are
-apart.
+pattern ``loop_source`` writes the loop out: one statement for each state and each output, of variables that hold a
+number of each system (``vectors_loop``). States and what is gathered stay in these from row to row.
 """
 
 from __future__ import annotations
@@ -16,30 +14,26 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.model.numerics import vectors_loop
 from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.vectors_loop import SQUARE, WIDTH, begin_of, turned
 
 FloatArray = npt.NDArray[np.float64]
 
-WIDTH: Final = 16
-"""Systems side by side: two vectors of the widest processors, so that one goes on while the other waits for its memory.
-
-Of 32, outputs would be written a tenth faster still, and metrics, which change memory in each row, a quarter slower.
-"""
-
-CHUNK: Final = 32
-"""Rows whose outputs are made before they are put where they belong: 16 kB, which stay in the first cache."""
+CHUNK: Final = 128
+"""Rows whose outputs are made before they are put where they belong: memory is written in runs of 1 kB."""
 
 NONE, ENTRY, ONE = 0, 1, 2
 """What a matrix may have at a place. A one costs no load and no product."""
 
 TALLIES: Final[dict[str, tuple[str, float]]] = {
     "sum": ("{sum} + y", 0.0),
-    "squares": ("{squares} + y * y", 0.0),
-    "largest": ("y if y > {largest} else {largest}", -np.inf),
-    "smallest": ("y if y < {smallest} else {smallest}", np.inf),
-    "peak": ("y if abs(y) > {size} else {peak}", np.nan),
-    "peak_row": ("row if abs(y) > {size} else {peak_row}", np.nan),
-    "size": ("abs(y) if abs(y) > {size} else {size}", -1.0),
+    "squares": ("plus({squares}, y, y)", 0.0),
+    "largest": ("above(y, {largest}, y, {largest})", -np.inf),
+    "smallest": ("above({smallest}, y, y, {smallest})", np.inf),
+    "peak": ("above(size(y), {size}, y, {peak})", np.nan),
+    "peak_row": ("above(size(y), {size}, row, {peak_row})", np.nan),
+    "size": ("above(size(y), {size}, size(y), {size})", -1.0),
     "final": ("y", np.nan),
 }
 """What a loop can gather of an output y, in this order: how each row changes it, and with what it begins."""
@@ -57,12 +51,18 @@ def fill(voltage: FloatArray, first_set: int, begin: int, rows: int, lanes: Floa
 @kernel
 def spread(lanes: FloatArray, first_set: int, begin: int, rows: int, outputs: FloatArray) -> None:
     """Outputs that lie side by side, put where each system has its own: shape (n_sets, n_outputs, n_time)."""
-    for o in range(outputs.shape[1]):
-        beside = lanes[o]
-        for i in range(min(WIDTH, outputs.shape[0] - first_set)):
-            own = outputs[first_set + i, o, begin : begin + rows]
-            for t in range(rows):
-                own[t] = beside[t, i]
+    sets, count, length = outputs.shape
+    beside, own = begin_of(lanes), begin_of(outputs)
+    there, whole = min(WIDTH, sets - first_set), rows // SQUARE * SQUARE
+    for o in range(count):
+        squares = there // SQUARE * SQUARE
+        for i in range(0, squares, SQUARE):
+            place = ((first_set + i) * count + o) * length + begin
+            for t in range(0, whole, SQUARE):
+                turned(beside, (o * CHUNK + t) * WIDTH + i, WIDTH, own, place + t, count * length)
+        for i in range(there):
+            for t in range(whole if i < squares else 0, rows):
+                outputs[first_set + i, o, begin + t] = lanes[o, t, i]
 
 
 @kernel
@@ -140,6 +140,10 @@ def exponentials(generators: FloatArray, reach: float, weights: FloatArray, resu
             results[s, i, i] += 1.0
 
 
+WORDS: Final = {**vars(vectors_loop), "CHUNK": CHUNK, "fill": fill, "spread": spread}
+"""What the source of a loop speaks of."""
+
+
 def loop_source(
     name: str, pattern: npt.NDArray[np.int8], outputs: int, gathered: Sequence[tuple[int, str]] | None, *, shared: bool
 ) -> str:
@@ -161,50 +165,54 @@ def loop_source(
     shared : bool
         Whether one voltage drives all systems.
     """
-    states = pattern.shape[1] - 1
-    first_output = states + 1
-    first_tally = first_output + outputs
-    coefficient = first_tally + len(gathered or ())
-    lines = ["u = volts" if shared else f"u = {_at(states)}", *(f"z{j} = {_at(j)}" for j in range(states))]
+    states, tallies = pattern.shape[1] - 1, gathered or ()
+    coefficient = first = states + 1 + outputs
+    coefficient += len(tallies)
+    read, moved = [], []
     for row, entries in enumerate(pattern):
-        terms = []
+        total = ""
         for column in np.flatnonzero(entries).tolist():
             term = f"z{column}" if column < states else "u"
             if entries[column] == ENTRY:
-                term = f"{_at(coefficient)} * {term}"
+                factor = f"load(g, {coefficient * WIDTH})"
+                total = f"plus({total}, {factor}, {term})" if total else f"{factor} * {term}"
                 coefficient += 1
-            terms.append(term)
-        total = " + ".join(terms) or "0.0"
+            else:
+                total = f"{total} + {term}" if total else term
+        total = total or "alike(0.0)"
         if row >= outputs:
-            lines.append(f"{_at(row - outputs)} = {total}")
-        elif gathered is None:
-            lines.append(f"{_at(first_output + row)} = {total}")
-        else:
-            places = {tally: _at(first_tally + k) for k, (output, tally) in enumerate(gathered) if output == row}
-            lines.append(f"y = {total}")
-            lines += [f"{place} = " + TALLIES[tally][0].format(**places) for tally, place in places.items()]
-    own = ["for i in range(WIDTH):", f"    {_at(states)} = inputs[t, i]"]
-    keep = [f"for o in range({outputs}):", "    for i in range(WIDTH):"]
-    keep += [f"        lanes[o, t, i] = g[{first_output * WIDTH} + o * WIDTH + i]"]
-    each_row = ["volts = voltage[0, begin + t]"] if shared else own
-    each_row += ["row = float(begin + t)", "for i in range(WIDTH):", *(f"    {line}" for line in lines)]
-    each_row += keep if gathered is None else []
-    inner = "\n".join(f"                {line}" for line in each_row)
+            moved.append(total)
+            continue
+        if gathered is None:
+            read.append(f"store(beside, ({row} * CHUNK + t) * WIDTH, {total})")
+            continue
+        places = {tally: f"s{k}" for k, (output, tally) in enumerate(gathered) if output == row}
+        read.append(f"y = {total}")
+        read += [f"{place} = " + TALLIES[tally][0].format(**places) for tally, place in places.items()]
+    begun = [f"z{j} = load(g, {j * WIDTH})" for j in range(states)]
+    begun += [f"s{k} = load(g, {(first + k) * WIDTH})" for k in range(len(tallies))]
+    given = "alike(voltage[0, begin + t])" if shared else "load(own, t * WIDTH)"
+    each_row = [f"u = {given}", "row = alike(float(begin + t))", *read]
+    each_row += [f"n{j} = {total}" for j, total in enumerate(moved)]
+    each_row += [f"z{j} = n{j}" for j in range(states)]
     filled = "" if shared else "fill(voltage, group * WIDTH, begin, rows, inputs)"
-    spread_out = "spread(lanes, group * WIDTH, begin, rows, outputs)" if gathered is None else ""
+    ended = [f"store(g, {(first + k) * WIDTH}, s{k})" for k in range(len(tallies))]
     return f"""
-def {name}(first, last, groups, voltage, outputs):
-    inputs, lanes = np.empty((CHUNK, WIDTH)), np.empty(({outputs}, CHUNK, WIDTH))
-    for group in range(first, last):
-        g = groups[group]
+def {name}(groups, voltage, inputs, lanes, outputs):
+    on_cache_lines()
+    own, beside = begin_of(inputs), begin_of(lanes)
+    for group in range(groups.shape[0]):
+        g = behind(begin_of(groups), group * groups.shape[1])
+        {_below(begun, 8)}
         for begin in range(0, voltage.shape[1], CHUNK):
             rows = min(CHUNK, voltage.shape[1] - begin)
             {filled}
             for t in range(rows):
-{inner}
-            {spread_out}
+                {_below(each_row, 16)}
+            {"spread(lanes, group * WIDTH, begin, rows, outputs)" if gathered is None else ""}
+        {_below(ended, 8)}
 """
 
 
-def _at(place: int) -> str:
-    return f"g[{place * WIDTH} + i]"
+def _below(lines: Sequence[str], indent: int) -> str:
+    return f"\n{' ' * indent}".join(lines) or "pass"

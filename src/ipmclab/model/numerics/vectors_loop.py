@@ -33,6 +33,11 @@ _arrays: Any = arrayobj
 WIDTH: Final = 16
 """Two vectors of the widest processors, so that one goes on while the other waits."""
 
+SQUARE: Final = 8
+"""Rows and columns of what is ``turned``."""
+
+_LINE: Final = 64  # bytes
+
 _VECTOR: Final = ir.VectorType(ir.DoubleType(), WIDTH)
 _WHOLE: Final = ir.VectorType(ir.IntType(64), WIDTH)
 _BEGIN: Final = _types.CPointer(_types.float64)
@@ -116,12 +121,51 @@ def _replaced(builder: Any, x: Any, place: Any, y: Any) -> Any:
 
 @_numba.intrinsic  # type: ignore[untyped-decorator]
 def begin_of(_typing: Any, array: Any) -> Any:
-    """Where the numbers of an array begin. It must have no gaps, and who called the kernel must hold it."""
+    """Where the numbers of an array begin, which has no gaps. Who called the kernel must hold the array."""
+    if array.layout != "C" or array.dtype != _types.float64:
+        return None
 
     def generated(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return _arrays.make_array(signature.args[0])(context, builder, arguments[0]).data
 
     return _BEGIN(array), generated
+
+
+@_numba.intrinsic  # type: ignore[untyped-decorator]
+def on_cache_lines(_typing: Any) -> Any:
+    """What the kernel around has no registers for begins on cache lines: half of the time of a load of it."""
+
+    def generated(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+        attributes = builder.function.attributes
+        attributes.alignstack = _LINE
+        attributes.add("nounwind")  # as all of Numba's are; without one that llvmlite lists it writes none
+        return context.get_dummy_value()
+
+    return _types.void(), generated
+
+
+def _turned(builder: Any, begin: Any, place: Any, apart: Any, goal: Any, to: Any, goal_apart: Any) -> None:
+    """Halves of the square change places, then halves of these, then halves of these."""
+    eight = ir.VectorType(ir.DoubleType(), SQUARE)
+
+    def row(begin: Any, place: Any, apart: Any, k: int) -> Any:
+        there = builder.add(place, builder.mul(apart, apart.type(k)))
+        return builder.bitcast(builder.gep(begin, [there]), eight.as_pointer())
+
+    rows = []
+    for k in range(SQUARE):
+        rows.append(builder.load(row(begin, place, apart, k)))
+        rows[k].align = 8
+    for half in (1, 2, 4):
+        low = [c - half + SQUARE if c & half else c for c in range(SQUARE)]
+        high = [c + SQUARE if c & half else c + half for c in range(SQUARE)]
+        masks = [ir.Constant(ir.VectorType(ir.IntType(32), SQUARE), places) for places in (low, high)]
+        for k in range(SQUARE):
+            if not k & half:
+                pair = rows[k], rows[k + half]
+                rows[k], rows[k + half] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+    for k in range(SQUARE):
+        builder.store(rows[k], row(goal, to, goal_apart, k)).align = 8
 
 
 behind = _operation((_BEGIN, _types.intp), _BEGIN, lambda builder, begin, place: builder.gep(begin, [place]))
@@ -144,6 +188,9 @@ less = _operation((_SIXTEEN,) * 3, _SIXTEEN, lambda builder, x, y, z: _named(bui
 
 replaced = _operation((_SIXTEEN, _types.intp, _SIXTEEN), _SIXTEEN, _replaced)
 """(x, place, y): x, with that of y at one place."""
+
+turned = _operation((_BEGIN, _types.intp, _types.intp) * 2, _types.void, _turned)
+"""(begin, place, apart, goal, to, goal_apart): put a square of numbers elsewhere on its side, its rows so far apart."""
 
 size = _operation((_SIXTEEN,), _SIXTEEN, lambda builder, x: _named(builder, "fabs", x))
 
