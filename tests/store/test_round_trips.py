@@ -15,6 +15,7 @@ from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Finding, Mark, Run, RunMet
 from ipmclab.sample import Sample
 from ipmclab.store import export_run, import_run, read_run, write_run
 from ipmclab.units import CHANNELS
+from tests.profiles import costly
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 readings = st.floats(allow_infinity=False, allow_nan=True)
@@ -125,6 +126,7 @@ def assert_same(got: Run, given: Run) -> None:
     assert got.content_sha256 == given.content_sha256
 
 
+@costly(2)
 @given(run=runs())
 def test_every_file_gives_the_run_back(run: Run) -> None:
     """The laboratory's own, and each export without a map. To draw a run costs more than to write and read it."""
