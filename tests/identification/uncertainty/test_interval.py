@@ -23,7 +23,7 @@ from ipmclab.identification.uncertainty.interval import (
     interval_of,
     with_rivals,
 )
-from ipmclab.identification.uncertainty.profile import Walk
+from ipmclab.identification.uncertainty.profile import Walk, one_side
 from ipmclab.model import load_actuator
 
 SEED = 20261121
@@ -72,6 +72,18 @@ def test_a_walk_finds_where_the_profile_crosses_a_height(sigma: float, height: f
     # Once more, another height, from the same points.
     assert up.distance(1.1 * height) == pytest.approx(math.log1p(1.1 * sigma * height), rel=0.01)
     assert len(up.points) < 10
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_side_of_a_profile_has_every_point_on_the_way_and_not_the_minimum(side: float) -> None:
+    gain, theta = Gain(1.0, 0.1), np.zeros(2)
+    solution = Solution(theta, gain.evaluate(theta), True, "", 1)
+    found = one_side(cast(Any, gain), solution, 0, side * 0.1, 1.96**2)
+    assert found.crossing == pytest.approx(math.log1p(side * 0.196), rel=0.01)
+    walk = gain.walks()[side > 0.0]
+    walk.distance(1.96)
+    assert [point.entry for point in found.points] == [point.entry for point in walk.points if point.height > 0.0]
+    assert found.points
 
 
 def test_a_side_on_which_the_cost_stays_low_is_open() -> None:
