@@ -57,11 +57,11 @@ if TYPE_CHECKING:
     from ipmclab.run import Run as Run
     from ipmclab.run import RunMetadata as RunMetadata
     from ipmclab.sample import Sample as Sample
-    from ipmclab.store import export_run as export_run
-    from ipmclab.store import guess_map as guess_map
-    from ipmclab.store import import_run as import_run
-    from ipmclab.store import read_run as read_run
-    from ipmclab.store import write_run as write_run
+    from ipmclab.store.exporting import export_run as export_run
+    from ipmclab.store.guess import guess_map as guess_map
+    from ipmclab.store.importing import import_run as import_run
+    from ipmclab.store.run_file import read_run as read_run
+    from ipmclab.store.run_file import write_run as write_run
     from ipmclab.sweep import read_sweep as read_sweep
     from ipmclab.sweep import run_sweep as run_sweep
 
@@ -111,11 +111,11 @@ _HOMES: Final = {
     "Run": "ipmclab.run",
     "RunMetadata": "ipmclab.run",
     "Sample": "ipmclab.sample",
-    "export_run": "ipmclab.store",
-    "guess_map": "ipmclab.store",
-    "import_run": "ipmclab.store",
-    "read_run": "ipmclab.store",
-    "write_run": "ipmclab.store",
+    "export_run": "ipmclab.store.exporting",
+    "guess_map": "ipmclab.store.guess",
+    "import_run": "ipmclab.store.importing",
+    "read_run": "ipmclab.store.run_file",
+    "write_run": "ipmclab.store.run_file",
     "read_sweep": "ipmclab.sweep",
     "run_sweep": "ipmclab.sweep",
 }

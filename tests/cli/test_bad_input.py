@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ipmclab.cli.app import run
 from ipmclab.run import Run
-from ipmclab.store import write_run
+from ipmclab.store.run_file import write_run
 
 ACTUATOR = """
 name = "strip"

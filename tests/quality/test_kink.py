@@ -9,7 +9,7 @@ import pytest
 
 from ipmclab.quality import check, usable
 from ipmclab.run import Finding, Run
-from ipmclab.store import import_run
+from ipmclab.store.importing import import_run
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
 

@@ -12,7 +12,7 @@ import pytest
 
 from ipmclab.quality import check, check_together, measure, usable
 from ipmclab.run import Finding, Run, RunMetadata
-from ipmclab.store import import_run
+from ipmclab.store.importing import import_run
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
 NAMES = ("step_1V", "step_2V", "step_2V_poor", "step_3V")

@@ -13,8 +13,11 @@ import scipy.io
 from ipmclab.errors import InputError
 from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store import ImportMap, export_run, import_run, read_run, write_run
 from ipmclab.store.document import flat_attributes
+from ipmclab.store.exporting import export_run
+from ipmclab.store.import_map import ImportMap
+from ipmclab.store.importing import import_run
+from ipmclab.store.run_file import read_run, write_run
 
 
 @pytest.fixture

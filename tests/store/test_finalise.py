@@ -20,14 +20,13 @@ from ipmclab.platform import move_file
 from ipmclab.quality import check
 from ipmclab.run import QUALITY_FLAGS, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
-from ipmclab.store import read_run
 from ipmclab.store.journal import finalise as finalise_module
 from ipmclab.store.journal.finalise import Finished, finalise, finish, finish_here
 from ipmclab.store.journal.frames import EVENT, Frame, read_frames
 from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.run import layout_of
-from ipmclab.store.run_file import CHUNK_ROWS
+from ipmclab.store.run_file import CHUNK_ROWS, read_run
 
 COLUMNS = ("voltage", "current", "force", "current_quality", "force_quality", "force_raw", "output_raw")
 

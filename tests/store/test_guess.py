@@ -18,7 +18,8 @@ import scipy.io
 
 from ipmclab.errors import InputError
 from ipmclab.run import Run
-from ipmclab.store import guess_map, import_run
+from ipmclab.store.guess import guess_map
+from ipmclab.store.importing import import_run
 
 N = 60
 STEP = 0.02  # s

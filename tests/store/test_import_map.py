@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
-from ipmclab.store import ImportMap, load_import_map
+from ipmclab.store.import_map import ImportMap, load_import_map
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
 GOOD: dict[str, Any] = {

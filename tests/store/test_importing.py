@@ -22,7 +22,9 @@ from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
 from ipmclab.run import QUALITY_FLAGS, Run
-from ipmclab.store import ImportMap, export_run, import_run
+from ipmclab.store.exporting import export_run
+from ipmclab.store.import_map import ImportMap
+from ipmclab.store.importing import import_run
 
 VOLTAGE = [0.0, 0.0, 1.0, 1.0, 1.0]
 CURRENT_MILLIAMPERE = [0.125, -0.5, 60.25, 50.5, 45.75]

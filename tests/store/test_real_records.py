@@ -11,7 +11,9 @@ import openpyxl
 import pytest
 
 from ipmclab.run import QUALITY_FLAGS, Run
-from ipmclab.store import export_run, import_run, read_run, write_run
+from ipmclab.store.exporting import export_run
+from ipmclab.store.importing import import_run
+from ipmclab.store.run_file import read_run, write_run
 
 MAPS = Path(__file__).parents[2] / "docs" / "import_maps"
 RECORDS = {  # name: rows, row of the voltage step, its final voltage

@@ -18,7 +18,6 @@ import pytest
 
 from ipmclab.errors import IpmclabError
 from ipmclab.quality import check
-from ipmclab.store import read_run
 from ipmclab.store.journal import guardian_word
 from ipmclab.store.journal import journal as journal_module
 from ipmclab.store.journal import recover as recover_module
@@ -26,6 +25,7 @@ from ipmclab.store.journal.finalise import finalise, finish_here
 from ipmclab.store.journal.journal import Journal, JournalHeader, read_journal
 from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.recover import recover
+from ipmclab.store.run_file import read_run
 from tests.waiting import HANGS
 
 WRITER = Path(__file__).with_name("writer.py")

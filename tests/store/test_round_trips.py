@@ -13,7 +13,9 @@ from hypothesis.extra.numpy import arrays
 
 from ipmclab.run import QUALITY_FLAGS, SLOW_CHANNELS, Finding, Mark, Run, RunMetadata, ZeroReading
 from ipmclab.sample import Sample
-from ipmclab.store import export_run, import_run, read_run, write_run
+from ipmclab.store.exporting import export_run
+from ipmclab.store.importing import import_run
+from ipmclab.store.run_file import read_run, write_run
 from ipmclab.units import CHANNELS
 from tests.profiles import costly
 

@@ -19,7 +19,8 @@ from ipmclab import load_actuator, simulate
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.run import QUALITY_FLAGS, Run, RunMetadata
 from ipmclab.sample import Sample
-from ipmclab.store import read_run, run_file, write_run
+from ipmclab.store import run_file
+from ipmclab.store.run_file import read_run, write_run
 
 
 @pytest.fixture(scope="module")

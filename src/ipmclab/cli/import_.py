@@ -49,7 +49,7 @@ def import_(
     """
     from ipmclab import import_run, write_run
     from ipmclab.quality.record import Record
-    from ipmclab.store import load_import_map
+    from ipmclab.store.import_map import load_import_map
 
     answers = answers_in(answer or [], example="sampling_period='20 ms'")
     if template is not None:
@@ -130,7 +130,7 @@ def import_(
 
 def _write_template(file: Path, template: Path, answers: dict[str, str], *, force: bool, as_json: bool) -> None:
     """Write what is guessed as a map, to be corrected."""
-    from ipmclab.store import guess_map
+    from ipmclab.store.guess import guess_map
 
     check_output(template, force=force, suffixes=(".toml",), reads=[file], option="--template")
     guess = guess_map(file, answers)
@@ -154,7 +154,7 @@ def _guess(file: Path, own_map: Path, answers: dict[str, str], *, force: bool) -
     InputError
         Something cannot be known, and there is nobody to ask.
     """
-    from ipmclab.store import guess_map
+    from ipmclab.store.guess import guess_map
     from ipmclab.store.importing import is_own_export
 
     if is_own_export(file):

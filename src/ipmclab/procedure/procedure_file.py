@@ -131,7 +131,7 @@ class _Reader:
         return tuple((Path(path).name, self.run(path, f"{key}[{place}]")) for place, path in enumerate(paths))
 
     def run(self, name: str, key: str) -> Run:
-        from ipmclab.store import read_run
+        from ipmclab.store.run_file import read_run
 
         path = self._folder / name
         if path not in self._runs:

@@ -15,7 +15,7 @@ from ipmclab.fit.fit_file import read_fit
 from ipmclab.quality import measure
 from ipmclab.quality.metrics import Metric
 from ipmclab.run import Run, RunMetadata
-from ipmclab.store import read_run
+from ipmclab.store.run_file import read_run
 from ipmclab.toml_file import glance
 
 FORMATS: Final = {

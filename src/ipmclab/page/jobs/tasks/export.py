@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Write the file ``run`` as ``out`` (.csv, .xlsx or .mat)."""
     from ipmclab.page.jobs.tasks.given import read_runs
-    from ipmclab.store import export_run
+    from ipmclab.store.exporting import export_run
 
     progress("writing")
     export_run(read_runs([arguments["run"]])[0], arguments["out"], overwrite=True)

@@ -22,8 +22,9 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """
     from ipmclab.page.jobs.tasks.given import finding_row
     from ipmclab.quality import check
-    from ipmclab.store import import_run, write_run
     from ipmclab.store.import_map import ImportMap
+    from ipmclab.store.importing import import_run
+    from ipmclab.store.run_file import write_run
 
     progress("importing")
     refuse_large_here(Path(arguments["path"]))

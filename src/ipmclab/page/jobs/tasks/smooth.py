@@ -20,7 +20,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """
     from ipmclab.measurement.smooth import smooth
     from ipmclab.page.jobs.tasks.given import read_runs
-    from ipmclab.store import write_run
+    from ipmclab.store.run_file import write_run
     from ipmclab.units import CHANNELS, significant
 
     progress("taking out what is fast")
