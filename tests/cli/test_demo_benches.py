@@ -7,7 +7,7 @@ import pytest
 
 from ipmclab import load_actuator
 from ipmclab.cli.demo import SEED, _bench
-from ipmclab.rig import record
+from ipmclab.rig.recording.recorder import record
 from ipmclab.run import Run
 
 

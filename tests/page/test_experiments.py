@@ -253,7 +253,8 @@ def test_runs_that_would_go_elsewhere_are_told(lab: Lab) -> None:
 
 def test_the_voltage_that_is_drawn_is_the_one_that_is_applied(lab: Lab) -> None:
     """Against the run that the virtual bench makes of it, rests included."""
-    from ipmclab.rig import VirtualBench, record
+    from ipmclab.rig.recording.recorder import record
+    from ipmclab.rig.virtual import VirtualBench
 
     draft = with_values(Draft.new(), sample="s", signals="square 1 V 0.5 Hz", duration="6 s", rest_before="1 s")
     checked = check(lab, with_values(draft, rest_after="2 s", pair=True))

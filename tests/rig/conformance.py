@@ -14,8 +14,8 @@ import pytest
 
 from ipmclab import load_actuator, signals, simulate
 from ipmclab.errors import InputError
-from ipmclab.rig import THESIS_RIG
 from ipmclab.rig.bench import Bench, Block, block_rows
+from ipmclab.rig.channels import THESIS_RIG
 
 FloatArray = npt.NDArray[np.float64]
 

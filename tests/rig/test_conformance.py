@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from ipmclab import load_actuator
-from ipmclab.rig import VirtualBench
 from ipmclab.rig.bench import Bench
 from ipmclab.rig.ni import NiBench
+from ipmclab.rig.virtual import VirtualBench
 from tests.rig.conformance import Conformance
 from tests.rig.stand_in import StandIn, serve
 

@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import IpmclabError
-from ipmclab.rig import THESIS_RIG, Limit, Limits
 from ipmclab.rig.bench import BenchError
-from ipmclab.rig.channels import Rig
+from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.safety.guard import Alarm, Guard
 from ipmclab.rig.safety.guarded_bench import GuardedBench, LimitPassed
+from ipmclab.rig.safety.limits import Limit, Limits
 
 NOTHING = Limits(**{field.name: None for field in fields(Limits) if field.name not in ("voltage", "slew")})  # type: ignore[arg-type]
 ELECTRODES = replace(THESIS_RIG, voltage_sensed="electrodes")

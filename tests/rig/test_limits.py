@@ -10,9 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, signals
-from ipmclab.rig import THESIS_RIG, Limit, Limits, VirtualBench, request
+from ipmclab.rig import request
+from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.rows import ClampedRows, SignalRows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
+from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.virtual import VirtualBench
 from ipmclab.signals import Signal
 
 RATE = 50.0

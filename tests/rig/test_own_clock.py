@@ -11,10 +11,10 @@ import pytest
 
 from ipmclab import load_actuator
 from ipmclab.errors import IpmclabError
-from ipmclab.rig import VirtualBench
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.zeroing import read_rest, read_tare
+from ipmclab.rig.virtual import VirtualBench
 
 CALL = 0.8  # s
 TICK = 0.1  # s: the thread that is late would have woken so long after the call began

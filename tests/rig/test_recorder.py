@@ -17,12 +17,16 @@ import pytest
 
 from ipmclab import InputError, IpmclabError, RunMetadata, check, load_actuator
 from ipmclab.model import Actuator
-from ipmclab.rig import THESIS_RIG, Control, Limit, Limits, VirtualBench, record
 from ipmclab.rig.bench import BenchError, Block
+from ipmclab.rig.channels import THESIS_RIG
+from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import Rows
+from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.recording.slow import Air
 from ipmclab.rig.rows import RowSource, as_rows
+from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import Mark
 from ipmclab.signals import Signal
 from tests.rig.captured import captured

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from ipmclab import check
-from ipmclab.rig import Control, Limit, Limits
 from ipmclab.rig.ni import NiBench
+from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.recording import Outcome
 from ipmclab.rig.safety.guardian import Guardian
+from ipmclab.rig.safety.limits import Limit, Limits
 from tests.rig.captured import captured
 from tests.rig.stand_in import Process, StandIn, serve
 from tests.waiting import AtRow, until
@@ -144,7 +145,7 @@ def test_what_flows_beyond_the_range_ends_by_its_mean(chassis: StandIn) -> None:
 RECORDER = """
 import sys
 from dataclasses import replace
-from ipmclab.rig import THESIS_RIG
+from ipmclab.rig.channels import THESIS_RIG
 from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.rig.ni import NiBench
 from ipmclab.rig.recording.recorder import capture

@@ -9,11 +9,14 @@ import numpy.typing as npt
 import pytest
 
 from ipmclab import InputError, load_actuator, signals, simulate
-from ipmclab.rig import Control, Limit, Limits, VirtualBench, record
+from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import Rows
+from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.run_request import RunRequest
 from ipmclab.rig.rows import ClampedRows, RestedRows, SignalRows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
+from ipmclab.rig.safety.limits import Limit, Limits
+from ipmclab.rig.virtual import VirtualBench
 from tests.rig.captured import captured
 
 FloatArray = npt.NDArray[np.float64]

@@ -9,7 +9,9 @@ import pytest
 
 from ipmclab import InputError, IpmclabError, Run, RunMetadata, Sample, load_actuator, signals, simulate
 from ipmclab.model import Actuator
-from ipmclab.rig import THESIS_RIG, Channel, Converter, Rig, VirtualBench, record
+from ipmclab.rig.channels import THESIS_RIG, Channel, Converter, Rig
+from ipmclab.rig.recording.recorder import record
+from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import QUALITY_FLAGS
 
 SEED = 20261121

@@ -10,10 +10,11 @@ import pytest
 from ipmclab import IpmclabError, check, load_actuator
 from ipmclab.model import Actuator
 from ipmclab.quality import usable
-from ipmclab.rig import THESIS_RIG, VirtualBench, record
 from ipmclab.rig.bench import BenchError
-from ipmclab.rig.channels import Rig, VirtualStrip
+from ipmclab.rig.channels import THESIS_RIG, Rig, VirtualStrip
+from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.zeroing import read_rest, read_tare, uncertainties, wait_for_preload
+from ipmclab.rig.virtual import VirtualBench
 from ipmclab.run import QUALITY_FLAGS, ZeroReading
 from tests.rig.captured import captured
 

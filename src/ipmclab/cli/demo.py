@@ -206,7 +206,7 @@ def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[
     """Record each signal of the thesis twice: against the load cell, and free under the laser."""
     from ipmclab import write_run
     from ipmclab.prediction.headline import DURATION, RATE, SIGNALS
-    from ipmclab.rig import record
+    from ipmclab.rig.recording.recorder import record
 
     runs: dict[str, Run] = {}
     for mounting, channel in enumerate(("force", "displacement")):
@@ -227,7 +227,7 @@ def _record(strip: Actuator, folder: Path, say: Say, *, stand_in: bool) -> dict[
 @contextmanager
 def _bench(strip: Actuator, seed: int, *, stand_in: bool) -> Iterator[tuple[Bench, Callable[[], None]]]:
     """A bench with the strip in its clamp, and what lets the strip discharge before each signal."""
-    from ipmclab.rig import VirtualBench
+    from ipmclab.rig.virtual import VirtualBench
 
     if not stand_in:
         bench = VirtualBench(strip, seed=seed)

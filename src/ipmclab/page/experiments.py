@@ -531,7 +531,7 @@ def seen_limit(rig: Rig) -> str:
 
     Examples
     --------
-    >>> from ipmclab.rig import THESIS_RIG
+    >>> from ipmclab.rig.channels import THESIS_RIG
     >>> seen_limit(THESIS_RIG)
     '190 mA'
     """

@@ -86,7 +86,7 @@ def record(
     Examples
     --------
     >>> from ipmclab import load_actuator
-    >>> from ipmclab.rig import VirtualBench
+    >>> from ipmclab.rig.virtual import VirtualBench
     >>> run = record(VirtualBench(load_actuator("friend-2")), "step 1 V", duration=2.0, rate=50.0)
     >>> len(run), run.hold, run.metadata.state, [name for name in run.channels if name in ("current", "force")]
     (100, 'zero-before', 'complete', ['current', 'force'])

@@ -137,7 +137,7 @@ def read_tare(bench: Bench, rate: float, *, when: When, duration: float = ZERO_T
     Examples
     --------
     >>> from ipmclab import load_actuator
-    >>> from ipmclab.rig import VirtualBench
+    >>> from ipmclab.rig.virtual import VirtualBench
     >>> bench = VirtualBench(load_actuator("friend-2"))
     >>> bench.hands("tip clear")
     >>> tare = read_tare(bench, 50.0, when="before")

@@ -56,7 +56,7 @@ class GuardedBench:
     Examples
     --------
     >>> from ipmclab import load_actuator
-    >>> from ipmclab.rig import VirtualBench
+    >>> from ipmclab.rig.virtual import VirtualBench
     >>> bench = GuardedBench(VirtualBench(load_actuator("friend-2")), Limits())
     >>> bench.open(["voltage"], 50.0)
     >>> try:
