@@ -67,6 +67,7 @@ def _operation(given: tuple[Any, ...], result: Any, build: Callable[..., Any]) -
 
         return result(*given), generated
 
+    # Numba counts arguments by their names: a function that takes any number of them will not do.
     names = [f"x{k}" for k in range(len(given))]
     made: dict[str, Any] = {"typed": typed}
     exec(f"def operation(typing, {', '.join(names)}): return typed(typing)", made)
@@ -175,7 +176,7 @@ load = _operation((_BEGIN, _types.intp), _SIXTEEN, _load)
 """(begin, place): the sixteen numbers from a place on."""
 
 store = _operation((_BEGIN, _types.intp, _SIXTEEN), _types.void, _store)
-"""(begin, place, x)"""
+"""(begin, place, x): put x there."""
 
 alike = _operation((_types.float64,), _SIXTEEN, _alike)
 """Sixteen times one number."""
@@ -193,6 +194,7 @@ turned = _operation((_BEGIN, _types.intp, _types.intp) * 2, _types.void, _turned
 """(begin, place, apart, goal, to, goal_apart): put a square of numbers elsewhere on its side, its rows so far apart."""
 
 size = _operation((_SIXTEEN,), _SIXTEEN, lambda builder, x: _named(builder, "fabs", x))
+"""Each without its sign."""
 
 above = _operation(
     (_SIXTEEN,) * 4,
