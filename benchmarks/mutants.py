@@ -37,11 +37,12 @@ class Known:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(exist_ok=True)
         self._path, self._lock = path, threading.Lock()
-        self._verdicts = {}
+        self._verdicts: dict[str, Verdict] = {}
+        self._missed: set[str] = set()
         for line in path.read_text().splitlines() if path.exists() else ():
             found = json.loads(line)
             key, change = found.pop("key"), Change(**found.pop("change"))
-            self._verdicts[key] = Verdict(change, **found)
+            self._keep(key, Verdict(change, **found))
 
     def get(self, change: Change) -> Verdict | None:
         """What is known of a change."""
@@ -52,11 +53,20 @@ class Known:
         verdict = self.get(change)
         return verdict is None or (again and verdict.noticed_by is None)
 
+    def was_missed(self, change: Change) -> bool:
+        """Whether a trial of it, this one or one before, ended without a test that noticed it."""
+        return _key(change) in self._missed
+
+    def _keep(self, key: str, verdict: Verdict) -> None:
+        self._verdicts[key] = verdict
+        if verdict.noticed_by is None:
+            self._missed.add(key)
+
     def add(self, verdict: Verdict) -> None:
         """Keep it, for good."""
         key = _key(verdict.change)
         with self._lock, self._path.open("a") as file:
-            self._verdicts[key] = verdict
+            self._keep(key, verdict)
             file.write(json.dumps({"key": key, **asdict(verdict)}) + "\n")
 
 
@@ -101,8 +111,8 @@ def _what(change: Change) -> str:
     return f"`{short}` to `{change.new}`" if change.new else f"`{short}` dropped"
 
 
-def page(verdicts: list[Verdict], drawn: int) -> str:
-    """The score by room, and what nobody noticed."""
+def page(verdicts: list[Verdict], drawn: int, missed: int) -> str:
+    """The score by room, and what nobody noticed, today and when it was tried first."""
     tried = Counter(verdict.change.room for verdict in verdicts)
     noticed = Counter(verdict.change.room for verdict in verdicts if verdict.noticed_by)
     late = Counter(verdict.change.room for verdict in verdicts if verdict.out_of_time)
@@ -121,7 +131,8 @@ def page(verdicts: list[Verdict], drawn: int) -> str:
     return (
         f"{len(verdicts)} of {drawn} changes drawn over `src` (seed {SEED}) were put on trial, each before the "
         f"examples of its module and the {LIKELIEST - 1} test files that are likeliest to notice it, in "
-        f"{sum(verdict.seconds for verdict in verdicts) / 3600.0:.1f} hours.\n\n"
+        f"{sum(verdict.seconds for verdict in verdicts) / 3600.0:.1f} hours. At "
+        f"their first trial {missed} were not noticed: tests that were written since count here.\n\n"
         "| room | tried | noticed | not noticed | time over | score | at least |\n|---|---|---|---|---|---|---|\n"
         f"{table}\n\n"
         "## Noticed by no test\n\nSome of these change nothing that can be seen: a test cannot notice them.\n\n"
@@ -148,7 +159,10 @@ def main() -> None:
     verdicts = [verdict for change in changes if (verdict := known.get(change))]
     if not verdicts:
         raise SystemExit("no change was put on trial")
-    finish("mutants", "Small changes noticed", page(verdicts, len(changes)), [], record=options.record, gate=False)
+    missed = sum(map(known.was_missed, (verdict.change for verdict in verdicts)))
+    finish(
+        "mutants", "Small changes noticed", page(verdicts, len(changes), missed), [], record=options.record, gate=False
+    )
 
 
 if __name__ == "__main__":

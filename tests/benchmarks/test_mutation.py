@@ -91,6 +91,7 @@ def test_a_call_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypatch: py
         assert [change for change in (noticed, missed, untried) if known.is_open(change, again)] == expected
     known.add(Verdict(missed, "tests/test_one.py::test_more", 3.0))
     assert not mutants.Known(kept).is_open(missed, again=True)
+    assert [mutants.Known(kept).was_missed(change) for change in (noticed, missed, untried)] == [False, True, False]
     (tmp_path / "one.py").write_text(f"{SOURCE}\n", encoding="utf-8")
     assert mutants.Known(kept).is_open(noticed, again=False)
 
