@@ -25,6 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 _REJECT: Final = 1e-3
 _HINT: Final = 0.05
 _BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
+_MISFIT: Final = 1.3  # times the noise: what is left is large, and a linear look at it no guide
 _ROUNDING: Final = 1.01  # times the rounding of the model: below it residuals are no noise
 
 
@@ -110,6 +111,10 @@ class Left:
         left = [here.residual[problem.pieces[piece.key]][piece.inside] for piece in self.pieces]
         return float(sum(one @ one for one in left))
 
+    def is_large(self, problem: Problem, here: Evaluation) -> bool:
+        """Whether some fit leaves more of this output than its noise."""
+        return self.squares(problem, here) > _MISFIT**2 * self.noise
+
     def evidence(self, added: FloatArray) -> Evidence:
         """Of changes that the model does not know."""
         return Evidence(self.problem, self.here, self.pieces, added)
@@ -146,9 +151,10 @@ class Left:
 
         ways = of_voltage(self.problem, self.theta, self.output, bent=bent)
         evidence = self.evidence(ways)
-        # Beside the noise that was found, which may have taken it for its own: half of it shows even then.
+        # Beside the noise that was found, which may have taken it for its own: half of it shows even then, unless it
+        # is far more than the scatter of neighbouring readings.
         chance = float(chdtrc(len(ways), max(evidence.together(self.shapes), 0.0)))
-        if chance > _HINT:
+        if chance > _HINT and not self.is_large(self.problem, self.here):
             return chance
         without, _ = evidence.deviance([], self.shapes)
         with_all, _ = evidence.deviance(range(len(ways)), self.shapes)

@@ -18,7 +18,6 @@ from ipmclab.ties import largest_first
 
 _CLEAR: Final = 25.0  # of evidence, from which a stage is named
 _SHARE: Final = 0.2  # of the power beyond noise that it has to take away
-_MISFIT: Final = 1.3  # times the noise: what is left is large, and the linear look at a little of a stage no guide
 _AS_WELL: Final = 10.0  # less evidence than the best one has: another stage that would do as well
 _AT_LEAST: Final = 30.0  # steps along a stage of which less than none was asked
 
@@ -68,11 +67,11 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         if extended is not None:
             found[name] = extended
     tried = _judged(doubted, found)
-    if any(_is_large(left, problem, left.here) for left in doubted):
+    if any(left.is_large(problem, left.here) for left in doubted):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
         # Where one leaves the noise alone, only those that did not go with the fit as it stands.
         best = [found[one.stage] for one in tried[:1]]
-        enough = any(not any(_is_large(left, one.problem, one.solution.evaluation) for left in doubted) for one in best)
+        enough = any(not any(left.is_large(one.problem, one.solution.evaluation) for left in doubted) for one in best)
         for direction in {one.name: one for one in some}.values():
             if enough and direction.name in found:
                 continue
@@ -81,11 +80,6 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
                 found[direction.name] = extended
         tried = _judged(doubted, found)
     return tried
-
-
-def _is_large(left: Left, problem: Problem, here: Evaluation) -> bool:
-    """Whether a problem leaves more of an output than its noise."""
-    return left.squares(problem, here) > _MISFIT**2 * left.noise
 
 
 def _hints(
