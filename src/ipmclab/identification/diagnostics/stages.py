@@ -12,7 +12,6 @@ from ipmclab.identification.diagnostics.extend import Extended, afresh, from_her
 from ipmclab.identification.diagnostics.left import Left
 from ipmclab.identification.diagnostics.score_directions import ScoreDirection, score_directions
 from ipmclab.identification.problem.free import FreeParameters
-from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.model import Actuator
 from ipmclab.ties import largest_first
 
