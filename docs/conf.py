@@ -1,6 +1,16 @@
 """How the documentation is built: Sphinx with MyST, every warning an error."""
 
+from pathlib import Path
+
 import ipmclab
+
+_DOCS = Path(__file__).parent
+_CARRIED_OUT = _DOCS / "_build" / "chapter_5.md"
+_RECORDED = _DOCS.parent / "benchmarks" / "results" / "chapter_5.md"
+# The campaign takes two minutes: where nobody carried it out since, the page shows what was recorded.
+if not _CARRIED_OUT.exists() or _CARRIED_OUT.stat().st_mtime < _RECORDED.stat().st_mtime:
+    _CARRIED_OUT.parent.mkdir(exist_ok=True)
+    _CARRIED_OUT.write_text(_RECORDED.read_text(encoding="utf-8").split("\n\n", 2)[2], encoding="utf-8")
 
 project = "ipmclab"
 author = "The ipmclab developers"

@@ -26,8 +26,12 @@ class Collecting:
     def pytest_collect_file(
         self, file_path: Path
     ) -> Generator[None, Sequence[pytest.Collector], Sequence[pytest.Collector]]:
-        """Of a file without examples its tests alone: most modules have none, and would be imported to see that."""
+        """Of a file without examples its tests alone: most modules have none, and would be imported to see that.
+
+        A package is imported before its modules are: by itself pytest would import a module once more than the package
+        that it comes with has done, and its classes would be there twice.
+        """
         found = yield
-        if file_path.suffix != ".py" or b">>>" in file_path.read_bytes():
+        if file_path.suffix != ".py" or file_path.name == "__init__.py" or b">>>" in file_path.read_bytes():
             return found
         return [one for one in found if type(one) is pytest.Module]

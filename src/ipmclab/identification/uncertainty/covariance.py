@@ -146,7 +146,8 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
                 of_sums = long_run(own[piece], evaluation.residual[piece])
                 of_noise = max(of_noise, of_sums, key=lambda one: float(np.sum(plain * one)))
             middle += of_noise
-        covariance = plain @ middle @ plain
+        moved = plain @ _root(middle)
+        covariance = moved @ moved.T
     covariance = covariance + added
 
     moved = plain @ (own.T @ hidden_zeros(problem, len(own)))
@@ -161,6 +162,17 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         passed_on = answer[:, : len(fixed)]
         covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
     return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing)
+
+
+def _root(middle: FloatArray) -> FloatArray:
+    """A matrix whose product with its transpose is a covariance: what rounding takes below zero is zero.
+
+    Between products that nearly cancel a variance could be left that is less than none.
+    """
+    sizes = np.sqrt(np.maximum(middle.diagonal(), 0.0))
+    some = np.where(sizes > 0.0, sizes, 1.0)
+    values, vectors = np.linalg.eigh(middle / some / some[:, None])
+    return np.asarray(sizes[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
