@@ -194,3 +194,29 @@ def field(page, label: str):
 def number(page, label: str):
     """The number beside a slider."""
     return page.get_by_label(label, exact=True).and_(page.locator("input[type=number]"))
+
+
+def test_a_click_is_not_undone_by_what_the_server_said_before_it_heard_it(tmp_path: Path, open_page) -> None:
+    held: list[object] = []
+    with served(tmp_path) as address:
+        page = open_page("about:blank")
+        server: list[object] = []
+
+        def between(browser) -> None:
+            server.append(browser.connect_to_server())
+            browser.on_message(lambda text: held.append(text) if "per_run" in str(text) else server[-1].send(text))
+
+        page.route_web_socket("**/socket.io/**", between)
+        page.goto(f"{address}/identify")
+        coupling, leak = (page.get_by_label(name, exact=True) for name in ("coupling", "leak"))
+        coupling.check()
+        while not held:
+            page.wait_for_timeout(20)
+        # Of the click the server has not heard, and says what there is to choose of another actuator.
+        field(page, "Actuator, also").fill("friend-2+leak.cubic")
+        leak.wait_for()
+        assert coupling.is_checked()
+        for text in held:
+            server[-1].send(text)
+        page.get_by_text("--free electrical,coupling").first.wait_for()
+        assert coupling.is_checked()

@@ -6,19 +6,20 @@ export default {
         <span>{{ text }} <small v-if="options.notes[name]">{{ options.notes[name] }}</small></span></label>
       <p v-if="message" role="alert" class="lab-bad">{{ message }}</p>
     </fieldset>`,
-  props: { options: Object, chosen: Array, message: String },
+  props: { options: Object, chosen: Array, heard: Number, message: String },
   data() {
-    return { mine: [...this.chosen] };
+    return { mine: [...this.chosen], clicks: this.heard };
   },
   watch: {
-    chosen: { deep: true, handler(now) { this.mine = [...now]; this.say(); } },
+    // What the server says before it has heard the last click is older than that.
+    chosen: { deep: true, handler(now) { if (this.heard === this.clicks) { this.mine = [...now]; this.say(); } } },
     options: { deep: true, handler() { this.say(); } },
   },
   methods: {
     pick(name, on) {
       this.mine = this.mine.filter((one) => one !== name);
       if (on) this.mine.push(name);
-      this.$emit("chosen", this.mine);
+      this.$emit("chosen", this.mine, ++this.clicks);
       this.say();
     },
     say() {

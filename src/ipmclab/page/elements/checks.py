@@ -26,11 +26,13 @@ class Checks(Element, component="checks.js"):
         super().__init__()
         self._label = label
         self._props["chosen"] = []
+        self._props["heard"] = 0
         self._props["message"] = ""
         self.offer(choices)
 
         def told(event: GenericEventArguments) -> None:
-            self._props["chosen"] = [str(name) for name in event.args]
+            chosen, self._props["heard"] = event.args
+            self._props["chosen"] = [str(name) for name in chosen]
             if on_chosen is not None:
                 on_chosen()
 

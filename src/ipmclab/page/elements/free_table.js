@@ -30,12 +30,13 @@ export default {
       </details>
       <p v-if="message" role="alert" class="lab-bad">{{ message }}</p>
     </div>`,
-  props: { options: Object, message: String, chosen: Object },
+  props: { options: Object, message: String, chosen: Object, heard: Number },
   data() {
-    return { mine: JSON.parse(JSON.stringify(this.chosen)) };
+    return { mine: JSON.parse(JSON.stringify(this.chosen)), clicks: this.heard };
   },
   watch: {
-    chosen: { deep: true, handler(now) { this.mine = JSON.parse(JSON.stringify(now)); } },
+    // What the server says before it has heard the last click is older than that.
+    chosen: { deep: true, handler(now) { if (this.heard === this.clicks) this.mine = JSON.parse(JSON.stringify(now)); } },
   },
   computed: {
     told() {
@@ -55,12 +56,12 @@ export default {
     set(name, state) {
       for (const role of ["free", ...OWN]) this.mine[role] = this.mine[role].filter((one) => one !== name);
       this.mine[state]?.push(name);
-      this.$emit("chosen", this.mine);
+      this.$emit("chosen", this.mine, ++this.clicks);
     },
     pick(role, name, event) {
       this.mine[role] = this.mine[role].filter((one) => one !== name);
       if (event.target.checked) this.mine[role].push(name);
-      this.$emit("chosen", this.mine);
+      this.$emit("chosen", this.mine, ++this.clicks);
     },
   },
 };

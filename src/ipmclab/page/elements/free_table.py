@@ -35,10 +35,12 @@ class FreeTable(Element, component="free_table.js"):
         super().__init__()
         self._props["options"] = {"groups": ["electrical"], "parameters": []}
         self._props["chosen"] = {"free": ["electrical"], "per_run": [], "per_mounting": [], "prior": []}
+        self._props["heard"] = 0
         self._props["message"] = ""
 
         def told(event: GenericEventArguments) -> None:
-            self.chosen.update({role: [str(name) for name in event.args[role]] for role in self.chosen})
+            chosen, self._props["heard"] = event.args
+            self.chosen.update({role: [str(name) for name in chosen[role]] for role in self.chosen})
             self.complain("")
             on_chosen()
 

@@ -32,14 +32,15 @@ export default {
         </tbody>
       </table>
     </div><p v-if="hidden" class="lab-quiet lab-run-hidden">{{ hidden }}</p></div>`,
-  props: { options: Object, rows: Array, chosen: Object },
+  props: { options: Object, rows: Array, chosen: Object, heard: Number },
   data() {
-    return { NAME, by: "recorded", down: true, mine: this.copy(this.chosen), hidden: "" };
+    return { NAME, by: "recorded", down: true, mine: this.copy(this.chosen), clicks: this.heard, hidden: "" };
   },
   watch: {
     chosen: {
       deep: true,
       handler(now) {
+        if (this.heard !== this.clicks) return; // what the server says before it has heard the last click is older than that
         const isNew = JSON.stringify(now) !== JSON.stringify(this.mine);
         this.mine = this.copy(now);
         if (isNew) this.seek();
@@ -131,12 +132,12 @@ export default {
       // A run has one role: what is held out of a fit was not used for it.
       for (const name of Object.keys(this.mine)) this.mine[name] = this.mine[name].filter((one) => one !== key);
       if (on) this.mine[role].push(key);
-      this.$emit("chosen", this.mine);
+      this.$emit("chosen", this.mine, ++this.clicks);
     },
     open(row) {
       const [first] = Object.keys(this.mine);
       this.mine[first] = [row.key];
-      this.$emit("chosen", this.mine);
+      this.$emit("chosen", this.mine, ++this.clicks);
     },
   },
 };

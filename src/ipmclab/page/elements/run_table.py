@@ -52,9 +52,11 @@ class RunTable(Element, component="run_table.js"):
         }
         self._props["rows"] = []
         self._props["chosen"] = {name: [] for name in roles}
+        self._props["heard"] = 0
 
         async def told(event: GenericEventArguments) -> None:
-            self._props["chosen"].update({role: [str(key) for key in event.args[role]] for role in self.chosen})
+            chosen, self._props["heard"] = event.args
+            self._props["chosen"].update({role: [str(key) for key in chosen[role]] for role in self.chosen})
             result = on_chosen(self.chosen)
             if result is not None:
                 await result
