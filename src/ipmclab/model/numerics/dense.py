@@ -116,8 +116,9 @@ class Dense:
 
 def _columns(laws: LawNumbers, read: FloatArray, step: FloatArray, law_end: FloatArray) -> Columns:
     """The numbers of ``dense_laws``; arrays as in ``Dense``."""
-    from ipmclab.model.numerics.dense_laws_loop import Columns, filled
+    from ipmclab.model.numerics.dense_laws_loop import Columns
     from ipmclab.model.numerics.law_rows_loop import law_rows
+    from ipmclab.model.numerics.vectors_loop import filled
 
     c, d = laws.ports
     given = d.shape[1]

@@ -62,11 +62,6 @@ class Columns(NamedTuple):
 _AT_LAWS: Final = 3 + 2 * PAST_ROWS + WORK_ROWS
 
 
-def filled(count: int) -> int:
-    """A count filled up to whole vectors."""
-    return -(-count // WIDTH) * WIDTH
-
-
 def room(columns: Columns, inputs: int) -> FloatArray:
     """What ``dense_laws`` writes on, with zeros in it.
 

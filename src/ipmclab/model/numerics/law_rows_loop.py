@@ -21,6 +21,7 @@ from ipmclab.model.numerics.vectors_loop import (
     alike,
     all_below,
     exponential,
+    filled,
     less,
     load,
     plus,
@@ -62,7 +63,7 @@ def law_rows(form: int, coefficients: FloatArray) -> FloatArray:
     coefficients : float array, shape (n_laws, 3)
     """
     count = len(coefficients)
-    rows = np.zeros((LAW_ROWS, -(-count // WIDTH) * WIDTH))
+    rows = np.zeros((LAW_ROWS, filled(count)))
     rows[: _K2 + 1, :count] = coefficients.T
     rows[_SHARP], rows[_SCALE], rows[_EDGE] = 1.0, 1.0, -1.0
     if form != CUBIC:

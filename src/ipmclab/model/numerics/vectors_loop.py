@@ -43,6 +43,11 @@ _WHOLE: Final = ir.VectorType(ir.IntType(64), WIDTH)
 _BEGIN: Final = _types.CPointer(_types.float64)
 
 
+def filled(count: int) -> int:
+    """A count filled up to whole vectors."""
+    return -(-count // WIDTH) * WIDTH
+
+
 class _Sixteen(_types.Type):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__(name="Sixteen")
