@@ -39,16 +39,16 @@ def package(module: str, *, extra: str, where: str, known_as: str = "") -> Any:
             f"{known_as or module.partition('.')[0]} is not installed",
             code="missing-package",
             where=where,
-            repair=install(extra),
+            repair=how_to_install(extra),
         ) from error
 
 
-def install(extra: str) -> str:
+def how_to_install(extra: str) -> str:
     """What one does to have an extra.
 
     Examples
     --------
-    >>> install("bayes")
+    >>> how_to_install("bayes")
     'in the folder of ipmclab, write: uv tool install ".[bayes]"'
     """
     return f'in the folder of ipmclab, write: uv tool install ".[{extra}]"'

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.extras import install
+from ipmclab.extras import how_to_install
 
 if TYPE_CHECKING:
     from ipmclab.rig.channels import Rig
@@ -104,7 +104,7 @@ def need_client() -> None:
             f"{error.name} is not installed: the stand-in uses NI's protocol through NI's client",
             code="no-nidaqmx",
             where="the stand-in chassis",
-            repair=install("ni"),
+            repair=how_to_install("ni"),
         ) from error
 
 

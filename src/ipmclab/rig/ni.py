@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.extras import install
+from ipmclab.extras import how_to_install
 from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver
@@ -160,7 +160,7 @@ def client() -> Any:
             "the package nidaqmx is not installed",
             code="no-nidaqmx",
             where="bench",
-            repair=install("ni"),
+            repair=how_to_install("ni"),
         ) from error
     return nidaqmx
 

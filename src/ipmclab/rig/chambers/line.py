@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from typing import Any, Final, Literal
 
-from ipmclab.extras import install
+from ipmclab.extras import how_to_install
 from ipmclab.rig.chambers.chamber import ChamberError
 from ipmclab.rig.chambers.deadline import Deadline
 
@@ -312,5 +312,5 @@ def missing(name: str | None, where: str) -> ChamberError:
         f"{name} is not installed: this chamber is spoken to through it",
         code="no-chamber-client",
         where=where,
-        repair=install("chamber"),
+        repair=how_to_install("chamber"),
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from ipmclab.extras import install
+from ipmclab.extras import how_to_install
 from ipmclab.rig.bench import BenchError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Link:
                 "the package grpcio is not installed",
                 code="no-grpc",
                 where=address,
-                repair=install("ni"),
+                repair=how_to_install("ni"),
             ) from error
         self.patience = patience
         self._channel = grpc.insecure_channel(address, options=_OPTIONS)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.extras import install
+from ipmclab.extras import how_to_install
 
 if TYPE_CHECKING:
     from sqlalchemy import URL, Connection, Engine
@@ -207,7 +207,7 @@ class Database:
                 "a catalogue in PostgreSQL needs the package psycopg, which is not installed",
                 code="missing-package",
                 where=self.where,
-                repair=install("postgres"),
+                repair=how_to_install("postgres"),
             ) from error
 
     @contextmanager
