@@ -78,8 +78,9 @@ def _key(change: Change) -> str:
 def judge(changes: list[Change], known: Known, workers: int, limit: float) -> None:
     """Put changes on trial."""
     imports = Imports(ROOT)
-    pending = list(changes)
-    pending.sort(key=lambda change: change.room not in STRICT)  # what costs a strip or a record comes first
+    pending = sorted(
+        changes, key=lambda change: change.room not in STRICT
+    )  # what costs a strip or a record comes first
     lock = threading.Lock()
 
     def work(folder: Path) -> None:

@@ -23,7 +23,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """
     from ipmclab import load_actuator
     from ipmclab.fit.fit_file import read_fit
-    from ipmclab.planning import proposal_words as told
+    from ipmclab.planning import proposal_words
     from ipmclab.planning.candidates import Allowance
     from ipmclab.planning.propose import INPUTS, propose_runs
     from ipmclab.rig.safety.limits import Limits
@@ -44,7 +44,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
             "run": str(place),
             "signal": str(one.candidate.signal),
             "duration": f"{one.candidate.duration:g} s",
-            "bench": told.bench_time(one.time),
+            "bench": proposal_words.bench_time(one.time),
             "gain": significant(one.gain_per_minute, 2),
             "remark": "; ".join(one.remarks),
         }
@@ -54,13 +54,17 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         {
             "name": one.name,
             "value": significant(one.value, 4),
-            "now": told.interval(one, now=True),
-            "after": told.interval(one, now=False),
+            "now": proposal_words.interval(one, now=True),
+            "after": proposal_words.interval(one, now=False),
             "unit": one.unit,
         }
         for one in found.expected
     ]
-    sentences = [told.of_time(found, minutes), *told.of_goal(found), told.of_limits(found)]
+    sentences = [
+        proposal_words.of_time(found, minutes),
+        *proposal_words.of_goal(found),
+        proposal_words.of_limits(found),
+    ]
     document = {
         "runs": runs,
         "expected": expected,
