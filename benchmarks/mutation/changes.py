@@ -7,8 +7,10 @@ guard by one that never holds. What is not code of ours to be wrong (annotations
 from __future__ import annotations
 
 import ast
+import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -188,19 +190,25 @@ def changes_of(root: Path, path: str) -> list[Change]:
 def draw(root: Path, count: int) -> list[Change]:
     """Changes drawn over ``src``, each as likely as another, with a fixed share from the strict rooms.
 
-    The order is drawn too, so that the first ones are a fair sample of them all.
+    The order is drawn too, so that the first ones are a fair sample of them all. What is drawn hangs on the changed
+    line alone: an edit elsewhere leaves the draw as it is.
     """
     files = sorted(str(path.relative_to(root).as_posix()) for path in (root / "src").rglob("*.py"))
-    everything = [change for path in files for change in changes_of(root, path)]
-    generator = np.random.default_rng(SEED)
+    everything = sorted((pair for path in files for pair in _in_drawn_order(root, path)), key=lambda pair: pair[0])
     share = round(STRICT_SHARE * count)
-    picked = list(_some(generator, everything, count - share * len(STRICT)))
+    picked = [change for _, change in everything[: count - share * len(STRICT)]]
     for room in STRICT:
-        there = (change for change in everything if change.room == room and change not in picked)
-        picked += _some(generator, there, share)
-    return [picked[k] for k in generator.permutation(len(picked))]
+        there = [change for _, change in everything if change.room == room and change not in picked]
+        picked += there[:share]
+    return picked
 
 
-def _some(generator: np.random.Generator, changes: Iterable[Change], count: int) -> Iterator[Change]:
-    choices = list(changes)
-    return (choices[k] for k in generator.permutation(len(choices))[:count])
+def _in_drawn_order(root: Path, path: str) -> Iterator[tuple[str, Change]]:
+    """The changes of a file, each with its place in the draw: a digest of its line and how often it stood before."""
+    lines = (root / path).read_bytes().splitlines()
+    before: Counter[tuple[str, str, str]] = Counter()
+    for change in changes_of(root, path):
+        key = lines[change.line - 1].decode().strip(), change.old, change.new
+        text = repr((SEED, path, *key, before[key]))
+        before[key] += 1
+        yield hashlib.sha256(text.encode()).hexdigest(), change

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import mutants, properties
-from benchmarks.mutation.changes import Change, changes_of
+from benchmarks.mutation.changes import Change, changes_of, draw
 from benchmarks.mutation.noticing import Imports
 from benchmarks.mutation.trial import Verdict
 
@@ -64,6 +64,19 @@ def test_a_file_that_reads_otherwise_is_not_changed(tmp_path: Path) -> None:
     change = found_in(tmp_path)[0]
     with pytest.raises(ValueError, match="no longer reads"):
         change.applied(b" " + SOURCE.encode())
+
+
+def test_an_edit_elsewhere_leaves_the_draw_as_it_is(tmp_path: Path) -> None:
+    def drawn(source: str) -> list[tuple[str, str]]:
+        file = tmp_path / "src" / "ipmclab" / "one.py"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(source, encoding="utf-8")
+        return [(change.old, change.new) for change in draw(tmp_path, 2 * len(CHANGES))]
+
+    before = drawn(SOURCE)
+    assert set(before) == {(old, new) for _, old, new in CHANGES}
+    assert drawn(f"\n\n{SOURCE}") == before
+    assert drawn(SOURCE.replace("2.5", "'text'")) == [change for change in before if change[0] != "2.5"]
 
 
 def test_the_tests_of_a_module_come_first_after_its_own_examples() -> None:
