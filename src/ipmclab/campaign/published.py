@@ -159,9 +159,9 @@ def _of(row: PublishedMeasurement, there: Sequence[Repeated]) -> Iterator[Reprod
         # A current that stands at 40 s has not come to stand at 8 s.
         lasts = {result.run.planned.duration for result in one.results} == {DURATION}
         is_it = lasts and (one.measured, one.label) == (row.measured, _signal(row))
-        values = one.values(channel, name) if is_it else ()
-        if values:
-            yield Reproduced(row, tuple(abs(value) for value in values), row.value(CHANNELS[channel]))
+        metrics = one.metrics(channel, name) if is_it else ()
+        if metrics:
+            yield Reproduced(row, tuple(abs(metric.value) for metric in metrics), row.value(CHANNELS[channel]))
             return
 
 

@@ -42,8 +42,6 @@ class RunResult:
         What each finding says of the run, by its code.
     baseline : str, optional
         Id of the run without voltage whose drift was taken from the displacement.
-    of_drift : mapping of (channel, name) to float [SI], optional
-        By how much the drift may be wrong at a metric, with 95 %: the same in all repeats.
     """
 
     run: CampaignRun
@@ -54,11 +52,10 @@ class RunResult:
     metrics: tuple[Metric, ...]
     said: Mapping[str, str] = field(default_factory=dict)
     baseline: str = ""
-    of_drift: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
-    def value(self, channel: str, name: str) -> float | None:
-        """A metric [SI], or None where the run does not allow it."""
-        return next((one.value for one in self.metrics if (one.channel, one.name) == (channel, name)), None)
+    def metric(self, channel: str, name: str) -> Metric | None:
+        """A metric, or None where the run does not allow it."""
+        return next((one for one in self.metrics if (one.channel, one.name) == (channel, name)), None)
 
 
 @dataclass(frozen=True)
@@ -79,13 +76,13 @@ class Repeated:
     measured: str
     results: tuple[RunResult, ...]
 
-    def values(self, channel: str, name: str) -> tuple[float, ...]:
-        """A metric of each repeat [SI]."""
-        return tuple(value for one in self.results if (value := one.value(channel, name)) is not None)
+    def metrics(self, channel: str, name: str) -> tuple[Metric, ...]:
+        """A metric of each repeat that allows it."""
+        return tuple(metric for one in self.results if (metric := one.metric(channel, name)) is not None)
 
     def mean(self, channel: str, name: str) -> tuple[float, float, int] | None:
         """Mean of a metric over its repeats, their standard deviation (NaN for one), and how many there are."""
-        values = self.values(channel, name)
+        values = [one.value for one in self.metrics(channel, name)]
         if not values:
             return None
         return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(values)
@@ -99,13 +96,11 @@ class Repeated:
         if found is None:
             return None
         mean, spread, count = found
+        metrics = self.metrics(channel, name)
         if count == 1:
-            (one,) = (
-                one for result in self.results for one in result.metrics if (one.channel, one.name) == (channel, name)
-            )
-            return one.interval
+            return metrics[0].interval
         reach = float(stdtrit(count - 1, 0.975)) * spread / math.sqrt(count)
-        reach = math.hypot(reach, max(one.of_drift.get((channel, name), 0.0) for one in self.results))
+        reach = math.hypot(reach, max(one.of_drift for one in metrics))
         return mean - reach, mean + reach
 
 
@@ -166,29 +161,9 @@ def less_drift(results: Sequence[RunResult], comparison: Comparison) -> tuple[Ru
     kept = [one for one in results if one.verdict == "kept"]
     ids = {row.run: one.run.id for one, row in zip(kept, comparison.rows, strict=True)}
     return tuple(
-        replace(
-            one,
-            metrics=tuple(row.metrics.values()),
-            baseline=ids.get(row.baseline, ""),
-            of_drift=_of_drift(one.metrics, row.metrics) if row.baseline else {},
-        )
+        replace(one, metrics=tuple(row.metrics.values()), baseline=ids.get(row.baseline, ""))
         for one, row in zip(kept, comparison.rows, strict=True)
     )
-
-
-def _of_drift(raw: Sequence[Metric], corrected: Mapping[str, Metric]) -> dict[tuple[str, str], float]:
-    """What intervals have of the drift, beside the noise of the run: half of it, by channel and name [SI]."""
-    found = {}
-    for one in raw:
-        other = corrected.get(f"{one.channel}.{one.name}")
-        if other is not None and one.interval is not None and other.interval is not None:
-            half, own = (0.5 * (high - low) for low, high in (other.interval, one.interval))
-            found[one.channel, one.name] = math.sqrt(max(half**2 - own**2, 0.0)) if math.isfinite(half) else 0.0
-    strain, largest = corrected.get("displacement.strain"), corrected.get("displacement.largest")
-    if strain is not None and largest is not None and largest.value:
-        share = found.get(("displacement", "largest"), 0.0) / abs(largest.value)
-        found["displacement", "strain"] = share * abs(strain.value)
-    return found
 
 
 def by_repeat(results: Sequence[RunResult]) -> tuple[Repeated, ...]:

@@ -75,7 +75,7 @@ def _less_drift(metric: Metric, drift: Drift, duration: float) -> Metric:
         metric.value - math.hypot(metric.value - low, reach),
         metric.value + math.hypot(high - metric.value, reach),
     )
-    return replace(metric, interval=interval, definition=told)
+    return replace(metric, interval=interval, definition=told, of_drift=reach)
 
 
 def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
@@ -172,6 +172,7 @@ def _strain(metrics: tuple[Metric, ...], strip: Actuator | None) -> Iterator[Met
         if one.channel != "displacement" or one.name not in ("largest", "amplitude"):
             continue
         strains = [surface_strain(value, thickness, length) for value in (one.value, *(one.interval or ()))]
+        drifted = surface_strain(one.value + one.of_drift, thickness, length)
         yield Metric(
             "strain" if one.name == "largest" else "strain_amplitude",
             "displacement",
@@ -180,6 +181,7 @@ def _strain(metrics: tuple[Metric, ...], strip: Actuator | None) -> Iterator[Met
             (strains[1], strains[2]) if one.interval else None,
             f"Strain at the surface of a strip of {1e3 * thickness:.4g} mm that bends along a circle through its "
             f"clamp: thickness times displacement over (sensing length^2 + displacement^2), with {one.name}.",
+            abs(drifted - strains[0]),
         )
 
 

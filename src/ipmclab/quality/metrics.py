@@ -49,6 +49,8 @@ class Metric:
         95 %, infinite where open; None where none is known.
     definition : str
         What exactly was computed.
+    of_drift : float [unit], optional
+        Of half the interval, what the drift of a baseline may be wrong by: the same in every run that it counts for.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Metric:
     unit: str
     interval: tuple[float, float] | None
     definition: str
+    of_drift: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
