@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, load_actuator, signals
 from ipmclab.rig import request
-from ipmclab.rig.channels import THESIS_RIG
+from ipmclab.rig.chambers.settings import ChamberSettings
+from ipmclab.rig.channels import THESIS_RIG, Channel, Converter
 from ipmclab.rig.rows import ClampedRows, SignalRows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
 from ipmclab.rig.safety.limits import Limit, Limits
@@ -46,7 +49,12 @@ def test_a_typo_or_an_offset_never_reaches_the_strip(text: str, where: str) -> N
 def test_what_the_strip_stands_is_not_refused() -> None:
     for text in ("step 3.5 V", "square -3.5 V 1 Hz", "sine 3 V 1 Hz offset=0.5 V"):
         Limits().refuse(signals.parse(text), 10.0, RATE)
-    Limits(voltage=Limit(5.0)).refuse(signals.parse("step 5 V"), 10.0, RATE)
+    Limits(voltage=Limit(10.0)).refuse(signals.parse("step 10 V"), 10.0, RATE)
+
+
+def test_of_a_run_of_one_row_one_row_is_looked_at() -> None:
+    assert "35 V at 0 s" in refused("step 35 V", duration=1.0 / RATE)
+    Limits().refuse(signals.parse("step 35 V delay=20 ms"), 1.0 / RATE, RATE)
 
 
 def test_a_ramp_has_a_slew_limit_and_a_step_has_none() -> None:
@@ -57,21 +65,41 @@ def test_a_ramp_has_a_slew_limit_and_a_step_has_none() -> None:
     assert "it ramps by" in refused("sine 1 V 1 Hz offset=1 V", slow)
     for text in ("step 3 V", "square 3 V 10 Hz", "prbs 3 V 0.1 s", "step 3 V for 5 s then triangle 1 V 0.25 Hz"):
         slow.refuse(signals.parse(text), 10.0, RATE)
+        replace(slow, slew=0.1).refuse(signals.parse(text.split(" then")[0]), 10.0, RATE)
     # 2 pi 1 V 0.2 Hz is 1.257 V/s.
     assert refused("sine 1 V 0.2 Hz", slow).startswith("signal: it ramps by 1.25")
 
 
+def played(rows: list[float] | np.ndarray) -> tuple[Signal, float, float]:
+    """A signal of these rows [V], its duration and its rate."""
+    return signals.Samples(np.arange(len(rows)) / RATE, np.asarray(rows)), len(rows) / RATE, RATE
+
+
+@pytest.mark.parametrize("piece", [1, 5, 8])
 @pytest.mark.parametrize("begins", range(12))
 def test_a_ramp_is_found_wherever_the_pieces_of_a_long_signal_meet(
-    begins: int, monkeypatch: pytest.MonkeyPatch
+    begins: int, piece: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Hours of it are looked at piece by piece: here of eight rows, the shortest ramp that is one at each place."""
-    monkeypatch.setattr(request, "_CHUNK", 8)
-    rows = np.concatenate([np.zeros(begins + 1), [0.1, 0.2, 0.3], np.full(20, 0.3)])
-    signal = signals.Samples(np.arange(len(rows)) / RATE, rows)
-    with pytest.raises(InputError, match="it ramps by 5 V/s") as told:
-        Limits(slew=1.0).refuse(signal, len(rows) / RATE, RATE)
-    assert f" at {begins / RATE:.6g} s" in str(told.value)  # from the last row at 0 V on
+    """Hours of it are looked at piece by piece: here of a few rows, the shortest ramp that is one at each place."""
+    monkeypatch.setattr(request, "_CHUNK", piece)
+    ramp = np.array([0.125, 0.25, 0.375])
+    rows = np.concatenate([np.zeros(begins + 1), ramp, np.full(20, 0.375), 0.375 + ramp, np.full(9, 0.75)])
+    with pytest.raises(InputError, match=r"it ramps by 6\.25 V/s") as told:
+        Limits(slew=1.0).refuse(*played(rows))
+    assert f" at {begins / RATE:.6g} s" in str(told.value)  # from the last row at 0 V on; the second is as steep
+
+
+@pytest.mark.parametrize("rows", [[3.0, 3.0], [0.0, 1.0, 2.0], [3.0, 2.0, 1.0, 1.0], [3.0, 3.25, 3.5, 3.5, 3.5]])
+def test_two_changes_are_no_ramp_and_nothing_is_known_before_the_first_row(rows: list[float]) -> None:
+    Limits(slew=1.0).refuse(*played(rows))
+
+
+@pytest.mark.parametrize(("share", "beyond"), [(0.0, False), (5e-7, False), (1.5e-6, True)])
+def test_a_ramp_at_its_limit_is_not_refused_for_what_is_rounded(share: float, beyond: bool) -> None:
+    """After half an hour at 10 kHz a triangle of 12 V/s was: it ramps by 12 V/s, the limit is 12 V/s."""
+    signal = played(np.arange(9) * 1.6 * (1.0 + share) / RATE)
+    with pytest.raises(InputError, match=r"it ramps by 1\.6 V/s at") if beyond else nullcontext():
+        Limits(slew=1.6).refuse(*signal)
 
 
 @given(st.floats(-20.0, 20.0), st.floats(0.1, 10.0))
@@ -135,6 +163,40 @@ def test_a_limit_acts_after_a_time_that_ends(duration: float) -> None:
         Limit(1.0, duration)
 
 
+@pytest.mark.parametrize(
+    ("ends", "message"),
+    [
+        ({"most": 0.0}, "most: the limit is 0, it must be above 0; give the largest magnitude"),
+        ({"most": np.inf}, "most: the limit is inf, it must be above 0"),
+        ({"most": 1.0, "least": 1.0}, "least: the lower limit is 1, the upper one is 1; give a lower limit below"),
+        ({"most": 1.0, "least": 2.0}, "least: the lower limit is 2, the upper one is 1"),
+        ({"most": 1.0, "least": -np.inf}, "least: the lower limit is -inf, the upper one is 1"),
+    ],
+)
+def test_a_limit_has_ends_that_something_can_pass(ends: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Limit(**ends)  # type: ignore[arg-type]
+    assert str(caught.value).startswith(message)
+
+
+def test_a_limit_of_ramps_ends_somewhere() -> None:
+    with pytest.raises(InputError, match=r"limits\.slew: the limit is inf V/s, it must be above 0"):
+        Limits(slew=np.inf)
+
+
+def test_the_air_has_a_lower_limit_too() -> None:
+    """Of the humidity nothing is watched unless it is stated; what is not stated of it lasts 10 s, and ends the run."""
+    limits = Limits.from_table({"temperature": {"least": "-5 degC"}, "relative_humidity": {"least": "20 percent"}})
+    assert limits.temperature == Limit(60.0, 10.0, "zero", least=-5.0)
+    assert limits.relative_humidity == Limit(100.0, 10.0, "zero", least=20.0)
+    assert Limits.from_table(limits.to_table()) == limits
+    told = replace(limits, slew=0.5).as_text()
+    assert told["temperature"] == "-5 degC to 60 degC for 10 s, then zero"
+    assert told["relative_humidity"] == "20 percent to 100 percent for 10 s, then zero"
+    assert told["slew"] == "0.5 V/s"
+    assert Limits.from_table({"relative_humidity": "95 percent"}).relative_humidity == Limit(95.0, 10.0)
+
+
 def test_limits_from_a_table() -> None:
     limits = Limits.from_table(
         {
@@ -184,6 +246,8 @@ def test_a_table_of_limits_comes_back_as_it_was(voltage: Limit, other: Limit | N
 @pytest.mark.parametrize(
     ("table", "message"),
     [
+        ({"current": {"least": "1 A"}}, "limits.current.least: unknown key 'least'"),
+        ({"temperature": {"least": "70 degC"}}, "limits.temperature.least: the lower limit is 70, the upper one is 60"),
         ({"curent": "1 A"}, "limits.curent: unknown key 'curent'; did you mean 'current'?"),
         ({"current": {"mosst": "1 A"}}, "limits.current.mosst: unknown key 'mosst'; did you mean 'most'?"),
         ({"current": "1 V"}, "limits.current: '1 V' is not a current"),
@@ -203,23 +267,100 @@ def test_a_bad_table_of_limits_is_refused(table: dict[str, object], message: str
     with pytest.raises(InputError) as caught:
         Limits.from_table(table)
     assert str(caught.value).startswith(message)
+    with pytest.raises(InputError) as caught:
+        Limits.from_table(table, where="dry.toml: limits")
+    assert str(caught.value).startswith(f"dry.toml: {message}")
 
 
-def test_a_plan_says_what_is_electrolysed_and_what_nothing_watches() -> None:
-    limits = Limits()
-    assert limits.remarks(signals.parse("sine 1.2 V 1 Hz"), 10.0, RATE) == ()
-    assert limits.remarks(signals.parse("square 2 V 0.25 Hz"), 8.0, RATE) == (
-        "it is above 1.23 V for 8 s, up to 2 V: the water in the strip is split there",
-    )
-    blind = limits.unwatched(THESIS_RIG, ["force"])
+@pytest.mark.parametrize("piece", [2**18, 60])
+def test_a_plan_says_how_long_water_is_split_and_at_which_voltage(piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(request, "_CHUNK", piece)
+    for text in ("sine 1.2 V 1 Hz", "square 1.23 V 1 Hz", "step 2 V delay=10 s"):
+        assert Limits().remarks(signals.parse(text), 10.0, RATE) == ()
+    for text in ("square 2 V 0.25 Hz", "step -1.3 V for 2 s then step -2 V for 2 s then step 1.5 V"):
+        assert Limits().remarks(signals.parse(text), 8.0, RATE) == (
+            "it is above 1.23 V for 8 s, up to 2 V: the water in the strip is split there",
+        )
+
+
+HUMID = Channel("relative_humidity", Converter(-10.0, 10.0, noise=0.0), gain=10.0, sensor_range=(20.0, 90.0))
+COLD = Channel("temperature", Converter(-10.0, 10.0, noise=0.0), gain=10.0, sensor_range=(-90.0, 50.0))
+# A load cell of 0 to 98.07 mN that is zeroed at a preload of 20 mN has 78.07 mN left, on one side.
+PRESSED = replace(THESIS_RIG["force"], rest=20e-3)
+# A laser of 25 mm whose strip hangs at 15 mm sees it move by that much, on one side.
+NEAR = replace(THESIS_RIG["displacement"], rest=15e-3)
+
+
+@pytest.mark.parametrize(
+    ("channel", "limit", "reads"),
+    [
+        (THESIS_RIG["current"], Limit(0.199), None),
+        (THESIS_RIG["current"], Limit(0.2), "the limit of the current is 200 mA, its channel reads up to 200 mA"),
+        (THESIS_RIG["current"], Limit(0.5), "the limit of the current is 500 mA, its channel reads up to 200 mA"),
+        (PRESSED, Limit(77e-3), None),
+        (PRESSED, Limit(80e-3), "the limit of the force is 80 mN, its channel reads up to 78.06 mN"),
+        (replace(PRESSED, zeroed=False), Limit(80e-3), None),
+        (NEAR, Limit(14e-3), None),
+        (NEAR, Limit(15e-3), "the limit of the displacement is 15 mm, its channel reads up to 15 mm"),
+        # The air is warmer or drier than a limit, not larger.
+        (COLD, Limit(49.0, least=-89.0), None),
+        (COLD, Limit(60.0), "the limit of the temperature is 60 degC, its channel reads up to 50 degC"),
+        (HUMID, Limit(89.0, least=21.0), None),
+        (HUMID, Limit(90.0), "the limit of the relative humidity is 90 percent, its channel reads up to 90 percent"),
+        (
+            HUMID,
+            Limit(80.0, least=20.0),
+            "the lower limit of the relative humidity is 20 percent, its channel reads down to 20 percent",
+        ),
+        # No air is above 100 percent: this is no upper limit.
+        (HUMID, Limit(100.0, least=21.0), None),
+        (HUMID, Limit(100.0, least=20.0), "the lower limit of the relative humidity is 20 percent, its channel reads"),
+    ],
+)
+def test_a_limit_that_a_channel_ends_at_or_before_is_not_watched(
+    channel: Channel, limit: Limit, reads: str | None
+) -> None:
+    """A reading stays at the end of its range, and never gets beyond a limit there."""
+    channels = (*(one for one in THESIS_RIG.channels if one.name != channel.name), channel)
+    limits = replace(Limits(current=None), **{channel.name: limit})  # type: ignore[arg-type]
+    found = limits.unwatched(replace(THESIS_RIG, channels=channels), [channel.name])
+    assert list(found) == ([] if reads is None else [channel.name])
+    if reads is not None:
+        assert found[channel.name].startswith(reads)
+        assert found[channel.name].endswith(": nothing shows when it is exceeded")
+
+
+IN_CHAMBER = {"chamber": ChamberSettings("virtual")}
+
+
+@pytest.mark.parametrize(
+    ("rig", "measured", "blind"),
+    [
+        ({}, [], ["relative_humidity"]),
+        ({}, ["relative_humidity"], []),
+        (IN_CHAMBER, [], []),
+        ({"thermometer": None}, ["relative_humidity"], ["temperature"]),
+        ({"thermometer": None} | IN_CHAMBER, [], []),
+    ],
+)
+def test_the_air_is_watched_by_sensors_at_the_strip_or_by_those_of_a_chamber(
+    rig: dict[str, Any], measured: list[str], blind: list[str]
+) -> None:
+    limits = Limits(current=None, relative_humidity=Limit(95.0))
+    found = limits.unwatched(replace(THESIS_RIG, **rig), measured)
+    assert found == {
+        name: f"the limit of the {told} is not watched: the {told} is not measured"
+        for name, told in (("temperature", "temperature"), ("relative_humidity", "relative humidity"))
+        if name in blind
+    }
+
+
+def test_a_plan_says_what_nothing_watches() -> None:
+    blind = Limits().unwatched(THESIS_RIG, ["force"])
     assert list(blind) == ["current"]
-    assert blind["current"] == (
-        "the limit of the current, 500 mA, is beyond what its channel reads, 200 mA: nothing shows when it is exceeded"
-    )
-    # A load cell of 0 to 98.07 mN that is zeroed at a preload of 20 mN has 78.07 mN left, on one side.
-    pressed = replace(THESIS_RIG["force"], rest=20e-3, zeroed=True)
-    rig = replace(THESIS_RIG, channels=(THESIS_RIG["voltage"], pressed))
-    for most, seen in ((77e-3, True), (80e-3, False)):
-        assert ("force" in replace(limits, force=Limit(most)).unwatched(rig, ["force"])) is not seen
     without = replace(THESIS_RIG, channels=(THESIS_RIG["voltage"],))
-    assert set(limits.unwatched(without, [])) == {"current", "mean_current", "charge", "power", "energy"}
+    blind = Limits().unwatched(without, [])
+    assert set(blind) == {"current", "mean_current", "charge", "power", "energy"}
+    assert blind["charge"] == "the limit of the charge above 1.23 V is not watched: the current is not measured"
+    # Displacement is not to be measured, and is not: that is told where the plan is.
+    assert "displacement" not in Limits(displacement=Limit(1.0)).unwatched(THESIS_RIG, ["force"])

@@ -29,7 +29,7 @@ from ipmclab.units import (
 )
 
 if TYPE_CHECKING:
-    from ipmclab.rig.channels import Rig
+    from ipmclab.rig.channels import Channel, Rig
     from ipmclab.signals import Signal
 
 Action = Literal["zero", "warn"]
@@ -77,6 +77,9 @@ AIR: Final = ("temperature", "relative_humidity")
 
 _WORDS: Final = ("most", "duration", "action")
 _OFF: Final = "off"
+
+_ROUNDING: Final = 1e-6
+"""By this share a ramp may exceed its limit: in hours at 10 kHz the times of rows are rounded to 1e-8 of a row."""
 
 
 @dataclass(frozen=True)
@@ -264,7 +267,7 @@ class Limits:
         try:
             return replace(defaults, **values)  # type: ignore[arg-type]
         except InputError as error:
-            error.where = error.where.replace("limits", where, 1)
+            error.where = error.where.replace("limits", where)
             raise
 
     def to_table(self) -> dict[str, Any]:
@@ -323,10 +326,9 @@ class Limits:
         ...     print(error)
         signal: it commands 35 V at 0 s, the limit is 3.5 V; give a smaller amplitude or offset
         """
-        most, steepest, at = self.voltage.most, 0.0, 0.0
-        rows = max(1, round(duration * rate))
-        before = np.empty(0)
-        for first, voltage in chunks(signal, rows, rate):
+        most, before = self.voltage.most, np.array([])
+        steepest = at = 0.0
+        for first, voltage in chunks(signal, round(duration * rate), rate):
             beyond = np.flatnonzero(~(np.abs(voltage) <= most))  # what is no number is beyond too
             if len(beyond):
                 row = int(beyond[0])
@@ -337,12 +339,13 @@ class Limits:
                     repair="give a smaller amplitude or offset",
                 )
             if self.slew is not None:
-                slopes = _ramps(np.concatenate([before, voltage])) * rate
+                joined = np.concatenate([before, voltage])
+                slopes = _ramps(joined) * rate
                 if len(slopes) and slopes.max() > steepest:
                     steepest, row = float(slopes.max()), int(slopes.argmax()) - len(before)
                     at = (first + row) / rate
-                before = voltage[-3:]
-        if self.slew is not None and steepest > self.slew * (1.0 + 1e-9):
+                before = joined[len(slopes) :]  # a ramp may go on in the next piece
+        if self.slew is not None and steepest > self.slew * (1.0 + _ROUNDING):
             raise InputError(
                 f"it ramps by {steepest:.4g} V/s at {at:.6g} s, the limit is {self.slew:g} V/s",
                 code="slew-limit",
@@ -350,9 +353,7 @@ class Limits:
                 repair="give a lower frequency or amplitude; a step has no such limit",
             )
 
-    def remarks(
-        self, signal: Signal, duration: float, rate: float, rig: Rig | None = None, measured: Collection[str] = ()
-    ) -> tuple[str, ...]:
+    def remarks(self, signal: Signal, duration: float, rate: float) -> tuple[str, ...]:
         """What a plan should say about a signal that is not refused.
 
         Parameters
@@ -360,10 +361,6 @@ class Limits:
         signal : Signal
         duration : float [s]
         rate : float [Hz]
-        rig : Rig, optional
-            With it, limits that nothing can watch are named.
-        measured : collection of str
-            What will be read beside the voltage and the current.
 
         Examples
         --------
@@ -371,46 +368,42 @@ class Limits:
         >>> print(*Limits().remarks(parse("step 2 V"), 40.0, 50.0))
         it is above 1.23 V for 40 s, up to 2 V: the water in the strip is split there
         """
-        rows, above, largest = max(1, round(duration * rate)), 0, 0.0
-        for _, voltage in chunks(signal, rows, rate):
-            above += int(np.count_nonzero(np.abs(voltage) > ELECTROLYSIS))
+        above = largest = 0.0
+        for _, voltage in chunks(signal, round(duration * rate), rate):
+            above += np.count_nonzero(np.abs(voltage) > ELECTROLYSIS)
             largest = max(largest, float(np.abs(voltage).max()))
-        found = []
-        if above:
-            found.append(
-                f"it is above {ELECTROLYSIS} V for {above / rate:.3g} s, up to {largest:.3g} V: "
-                "the water in the strip is split there"
-            )
-        return (*found, *self.unwatched(rig, measured).values()) if rig is not None else tuple(found)
+        if not above:
+            return ()
+        return (
+            f"it is above {ELECTROLYSIS} V for {above / rate:.3g} s, up to {largest:.3g} V: "
+            "the water in the strip is split there",
+        )
 
     def unwatched(self, rig: Rig, measured: Collection[str]) -> dict[str, str]:
         """The limits that the readings of a rig cannot show to be passed, and why, in words.
 
         Displacement and force that are not to be measured are left out.
+
+        Parameters
+        ----------
+        rig : Rig
+        measured : collection of str
+            What will be read beside the voltage and the current.
         """
-        known = {channel.name for channel in rig.channels}
-        read = {"voltage", "current", *measured} & known
+        read = {"voltage", "current", *measured} & {channel.name for channel in rig.channels}
+        elsewhere = {"displacement", "force"}
         if rig.thermometer is not None:
-            read.add("temperature")
+            elsewhere.add("temperature")
         if rig.chamber is not None:
-            read.update(AIR)
+            elsewhere.update(AIR)
         found = {}
         for name, limit in self.watched.items():
             missing = [channel for channel in NEEDS[name] if channel not in read]
-            if missing:
-                if name not in ("displacement", "force", "temperature"):
-                    found[name] = f"the limit of the {words(name)} is not watched: the {missing[0]} is not measured"
-                continue
-            if name not in known:
-                continue
-            low, high = rig[name].range
-            if rig[name].zeroed:
-                low, high = low - rig[name].rest, high - rig[name].rest
-            if limit.most > max(-low, high):
-                found[name] = (
-                    f"the limit of the {words(name)}, {shown(name, limit.most)}, is beyond what its channel reads, "
-                    f"{shown(name, max(-low, high))}: nothing shows when it is exceeded"
-                )
+            if missing and name not in elsewhere:
+                found[name] = f"the limit of the {words(name)} is not watched: the {words(missing[0])} is not measured"
+            elif name in read:
+                unseen = _unseen(name, limit, rig[name])
+                found |= {} if unseen is None else {name: unseen}
         return found
 
 
@@ -444,11 +437,27 @@ def _ramps(voltage: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np
     A jump at the start or the end of a ramp is not the middle one.
     """
     changes = np.diff(voltage)
-    if len(changes) < 3:
-        return np.zeros(0)
     three = np.stack([changes[:-2], changes[1:-1], changes[2:]])
     ramp = np.abs(np.sign(three).sum(axis=0)) == 3
     return np.where(ramp, np.median(np.abs(three), axis=0), 0.0)
+
+
+def _unseen(name: str, limit: Limit, channel: Channel) -> str | None:
+    """Why a channel does not show that a limit is passed: it reads no further."""
+    low, high = channel.range
+    if channel.zeroed:
+        low, high = low - channel.rest, high - channel.rest
+    largest = high if name in AIR else max(-low, high)
+    if limit.most >= largest and (name, limit.most) != ("relative_humidity", _HUMIDITY.most):
+        end, most, reads = "limit", limit.most, f"up to {shown(name, largest)}"
+    elif limit.least is not None and limit.least <= low:
+        end, most, reads = "lower limit", limit.least, f"down to {shown(name, low)}"
+    else:
+        return None
+    return (
+        f"the {end} of the {words(name)} is {shown(name, most)}, its channel reads {reads}: "
+        "nothing shows when it is exceeded"
+    )
 
 
 def _text(value: Any, place: str) -> str:
@@ -479,7 +488,7 @@ def _read(given: Any, default: Limit, name: str, place: str) -> Limit:
                 values[key] = text
             else:
                 values[key] = parse_quantity(text, TIME if key == "duration" else quantity, where=at)
-    if "most" in values and not 0.0 < values["most"] < math.inf:  # here its unit is known
+    if "most" in values and values["most"] <= 0.0:  # here its unit is known
         raise InputError(
             f"the limit is {values['most']:g} {quantity.unit}, it must be above 0",
             code="bad-limit",
