@@ -415,7 +415,11 @@ def words(name: str) -> str:
     >>> words("mean_current")
     'mean current over 1 s'
     """
-    special = {"mean_current": "mean current over 1 s", "charge": "charge above 1.23 V", "power": "mean power over 1 s"}
+    special = {
+        "mean_current": f"mean current over {MEAN_TIME:g} s",
+        "charge": f"charge above {ELECTROLYSIS} V",
+        "power": f"mean power over {MEAN_TIME:g} s",
+    }
     return special.get(name, name.replace("_", " "))
 
 
