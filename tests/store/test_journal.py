@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -89,19 +88,6 @@ def test_a_journal_of_a_newer_format_is_not_guessed_at() -> None:
     other = json.dumps({**table, "format": "another"}).encode()
     with pytest.raises(InputError, match="its first frame is no header of a journal"):
         JournalHeader.from_json(other, where="it")
-
-
-def test_where_a_run_stands_says_when_and_of_what_in_a_name_that_every_system_takes(tmp_path: Path) -> None:
-    """A file system has room for 255 bytes: 40 letters for each of rig, sample and signal."""
-    about = RunMetadata(recorded_at="2026-11-21T14:32:05.123+01:00", rig="rig 1/é", signal="step 1 V")
-    uuid = "3f2a77c1-0000-4000-8000-000000000000"
-    laboratory = Laboratory.open(tmp_path)
-    plain = laboratory.run_file(uuid, about, "2020-01-01T00:00:00")
-    assert plain == tmp_path / "runs" / "2026" / "11" / "20261121_143205_rig-1_sample_step_3f2a77c1.nc"
-    long = laboratory.run_file(uuid, replace(about, rig=80 * "r"), "2020-01-01T00:00:00")
-    assert long.name == f"20261121_143205_{40 * 'r'}_sample_step_3f2a77c1.nc"
-    undated = laboratory.run_file(uuid, replace(about, recorded_at=None), "2020-01-02T03:04:05")
-    assert undated == tmp_path / "runs" / "2020" / "01" / "20200102_030405_rig-1_sample_step_3f2a77c1.nc"
 
 
 def test_the_header_is_on_the_disk_before_the_first_row(tmp_path: Path) -> None:
@@ -246,6 +232,32 @@ def test_a_full_disk_cuts_back_to_whole_frames_and_ends_with_the_room_held_back(
     assert not list(path.parent.glob("*.ballast"))
     np.testing.assert_array_equal(stored(path), rows(0, 50))
     assert (read_journal(path).state, read_journal(path).damage) == ("aborted", ())
+
+
+def test_the_room_held_back_is_given_before_what_waits_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The end alone would fit as well, and the rows that came last would be lost."""
+    journal = Journal.create(tmp_path, header(), ballast=5000)
+    [held] = tmp_path.rglob("*.ballast")
+
+    def write(descriptor: int, data: Any) -> int:
+        if held.exists():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return REAL_WRITE(descriptor, data)
+
+    monkeypatch.setattr(os, "write", write)
+    journal.append(0, rows(0, 20))
+    until(lambda: journal.failure is not None)
+    found = read_journal(journal.end("aborted", "disk full"))
+    assert (found.state, found.n_rows, found.damage) == ("aborted", 20, ())
+
+
+def test_room_that_somebody_has_freed_by_hand_is_no_obstacle(tmp_path: Path) -> None:
+    journal = Journal.create(tmp_path, header(), ballast=5000)
+    journal.append(0, rows(0, 20))
+    next(tmp_path.rglob("*.ballast")).unlink()
+    assert read_journal(journal.end("complete")).n_rows == 20
 
 
 def test_an_end_that_does_not_fit_takes_the_room_held_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

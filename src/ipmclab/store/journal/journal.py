@@ -51,11 +51,19 @@ class _Rows:
     first_row: int
     values: npt.NDArray[np.float64]
 
+    @property
+    def size(self) -> int:
+        return self.values.nbytes
+
 
 @dataclass(frozen=True)
 class _Note:
     kind: int
     payload: bytes
+
+    @property
+    def size(self) -> int:
+        return len(self.payload)
 
 
 class Journal:
@@ -92,6 +100,7 @@ class Journal:
         self.path = path
         self.header = header
         self._descriptor = descriptor
+        self._is_open = True
         self._ballast = ballast
         self._on_commit = on_commit
         self._size = 0
@@ -213,7 +222,7 @@ class Journal:
                 repair="give each row once, in order",
             )
         if len(values):
-            self._put(_Rows(int(first_row), values), values.nbytes)
+            self._put(_Rows(int(first_row), values))
             self._next_row = int(first_row) + len(values)
 
     def event(self, kind: str, time: float, text: str = "", **values: float | str | None) -> None:
@@ -251,7 +260,7 @@ class Journal:
                 where="journal",
                 repair="give finite numbers and texts",
             ) from error
-        self._put(_Note(EVENT, payload), len(payload))
+        self._put(_Note(EVENT, payload))
 
     def end(self, state: Literal["complete", "aborted"], reason: str = "", metadata: RunMetadata | None = None) -> Path:
         """Write what is left and how the recording ended, and let go of the file. A second call does nothing.
@@ -276,7 +285,7 @@ class Journal:
         JournalError
             Not even the room that was held back is enough. What was acknowledged is safe: ``recover`` finishes it.
         """
-        if self._descriptor < 0:
+        if not self._is_open:
             return self.path
         if state not in ("complete", "aborted"):
             raise InputError(
@@ -307,11 +316,11 @@ class Journal:
 
     def close(self) -> None:
         """Let go of the file without an end, as a crash would: ``recover`` makes a run of it. May be called twice."""
-        if self._descriptor >= 0:
+        if self._is_open:
             self._stop_writing()
             self._close()
 
-    def _put(self, item: _Rows | _Note, size: int) -> None:
+    def _put(self, item: _Rows | _Note) -> None:
         with self._changed:
             if self._closing:
                 raise JournalError(
@@ -328,7 +337,7 @@ class Journal:
                     repair="record to a local disk, with fewer channels or at a lower rate",
                 )
             self._queue.append(item)
-            self._queued += size
+            self._queued += item.size
             self._changed.notify_all()
 
     def _work(self) -> None:
@@ -374,13 +383,14 @@ class Journal:
             if size >= _BATCH_BYTES:
                 break
             batch.append(item)
-            size += item.values.nbytes if isinstance(item, _Rows) else len(item.payload)
+            size += item.size
         return batch, size
 
     def _commit(self, items: list[_Rows | _Note]) -> None:
         """Bring items to the disk: one write, one sync; or none of them, and the error."""
         frames, rows = self._frames(items)
-        if rows and self._sequence >= self._copy_at:
+        is_copied = bool(rows) and self._sequence >= self._copy_at
+        if is_copied:
             # A disk that damages the first frame must not take the rows with it. The copies lie ever further apart:
             # few of them, also in a journal of hours, and one of them near wherever a journal is cut.
             frames.append(Frame(HEADER, self._header_payload, self._sequence + len(frames)))
@@ -395,7 +405,7 @@ class Journal:
             raise
         self._size += len(data)
         self._sequence += len(frames)
-        if frames[-1].kind == HEADER:
+        if is_copied:
             self._copy_at = 2 * self._sequence
         self._acknowledged += rows
 
@@ -408,10 +418,9 @@ class Journal:
         def close_piece() -> None:
             if not pieces:
                 return
-            values = np.concatenate([piece.values for piece in pieces])
-            payload = values.astype("<f8", copy=False).tobytes()
+            values = np.concatenate([piece.values for piece in pieces], dtype="<f8")
             sequence = self._sequence + len(frames)
-            frames.append(Frame(DATA, payload, sequence, values.shape[1], len(values), pieces[0].first_row))
+            frames.append(Frame(DATA, values.tobytes(), sequence, values.shape[1], len(values), pieces[0].first_row))
             pieces.clear()
 
         for item in items:
@@ -430,8 +439,7 @@ class Journal:
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        if self._writer.ident is not None:
-            self._writer.join(_END_TIME)
+        self._writer.join(_END_TIME)
         if self._writer.is_alive():
             raise JournalError(
                 f"the disk has not answered for {_END_TIME:.0f} s",
@@ -446,9 +454,8 @@ class Journal:
             self._ballast = None
 
     def _close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        os.close(self._descriptor)
+        self._is_open = False
         self._free_room()
 
 

@@ -142,7 +142,7 @@ class Laboratory:
 
         moment = metadata.recorded_at or ""
         moment = moment if _DATE.match(moment) else created_at
-        digits = re.sub(r"\D", "", moment[:19])
+        digits = re.sub(r"\D", "", moment)
         purpose = metadata.purpose if metadata.purpose != "signal" else None
         signal = purpose or "-".join(signal_facts(metadata.signal).words)
         sample = metadata.sample.id if metadata.sample else None
