@@ -75,6 +75,8 @@ class Disk:
 
     def sync(self, descriptor: int) -> None:
         self.is_asked.set()
+        if threading.current_thread() is threading.main_thread():
+            assert self.go_on.is_set(), "the recorder is held up"
         assert self.go_on.wait(HANGS)
         if self.error:
             raise OSError(self.error, os.strerror(self.error))
