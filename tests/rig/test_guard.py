@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import fields, replace
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,14 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import IpmclabError
-from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import THESIS_RIG, Rig
 from ipmclab.rig.safety.guard import Alarm, Guard
 from ipmclab.rig.safety.guarded_bench import GuardedBench, LimitPassed
 from ipmclab.rig.safety.limits import Limit, Limits
-
-NOTHING = Limits(**{field.name: None for field in fields(Limits) if field.name not in ("voltage", "slew")})  # type: ignore[arg-type]
-ELECTRODES = replace(THESIS_RIG, voltage_sensed="electrodes")
+from tests.rig.scripted import ELECTRODES, NOTHING, Scripted
 
 
 def in_blocks(
@@ -36,33 +33,6 @@ def in_blocks(
         if first < stop:
             alarms += guard.look(first, {name: values[first:stop] for name, values in readings.items()})
     return alarms
-
-
-class Scripted:
-    """A bench that reads what stands in a list, row after row, and keeps what it was told to give out."""
-
-    origin = "virtual bench"
-    description = "readings from a list"
-    sample = None
-
-    def __init__(self, rig: Rig, readings: dict[str, np.ndarray]) -> None:
-        # What is read in volts is the quantity itself, so that not a digit is lost on the way.
-        channels = [replace(rig[name], gain=1.0, offset=0.0, lost=None) for name in readings]
-        self.rig = replace(rig, channels=tuple(channels))
-        self.readings = readings
-        self.row = 0
-        self.output: list[float] = []
-
-    def open(self, measured: Collection[str], rate: float) -> None:
-        assert set(measured) == set(self.readings)
-
-    def exchange(self, voltage: float) -> dict[str, float]:
-        self.row += 1
-        self.output.append(voltage)
-        return {name: float(values[self.row - 1]) for name, values in self.readings.items()}
-
-    def zero(self) -> None:
-        self.output.append(0.0)
 
 
 def ended_by(guarded: GuardedBench) -> Alarm | None:
@@ -244,75 +214,6 @@ def test_lost_rows_count_as_the_larger_of_their_neighbours() -> None:
     assert sorted((alarm.limit, alarm.row) for alarm in alarms) == [("charge", 502), ("mean_current", 502)]
 
 
-def test_single_rows_that_were_missed_count_as_the_larger_of_their_neighbours() -> None:
-    bench = Scripted(ELECTRODES, {"voltage": np.full(4, 2.0), "current": np.array([0.05, 0.05, 0.1, 0.1])})
-    guarded = GuardedBench(bench, replace(NOTHING, charge=Limit(0.99)))  # type: ignore[arg-type]
-    guarded.open(["voltage", "current"], 50.0)
-    guarded.exchange(0.5)
-    guarded.exchange(0.5)
-    # 10 s are missed before a current of 0.1 A: 1 C.
-    with pytest.raises(LimitPassed) as passed:
-        guarded.exchange(0.5, row=502)
-    assert (passed.value.alarm.limit, passed.value.alarm.row) == ("charge", 502)
-    assert bench.output[-1] == 0.0
-
-
-def test_a_clock_that_goes_back_ends_single_rows_at_0_v() -> None:
-    bench = Scripted(ELECTRODES, {"voltage": np.zeros(4)})
-    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
-    guarded.open(["voltage"], 50.0)
-    guarded.exchange(0.5, row=10)
-    with pytest.raises(IpmclabError, match="a block begins at row 5, row 11 was expected"):
-        guarded.exchange(0.5, row=5)
-    assert bench.output == [0.5, 0.5, 0.0]
-
-
-def test_what_is_read_at_rest_is_subtracted_from_single_rows() -> None:
-    bench = Scripted(ELECTRODES, {"voltage": np.zeros(9), "displacement": np.full(9, 0.011)})
-    guarded = GuardedBench(bench, replace(NOTHING, displacement=Limit(10e-3)))  # type: ignore[arg-type]
-    guarded.open(["voltage", "displacement"], 50.0)
-    guarded.subtract({"displacement": 5e-3})
-    guarded.exchange(0.5)
-    guarded.subtract({"displacement": -5e-3})
-    with pytest.raises(LimitPassed, match="the displacement is 16 mm, beyond its limit of 10 mm"):
-        guarded.exchange(0.5)
-
-
-def test_after_0_v_nothing_else_is_given_out_until_the_bench_is_opened_again() -> None:
-    """Whoever brings the output to 0 V: a loop in another thread must not drive the strip again."""
-    bench = Scripted(ELECTRODES, {"voltage": np.r_[np.full(3, 0.05), np.full(40, 2.0)]})
-    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
-    guarded.open(["voltage"], 50.0)
-    guarded.exchange(0.5)
-    guarded.zero()
-    with pytest.raises(IpmclabError, match="the output was brought to 0 V; open the bench again"):
-        guarded.exchange(0.5)
-    assert bench.output == [0.5, 0.0]
-    # The discharge can be read, and an output that does not go to 0 V is told.
-    for _ in range(12):
-        guarded.exchange(0.0)
-    with pytest.raises(BenchError, match="the output should be at 0 V and 2 V are read"):
-        guarded.exchange(0.0)  # row 13, 0.2 s after the first of 2 V
-    guarded.open(["voltage"], 50.0)
-    guarded.exchange(0.5)
-    assert bench.output[-1] == 0.5
-
-
-def test_0_v_that_comes_in_the_middle_of_a_row_stays() -> None:
-    """A handler of a signal of the system runs between the reading and the voltage that follows it."""
-
-    class Interrupted(Scripted):
-        def exchange(self, voltage: float) -> dict[str, float]:
-            guarded.zero()
-            return super().exchange(voltage)
-
-    bench = Interrupted(ELECTRODES, {"voltage": np.zeros(4)})
-    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
-    guarded.open(["voltage"], 50.0)
-    guarded.exchange(0.5)
-    assert bench.output == [0.0, 0.5, 0.0]
-
-
 def test_after_zeroing_the_discharge_does_not_act_but_an_output_that_stays_does() -> None:
     rate = 50.0
     limits = replace(NOTHING, current=Limit(0.1), charge=Limit(0.01))
@@ -382,53 +283,3 @@ def test_readings_beyond_all_measure_do_not_turn_its_sums_round(lost: int) -> No
         alarms = [alarm for first in range(200) for alarm in guard.look(first * (1000 + lost), block)]
         assert sorted(alarm.limit for alarm in alarms) == passed
         assert {alarm.row for alarm in alarms} == {0}
-
-
-def test_a_bench_that_fails_leaves_no_voltage_on_the_strip() -> None:
-    class Failing(Scripted):
-        def exchange(self, voltage: float) -> dict[str, float]:
-            if self.row:
-                raise BenchError("no answer", code="no-answer", where="bench", repair="look at the cable")
-            return super().exchange(voltage)
-
-    bench = Failing(ELECTRODES, {"voltage": np.zeros(4)})
-    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
-    guarded.open(["voltage"], 50.0)
-    guarded.exchange(1.0)
-    with pytest.raises(BenchError, match="no answer"):
-        guarded.exchange(1.0)
-    assert bench.output == [1.0, 0.0]
-    with pytest.raises(IpmclabError, match="the output was brought to 0 V"):
-        guarded.exchange(1.0)
-
-
-def test_a_listener_that_fails_does_not_keep_a_limit_from_acting() -> None:
-    def fail(alarm: Alarm) -> None:
-        assert bench.output[-1] == 0.0
-        raise ZeroDivisionError
-
-    limits = replace(NOTHING, current=Limit(0.1), displacement=Limit(1e-3, action="warn"))
-    readings = {"voltage": np.full(4, 1.0), "current": np.full(4, 0.2), "displacement": np.full(4, 2e-3)}
-    bench = Scripted(ELECTRODES, readings)
-    guarded = GuardedBench(bench, limits, on_warning=fail)  # type: ignore[arg-type]
-    guarded.open(list(readings), 50.0)
-    with pytest.raises(ZeroDivisionError):
-        guarded.exchange(1.0)
-    with pytest.raises(LimitPassed):
-        guarded.exchange(1.0)
-    assert bench.output[0] == 1.0
-    assert len(bench.output) > 1
-    assert not any(bench.output[1:])
-
-
-def test_0_v_that_comes_while_the_bench_is_being_opened_holds() -> None:
-    class Slow(Scripted):
-        def open(self, measured: Collection[str], rate: float) -> None:
-            guarded.zero()
-
-    bench = Slow(ELECTRODES, {"voltage": np.zeros(4)})
-    guarded = GuardedBench(bench, NOTHING)  # type: ignore[arg-type]
-    guarded.open(["voltage"], 50.0)
-    with pytest.raises(IpmclabError, match="the output was brought to 0 V"):
-        guarded.exchange(1.0)
-    assert bench.output == [0.0]

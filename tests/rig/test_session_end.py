@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,8 +19,9 @@ from ipmclab.rig.safety import session_end
 from ipmclab.rig.safety.guarded_output import Target, connect
 from ipmclab.rig.safety.guardian_process import Watch
 from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP, answer, told_of_the_end
+from tests.waiting import HANGS
 
-WM_PAINT, WM_QUERYENDSESSION, WM_ENDSESSION, WM_POWERBROADCAST = 0x000F, 0x0011, 0x0016, 0x0218
+WM_PAINT, WM_CLOSE, WM_QUERYENDSESSION, WM_ENDSESSION, WM_POWERBROADCAST = 0x000F, 0x0010, 0x0011, 0x0016, 0x0218
 PBT_APMSUSPEND, PBT_APMRESUMEAUTOMATIC = 0x0004, 0x0012
 
 
@@ -49,43 +51,64 @@ def test_windows_gets_its_answer_whatever_fails() -> None:
     assert answer(WM_ENDSESSION, 1, fail) == 0
 
 
+class Function:
+    """A function of Windows: of what it declares that it takes, it takes neither more nor less."""
+
+    argtypes: tuple[Any, ...] | None = None
+    restype: Any = None
+
+    def __init__(self, act: Any) -> None:
+        self.act = act
+
+    def __call__(self, *given: Any) -> Any:
+        if self.argtypes is not None:
+            assert len(given) == len(self.argtypes)
+            for kind, one in zip(self.argtypes, given, strict=True):
+                kind.from_param(one)
+        return self.act(*given)
+
+
 class Windows:
     """What the window asks of Windows: messages are a queue, and a handler is called by whoever takes them."""
 
-    def __init__(self) -> None:
+    def __init__(self, window: int | None = 7) -> None:
         self.messages: queue.SimpleQueue[tuple[int, int] | None] = queue.SimpleQueue()
         self.answers: list[int] = []
-        self.asked: list[tuple[str, int, str]] = []
-        self.procedure: Any = None
+        self.asked: list[tuple[Any, ...]] = []
+        self.made: tuple[Any, ...] = ()
+        self.posted: list[tuple[int, ...]] = []
+        self.status: int | None = None
+        self.window = window
         for name in ("SetThreadExecutionState", "SetProcessShutdownParameters"):
             setattr(self, name, self._noting(name))
-        self.GetModuleHandleW = self._giving(4)
-        self.CreateWindowExW = self._giving(7)
-        self.DefWindowProcW = self._giving(-1)
+        self.GetModuleHandleW = Function(lambda _: 4)
+        self.CreateWindowExW = Function(self._make)
+        self.DefWindowProcW = Function(lambda *_: -1)
 
     def _noting(self, name: str) -> Any:
-        return lambda value, *_: self.asked.append(
-            (name, getattr(value, "value", value), threading.current_thread().name)
+        return lambda *given: self.asked.append(
+            (name, *(getattr(one, "value", one) for one in given), threading.current_thread().name)
         )
 
-    @staticmethod
-    def _giving(value: int) -> Any:
-        def function(*_: object) -> int:
-            return value
-
-        return function
-
     def RegisterClassW(self, told: Any) -> None:  # the names of Windows
+        self.named = (told._obj.name, told._obj.instance)
         self.procedure = told._obj.procedure
 
-    def PostMessageW(self, handle: Any, message: int, detail: int, _: int) -> None:
-        assert handle.value == 7
-        self.messages.put((message, detail))
+    def _make(self, *given: Any) -> int | None:
+        assert (given[1], given[10]) == self.named
+        self.made = given
+        return self.window
 
-    def PostQuitMessage(self, _: int) -> None:
+    def PostMessageW(self, handle: Any, message: int, *details: int) -> None:
+        self.posted.append((handle.value, message, *details))
+        self.messages.put((message, details[0]))
+
+    def PostQuitMessage(self, status: int) -> None:
+        self.status = status
         self.messages.put(None)
 
-    def GetMessageW(self, told: Any, *_: object) -> int:
+    def GetMessageW(self, told: Any, *of: object) -> int:
+        assert of == (None, 0, 0)  # of every window of the thread, every message
         found = self.messages.get()
         if found is not None:
             told._obj.message, told._obj.wParam = found
@@ -95,20 +118,47 @@ class Windows:
         self.answers.append(self.procedure(7, told._obj.message, told._obj.wParam, 0))
 
 
-@pytest.mark.parametrize("last", [False, True])
+@pytest.fixture
+def waited(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, bool]]:
+    """On Windows, and what a run waited for there: whether it came to pass, or the run's patience ended."""
+    found: list[tuple[str, bool]] = []
+
+    class Event(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            found.append(("window", super().wait(timeout)))
+            return found[-1][1]
+
+    class Thread(threading.Thread):
+        def join(self, timeout: float | None = None) -> None:
+            super().join(timeout)
+            found.append(("end", not self.is_alive()))
+
+    of_threads = SimpleNamespace(Event=Event, Thread=Thread, get_ident=threading.get_ident)
+    monkeypatch.setattr(session_end, "threading", of_threads)
+    monkeypatch.setattr(session_end, "_PATIENCE", 30.0)  # a machine may pause
+    monkeypatch.setattr(session_end.sys, "platform", "win32")
+    monkeypatch.setattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE, raising=False)
+    return found
+
+
+@pytest.mark.parametrize("options", [{}, {"last": True}])
 def test_windows_tells_a_window_of_its_own_and_stays_awake_as_long_as_it_is_there(
-    monkeypatch: pytest.MonkeyPatch, last: bool
+    monkeypatch: pytest.MonkeyPatch, waited: list[tuple[str, bool]], options: dict[str, bool]
 ) -> None:
     windows = Windows()
-    monkeypatch.setattr(session_end.sys, "platform", "win32")
     monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
-    monkeypatch.setattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE, raising=False)
     acted: list[tuple[str, str]] = []
-    with told_of_the_end(lambda why: acted.append((why, threading.current_thread().name)), last=last):
+    with told_of_the_end(lambda why: acted.append((why, threading.current_thread().name)), **options):
+        assert waited == [("window", True)]
         [thread] = [one for one in threading.enumerate() if one.name == "end of session"]
+        assert thread.daemon  # were Windows not to let go of it, the program would end all the same
         # Windows lets a computer sleep again when the thread that asked it not to has ended.
         awake = ("SetThreadExecutionState", 0x80000001, thread.name)
-        assert windows.asked == [*([("SetProcessShutdownParameters", 0x100, thread.name)] if last else []), awake]
+        late = ("SetProcessShutdownParameters", 0x100, 0, thread.name)
+        assert windows.asked == ([late, awake] if options else [awake])
+        # Nobody sees it: it has neither a style nor a size.
+        name = f"ipmclab {os.getpid()} {thread.ident}"
+        assert windows.made == (0, name, name, 0, 0, 0, 0, 0, None, None, 4, None)
         for message in (
             (WM_PAINT, 0),
             (WM_QUERYENDSESSION, 0),
@@ -116,26 +166,54 @@ def test_windows_tells_a_window_of_its_own_and_stays_awake_as_long_as_it_is_ther
             (WM_POWERBROADCAST, PBT_APMSUSPEND),
         ):
             windows.messages.put(message)
-    assert not thread.is_alive()
-    assert windows.answers[:4] == [-1, 1, 0, 1]
+    assert waited == [("window", True), ("end", True)]
+    assert windows.posted == [(7, WM_CLOSE, 0, 0)]
+    assert windows.answers == [-1, 1, 0, 1, 0]
+    assert windows.status == 0
     assert acted == [(SESSION_ENDS, thread.name), (SLEEP, thread.name)]
 
 
-def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
-    real, started = subprocess.Popen, []
-
-    def start(command: list[str], **more: Any) -> subprocess.Popen[bytes]:
-        process = real([sys.executable, "-c", "import time; time.sleep(60)"], **more)
-        started.append((command, process))
-        return process
-
-    monkeypatch.setattr(session_end.subprocess, "Popen", start)
-    monkeypatch.setattr(session_end.sys, "platform", "darwin")
+def test_without_a_window_a_run_is_recorded_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, waited: list[tuple[str, bool]]
+) -> None:
+    windows = Windows(window=None)
+    windows.messages.put((WM_PAINT, 0))
+    windows.messages.put(None)
+    monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
     with told_of_the_end(lambda why: None):
-        [(command, process)] = started
-        assert command == ["/usr/bin/caffeinate", "-i", "-w", str(os.getpid())]
+        threads = [one for one in threading.enumerate() if one.name == "end of session"]
+    for thread in threads:
+        thread.join(HANGS)
+    assert waited[0] == ("window", True)
+    assert (windows.posted, windows.answers) == ([], [])
+
+
+def test_a_mac_is_kept_awake_as_long_as_a_run_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    real, done, started = subprocess.Popen, [], []
+
+    class Helper(real):  # type: ignore[valid-type,misc]
+        def __init__(self, command: list[str], **more: Any) -> None:
+            done.append(command)
+            started.append(self)
+            super().__init__([sys.executable, "-c", "import time; time.sleep(60)"], **more)
+
+        def terminate(self) -> None:
+            done.append("told to end")
+            super().terminate()
+
+        def wait(self, timeout: float | None = None) -> int:
+            done.append("waited for")
+            return super().wait(timeout)
+
+    monkeypatch.setattr(session_end.subprocess, "Popen", Helper)
+    monkeypatch.setattr(session_end.sys, "platform", "darwin")
+    awake = ["/usr/bin/caffeinate", "-i", "-w", str(os.getpid())]
+    with told_of_the_end(lambda why: None):
+        [process] = started
         assert process.poll() is None
+        assert done == [awake]
     assert process.poll() is not None
+    assert done == [awake, "told to end", "waited for"]
 
     def missing(command: list[str], **more: Any) -> None:
         raise FileNotFoundError(command[0])

@@ -71,13 +71,11 @@ class GuardedBench:
         self._bench = bench
         self._limits = limits
         self._on_warning = on_warning
-        self._rate = 0.0
         self._checked: tuple[RowSource, float] | None = None
         self._lock = threading.RLock()  # zero may come from another thread, or from a signal handler of this one
-        self._watch: RowWatch | None = None
-        self._given = 0.0
+        self._opened: tuple[float, RowWatch] | None = None  # with its rate
         self._ended: IpmclabError | None = None
-        self._zeros = 0  # how often the output was brought to 0 V
+        self._zeroed = threading.Event()  # since the bench was last asked to open
         self.rig: Rig = bench.rig
 
     @property
@@ -99,14 +97,13 @@ class GuardedBench:
         """Take hold of the bench: see ``Bench.open``. Voltage and current are always read: most limits need them."""
         known = [channel.name for channel in self.rig.channels]
         names = tuple(dict.fromkeys([*measured, *(name for name in ("voltage", "current") if name in known)]))
-        zeros = self._zeros
+        self._zeroed.clear()
         self._bench.open(names, rate)
         with self._lock:
-            self._rate = rate
-            self._watch = RowWatch(self._limits, rate, self.rig, names)
-            self._given = 0.0
-            if self._zeros == zeros:  # what comes while the bench is being opened holds for what is opened
-                self._ended = None
+            self._opened = rate, RowWatch(self._limits, rate, self.rig, names)
+            self._ended = None
+            if self._zeroed.is_set():  # what comes while the bench is being opened holds for what is opened
+                self.zero()
 
     def subtract(self, zeros: Mapping[str, float]) -> None:
         """Subtract from the readings of ``exchange`` what the channels read at rest.
@@ -115,8 +112,8 @@ class GuardedBench:
         ----------
         zeros : mapping of channel to float [SI unit of the channel]
         """
-        if self._watch is not None:
-            self._watch.subtract(zeros)
+        _, watch = self._check_open()
+        watch.subtract(zeros)
 
     def check(self, source: RowSource, rate: float) -> None:
         """Refuse a signal before anything moves: looking at hours of it takes seconds, so ``apply`` does not again.
@@ -133,10 +130,15 @@ class GuardedBench:
         InputError
             A voltage beyond the limit, or beyond what the output can give.
         """
-        if isinstance(source, SignalRows):
-            check_rows(self.rig, source, rate)
-            self._limits.refuse(source.signal, source.length / rate, rate)
+        self._refuse(source, rate)
         self._checked = (source, rate)
+
+    def _refuse(self, source: RowSource, rate: float) -> None:
+        if isinstance(source, SignalRows):
+            self._limits.refuse(source.signal, source.length / rate, rate)
+            most, output = self._limits.voltage.most, self.rig.output
+            if output.low > -most or output.high < most:  # otherwise it gives all that the strip stands
+                check_rows(self.rig, source, rate)
 
     def apply(self, source: Signal | RowSource, rows: int | None = None, *, more: int = 0) -> Iterator[Block]:
         """Give rows out, and read: see ``Bench.apply``.
@@ -154,15 +156,13 @@ class GuardedBench:
         InputError
             A signal with a voltage beyond the limit: nothing is given out then.
         """
+        rate, _ = self._check_open()
         played = as_rows(source, rows)
+        checked, at_rate = self._checked or (None, None)
+        if played is not checked or rate != at_rate:
+            self._refuse(played, rate)
         most, output = self._limits.voltage.most, self.rig.output
-        clamped = ClampedRows(played, max(-most, output.low), min(most, output.high), more)
-        is_checked = self._checked is not None and self._checked[0] is played and self._checked[1] == self._rate
-        if not is_checked and isinstance(played, SignalRows):
-            if clamped.low > -most or clamped.high < most:
-                check_rows(self.rig, played, self._rate)
-            self._limits.refuse(played.signal, played.length / self._rate, self._rate)
-        return self._bench.apply(clamped)
+        return self._bench.apply(ClampedRows(played, max(-most, output.low), min(most, output.high), more))
 
     def exchange(self, voltage: float, row: int | None = None) -> dict[str, float]:
         """Read every channel once, then give a voltage out: see ``Bench.exchange``.
@@ -198,36 +198,39 @@ class GuardedBench:
                 repair="give a smaller voltage",
             )
         with self._lock:
+            _, watch = self._check_open()
             if self._ended is not None and voltage != 0.0:
                 raise self._ended
             with self._zero_on_failure():
                 readings = self._bench.exchange(voltage)
-            if self._ended is not None:  # a signal handler of this thread brought the output to 0 V meanwhile
-                voltage = 0.0
-                self._bench.zero()
-            given, self._given = self._given, voltage
-            with self._zero_on_failure():
-                alarms = () if self._watch is None else self._watch.look(readings, given, row)
+                if self._ended is not None:  # a signal handler of this thread brought the output to 0 V meanwhile
+                    self._bench.zero()
+                alarms = watch.look(readings, row)
             self._act(alarms)
         return readings
 
     def _act(self, alarms: Sequence[Alarm]) -> None:
         """Do what limits that were passed ask for: the output goes to 0 V before anyone is told."""
-        stuck = next((one for one in alarms if one.kind == "stuck"), None)
-        ending = next((one for one in alarms if one.kind != "stuck" and one.action != "warn"), None)
-        passed = LimitPassed(ending) if ending is not None and self._ended is None else None
+        for one in alarms:
+            if one.kind == "stuck":
+                raise output_stuck(one)
+        ending = next((one for one in alarms if one.action != "warn"), None)
+        passed = None if ending is None else LimitPassed(ending)
         if passed is not None:
             self._ended = passed
             self.zero()
         if self._on_warning is not None:
             with self._zero_on_failure():
                 for one in alarms:
-                    if one.kind != "stuck" and one.action == "warn":
+                    if one.action == "warn":
                         self._on_warning(one)
-        if stuck is not None:
-            raise output_stuck(stuck)
         if passed is not None:
             raise passed
+
+    def _check_open(self) -> tuple[float, RowWatch]:
+        if self._opened is None:
+            raise InputError("the bench is not open", code="bench-closed", where="bench", repair="call open first")
+        return self._opened
 
     @contextmanager
     def _zero_on_failure(self) -> Iterator[None]:
@@ -241,7 +244,7 @@ class GuardedBench:
 
     def zero(self) -> None:
         """Bring the output to 0 V now."""
-        self._zeros += 1
+        self._zeroed.set()
         if self._ended is None:
             self._ended = IpmclabError(
                 "the output was brought to 0 V",
@@ -250,10 +253,9 @@ class GuardedBench:
                 repair="open the bench again before another voltage is given out",
             )
         with self._lock:
+            if self._opened is not None:  # first, so that an output that cannot be brought to 0 V is told later as well
+                self._opened[1].zeroed()
             self._bench.zero()
-            self._given = 0.0
-            if self._watch is not None:
-                self._watch.zeroed()
 
     def close(self) -> None:
         """Bring the output to 0 V and let go of the bench."""

@@ -39,20 +39,18 @@ class RowWatch:
         """The output was brought to 0 V: from now on only that it gets there is watched."""
         self._guard.zeroed(self._next - 1)
 
-    def look(self, readings: Mapping[str, float], given: float, row: int | None = None) -> tuple[Alarm, ...]:
+    def look(self, readings: Mapping[str, float], row: int | None = None) -> tuple[Alarm, ...]:
         """Hold a row against the limits.
 
         Parameters
         ----------
         readings : mapping of channel to float [V]
             As they come from the converters.
-        given : float [V]
-            What the output was told to give before them.
         row : int, optional
             The one after the last where it is left out; rows between them were missed.
         """
         first = self._next if row is None else row
         values = self._scaling.values({name: np.array([volts]) for name, volts in readings.items()})
-        alarms = self._guard.look(first, values, given=np.array([given]))
+        alarms = self._guard.look(first, values)
         self._next = first + 1
         return alarms

@@ -30,6 +30,9 @@ _LAST: Final = 0x100  # of the levels at which Windows ends programs, from 0x4FF
 
 _KEEP_AWAKE: Final = 0x80000001  # ES_CONTINUOUS | ES_SYSTEM_REQUIRED: until the thread ends
 
+_PATIENCE: Final = 5.0
+"""How long [s] a run waits for the window, to come and to go: without one it is recorded all the same."""
+
 
 def answer(message: int, detail: int, act: Act) -> int | None:
     """What a window answers to a message of Windows; None for those that are not its business.
@@ -116,7 +119,7 @@ class _Window:
     def open(self) -> None:
         """Make it; without one, the system is as it was."""
         self._thread.start()
-        self._ready.wait(5.0)
+        self._ready.wait(_PATIENCE)
 
     def close(self) -> None:
         """End its thread, and with it what kept the computer awake."""
@@ -124,7 +127,7 @@ class _Window:
             import ctypes
 
             ctypes.WinDLL("user32").PostMessageW(ctypes.c_void_p(self._handle), _CLOSE, 0, 0)
-            self._thread.join(5.0)
+            self._thread.join(_PATIENCE)
 
     def _live(self) -> None:
         if sys.platform == "win32":
@@ -166,7 +169,7 @@ class _Window:
                 name = f"ipmclab {os.getpid()} {threading.get_ident()}"
                 kernel.GetModuleHandleW.restype = wintypes.HMODULE
                 instance = kernel.GetModuleHandleW(None)
-                user.RegisterClassW(ctypes.byref(Class(0, procedure, 0, 0, instance, None, None, None, None, name)))
+                user.RegisterClassW(ctypes.byref(Class(procedure=procedure, instance=instance, name=name)))
                 create = user.CreateWindowExW
                 create.restype = wintypes.HWND
                 create.argtypes = (
