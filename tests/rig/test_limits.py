@@ -292,37 +292,38 @@ NEAR = replace(THESIS_RIG["displacement"], rest=15e-3)
 
 
 @pytest.mark.parametrize(
-    ("channel", "limit", "reads"),
+    ("channel", "most", "least", "reads"),
     [
-        (THESIS_RIG["current"], Limit(0.199), None),
-        (THESIS_RIG["current"], Limit(0.2), "the limit of the current is 200 mA, its channel reads up to 200 mA"),
-        (THESIS_RIG["current"], Limit(0.5), "the limit of the current is 500 mA, its channel reads up to 200 mA"),
-        (PRESSED, Limit(77e-3), None),
-        (PRESSED, Limit(80e-3), "the limit of the force is 80 mN, its channel reads up to 78.06 mN"),
-        (replace(PRESSED, zeroed=False), Limit(80e-3), None),
-        (NEAR, Limit(14e-3), None),
-        (NEAR, Limit(15e-3), "the limit of the displacement is 15 mm, its channel reads up to 15 mm"),
+        (THESIS_RIG["current"], 0.199, None, None),
+        (THESIS_RIG["current"], 0.2, None, "the limit of the current is 200 mA, its channel reads up to 200 mA"),
+        (THESIS_RIG["current"], 0.5, None, "the limit of the current is 500 mA, its channel reads up to 200 mA"),
+        (PRESSED, 77e-3, None, None),
+        (PRESSED, 80e-3, None, "the limit of the force is 80 mN, its channel reads up to 78.06 mN"),
+        (replace(PRESSED, zeroed=False), 80e-3, None, None),
+        (NEAR, 14e-3, None, None),
+        (NEAR, 15e-3, None, "the limit of the displacement is 15 mm, its channel reads up to 15 mm"),
         # The air is warmer or drier than a limit, not larger.
-        (COLD, Limit(49.0, least=-89.0), None),
-        (COLD, Limit(60.0), "the limit of the temperature is 60 degC, its channel reads up to 50 degC"),
-        (HUMID, Limit(89.0, least=21.0), None),
-        (HUMID, Limit(90.0), "the limit of the relative humidity is 90 percent, its channel reads up to 90 percent"),
+        (COLD, 49.0, -89.0, None),
+        (COLD, 60.0, None, "the limit of the temperature is 60 degC, its channel reads up to 50 degC"),
+        (HUMID, 89.0, 21.0, None),
+        (HUMID, 90.0, None, "the limit of the relative humidity is 90 percent, its channel reads up to 90 percent"),
         (
             HUMID,
-            Limit(80.0, least=20.0),
+            80.0,
+            20.0,
             "the lower limit of the relative humidity is 20 percent, its channel reads down to 20 percent",
         ),
         # No air is above 100 percent: this is no upper limit.
-        (HUMID, Limit(100.0, least=21.0), None),
-        (HUMID, Limit(100.0, least=20.0), "the lower limit of the relative humidity is 20 percent, its channel reads"),
+        (HUMID, 100.0, 21.0, None),
+        (HUMID, 100.0, 20.0, "the lower limit of the relative humidity is 20 percent, its channel reads"),
     ],
 )
 def test_a_limit_that_a_channel_ends_at_or_before_is_not_watched(
-    channel: Channel, limit: Limit, reads: str | None
+    channel: Channel, most: float, least: float | None, reads: str | None
 ) -> None:
     """A reading stays at the end of its range, and never gets beyond a limit there."""
     channels = (*(one for one in THESIS_RIG.channels if one.name != channel.name), channel)
-    limits = replace(Limits(current=None), **{channel.name: limit})  # type: ignore[arg-type]
+    limits = replace(Limits(current=None), **{channel.name: Limit(most, least=least)})  # type: ignore[arg-type]
     found = limits.unwatched(replace(THESIS_RIG, channels=channels), [channel.name])
     assert list(found) == ([] if reads is None else [channel.name])
     if reads is not None:
