@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
+from itertools import islice
 
 import pytest
 from hypothesis import given
@@ -36,7 +37,7 @@ def encoded(made: list[Frame]) -> bytes:
 
 
 def read(content: bytes) -> tuple[list[Frame], list[Damage]]:
-    found = list(read_frames(io.BytesIO(content)))
+    found = list(islice(read_frames(io.BytesIO(content)), 30))
     return [item for item in found if isinstance(item, Frame)], [item for item in found if isinstance(item, Damage)]
 
 
@@ -105,6 +106,9 @@ def test_a_file_cut_at_any_byte_gives_its_whole_frames() -> None:
         got, damage = read(content[:length])
         assert got == [frame for frame in made if frame.offset + len(frame) <= length]
         assert sum(len(one) for one in damage) == length - sum(len(frame) for frame in got)
+        rest = length - sum(len(frame) for frame in got)
+        torn = "it ends inside the head of a frame" if rest < HEADER_SIZE else "it ends inside a frame"
+        assert [one.reason for one in damage] == ([torn] if rest else [])
 
 
 def test_a_flipped_bit_anywhere_costs_one_frame_and_never_a_wrong_value() -> None:
@@ -117,13 +121,34 @@ def test_a_flipped_bit_anywhere_costs_one_frame_and_never_a_wrong_value() -> Non
             flipped[place] ^= 1 << bit
             got, damage = read(bytes(flipped))
             assert got == [frame for frame in made if frame is not hit]
-            assert [(one.start, one.stop) for one in damage] == [(hit.offset, hit.offset + len(hit))]
+            part = "head" if place - hit.offset < HEADER_SIZE else "content"
+            assert damage == [Damage(hit.offset, hit.offset + len(hit), f"the {part} of a frame is damaged")]
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(2, 4), (4, 2), (6, 2), (0, 0), (0, 6)])
+def test_rows_that_do_not_fill_their_frame_are_not_believed(rows: int, columns: int) -> None:
+    """A whole frame of six numbers that says that it holds others: nobody knows which number is whose."""
+    header, data, event = journal()
+    claimed = replace(data, rows=rows, columns=columns)
+    assert read(encoded([header, claimed, event])) == (
+        [header, event],
+        [Damage(data.offset, data.offset + len(data), "a frame is out of order")],
+    )
+
+
+def test_numbers_of_frames_may_have_gaps() -> None:
+    """What a disk lost between two frames costs neither of them."""
+    header, data, event = journal()
+    made = [header, replace(data, sequence=5), replace(event, sequence=2**63)]
+    assert read(encoded(made)) == (made, [])
 
 
 def test_the_layout_is_what_the_docs_say() -> None:
     """Other programs read journals too: 40 bytes of head, little-endian; what is no rows has 0 of them."""
-    note = Frame(EVENT, b"{}", 0).encode()
-    assert (note[6:12], note[24:32]) == (bytes(6), bytes(8))
+    assert (HEADER, DATA, EVENT, END) == (1, 0, 2, 4)
+    note = Frame(EVENT, b"{}", 0)
+    assert (note.encode()[6:12], note.encode()[24:32]) == (bytes(6), bytes(8))
+    assert read(note.encode()) == ([note], [])
     head = Frame(DATA, b"x" * 16, 7, 2, 1, 1234567890123).encode()
     assert HEADER_SIZE == 40
     assert head[:4] == b"RUNF"

@@ -7,10 +7,8 @@ import json
 import os
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from uuid import uuid4
 
 import numpy as np
@@ -302,32 +300,3 @@ def test_a_recovered_run_says_what_became_of_the_output(
     # What says 0 V is no longer needed; what does not is told at the next recording.
     recover(tmp_path)
     assert word.exists() == (state in ("unread", "failed", "armed"))
-
-
-def test_a_guardian_that_is_about_to_act_is_waited_for(tmp_path: Path) -> None:
-    word = tmp_path / "a.guardian"
-    word.write_text(json.dumps({"state": "armed", "text": "", "time": 0.0}))
-    told = json.dumps({"state": "zero", "text": "the recorder is gone", "time": 1.0})
-    threading.Timer(0.3, lambda: word.write_text(told)).start()
-    assert guardian_word.read_word(word, since=time.time()).state == "zero"
-
-
-def test_a_guardian_that_says_no_more_is_waited_for_for_six_seconds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    word, now = tmp_path / "a.guardian", [1000.0]
-    word.write_text(json.dumps({"state": "armed", "text": "", "time": 0.0}))
-    clock = SimpleNamespace(time=lambda: now[0], sleep=lambda _: now.__setitem__(0, now[0] + 0.5))
-    monkeypatch.setattr(guardian_word, "time", clock)
-    assert guardian_word.read_word(word, since=1000.0).state == "armed"
-    assert 6.0 < now[0] - 1000.0 < 7.0
-    assert guardian_word.read_word(word, since=900.0).state == "armed"  # its recorder wrote long ago: at once
-    assert now[0] - 1000.0 < 7.0
-
-
-def test_what_a_guardian_has_just_said_is_kept_for_who_is_about_to_read_it(tmp_path: Path) -> None:
-    laboratory = Laboratory.open(tmp_path)
-    for name, age in (("new", 1.0), ("old", 61.0)):
-        told = json.dumps({"state": "zero", "text": "", "time": time.time() - age})
-        (laboratory.recording / f"{name}.guardian").write_text(told)
-    assert recover(laboratory).removed == (laboratory.recording / "old.guardian",)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -89,20 +90,20 @@ def read_frames(stream: BinaryIO) -> Iterator[Frame | Damage]:
         Read from its start.
     """
     size = stream.seek(0, 2)
-    place, last = 0, -1
+    place = least = 0
     while place < size:
-        found = _frame_at(stream, place, size, last)
+        found = _frame_at(stream, place, size, least)
         if isinstance(found, Frame):
             yield found
-            place, last = place + len(found), found.sequence
+            place, least = place + len(found), found.sequence + 1
             continue
-        following = _next_frame(stream, place + 1, size, last)
+        following = _next_frame(stream, place + 1, size, least)
         yield Damage(place, following, found)
         place = following
 
 
-def _frame_at(stream: BinaryIO, place: int, size: int, last: int) -> Frame | str:
-    """The frame that starts there, or why there is none."""
+def _frame_at(stream: BinaryIO, place: int, size: int, least: int) -> Frame | str:
+    """The frame that starts there, with this number or a higher one, or why there is none."""
     stream.seek(place)
     head = stream.read(HEADER_SIZE)
     if len(head) < HEADER_SIZE:
@@ -113,24 +114,22 @@ def _frame_at(stream: BinaryIO, place: int, size: int, last: int) -> Frame | str
     if place + HEADER_SIZE + length > size:
         return "it ends inside a frame"
     payload = stream.read(length)
-    if len(payload) != length or zlib.crc32(payload) != checksum:
+    if zlib.crc32(payload) != checksum:
         return "the content of a frame is damaged"
-    if sequence <= last or (kind == DATA and rows * columns * 8 != length):
+    if sequence < least or (kind == DATA and rows * columns * 8 != length):
         return "a frame is out of order"
     return Frame(kind, payload, sequence, columns, rows, first_row, place)
 
 
-def _next_frame(stream: BinaryIO, start: int, size: int, last: int) -> int:
+def _next_frame(stream: BinaryIO, start: int, size: int, least: int) -> int:
     """Where the next whole frame starts; the end of the file when there is none."""
-    while start < size:
+    while True:
         stream.seek(start)
         window = stream.read(_WINDOW)
-        place = window.find(MAGIC)
-        while place >= 0:
-            if isinstance(_frame_at(stream, start + place, size, last), Frame):
-                return start + place
-            place = window.find(MAGIC, place + 1)
+        for letters in re.finditer(MAGIC, window):
+            place = start + letters.start()
+            if isinstance(_frame_at(stream, place, size, least), Frame):
+                return place
         if len(window) < _WINDOW:
-            break
-        start += len(window) - len(MAGIC) + 1
-    return size
+            return size
+        start += len(window) - len(MAGIC)  # the letters may stand in two windows

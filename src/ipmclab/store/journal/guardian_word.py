@@ -53,18 +53,18 @@ class Word:
         return "its guardian never said that the output is at 0 V"
 
 
-def read_word(file: Path, *, since: float = 0.0) -> Word:
-    """What stands in the file of a guardian; one that is about to act is waited for.
+def read_word(file: Path, *, since: float | None = None) -> Word:
+    """What stands in the file of a guardian; where its recorder may just have died, its word is waited for.
 
     Parameters
     ----------
     file : Path
-    since : float [s since 1970]
-        When its recorder wrote last.
+    since : float [s since 1970], optional
+        When its recorder wrote last. Without it nothing is waited for.
     """
     while True:
         word = _read(file)
-        if word.state not in ("armed", "unknown") or time.time() > since + _ACTS_WITHIN:
+        if since is None or word.state not in ("armed", "unknown") or time.time() > since + _ACTS_WITHIN:
             return word
         time.sleep(0.1)
 

@@ -105,7 +105,7 @@ class JournalRecord:
         columns = len(self.header.columns)
         for piece in self.pieces:
             stream.seek(piece.offset)
-            yield piece.first_row, _values(stream.read(piece.rows * columns * 8), columns)
+            yield piece.first_row, _values(stream.read(piece.rows * columns * 8), piece.rows, columns)
 
 
 def read_journal(path: str | os.PathLike[str], stream: BinaryIO | None = None) -> JournalRecord:
@@ -224,7 +224,7 @@ class _Collector:
         if frame.columns != len(columns) or frame.first_row < self.next_row or not frame.rows:
             self.damage.append(Damage(frame.offset, frame.offset + len(frame), "a frame does not fit the header"))
             return
-        values = _values(frame.payload, frame.columns)
+        values = _values(frame.payload, frame.rows, frame.columns)
         for place, name in enumerate(columns):
             if name.endswith("_quality") and values[:, place].any():
                 self.flagged.add(name)
@@ -249,5 +249,5 @@ class _Collector:
             self.damage.append(Damage(frame.offset, frame.offset + len(frame), "a frame holds neither event nor end"))
 
 
-def _values(payload: bytes, columns: int) -> FloatArray:
-    return np.frombuffer(payload, dtype="<f8").reshape(-1, columns).astype(np.float64, copy=False)
+def _values(payload: bytes, rows: int, columns: int) -> FloatArray:
+    return np.asarray(np.frombuffer(payload, dtype="<f8").reshape(rows, columns), dtype=np.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -126,7 +127,7 @@ def _first_digits(journal: Path) -> str:
 def _remove(path: Path) -> bool:
     """Remove a file if the system lets us; another time will do."""
     try:
-        path.chmod(0o644)
+        path.chmod(path.stat().st_mode | stat.S_IWRITE)  # Windows removes no file that may only be read
         path.unlink()
     except OSError:
         return False
