@@ -25,8 +25,11 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-VOLTAGE_TOLERANCE: Final = (0.02, 0.02)
-"""What the reading of the voltage may exceed its limit by: relative, and [V]. The command is exact, a reading not."""
+VOLTAGE_TOLERANCE: Final = 0.02
+"""What the reading of the voltage may exceed its limit by, relative to it: the command is exact, a reading not."""
+
+LEAST_TOLERANCE: Final = 0.02
+"""So much [V] the reading of the voltage may exceed any limit by."""
 
 BLIND_TIME: Final = 1.0
 """A reading that is missing for so long [s] is told: its limit is not watched."""
@@ -205,7 +208,7 @@ class Guard:
             size = values if name in AIR else np.abs(values)
             most = limit.most
             if name == "voltage":
-                most += max(VOLTAGE_TOLERANCE[0] * most, VOLTAGE_TOLERANCE[1])
+                most += max(VOLTAGE_TOLERANCE * most, LEAST_TOLERANCE)
             known = ~np.isnan(values)
             alarms += self._alarms(name, limit, at[known], values[known], size[known] > most)
             if limit.least is not None:
@@ -272,9 +275,8 @@ class Guard:
 
     def _hold(self, name: str, values: FloatArray) -> FloatArray:
         """Each reading, and in the place of one that is none the one before it."""
-        known = np.concatenate([[True], ~np.isnan(values)])
         extended = np.concatenate([[self._held.get(name, 0.0)], values])
-        held = extended[np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))]
+        held = extended[np.maximum.accumulate(np.where(np.isnan(extended), 0, np.arange(len(extended))))]
         self._held[name] = float(held[-1])
         return held[1:]
 
@@ -302,7 +304,7 @@ class _Watch:
         if not len(rows) or (self._since is None and not beyond.any()):
             return []
         was = np.concatenate([[self._since is not None], beyond[:-1]])
-        begins = np.where(beyond & ~was, rows, -1)
+        begins = np.where(beyond & ~was, rows, 0)
         if self._since is not None and beyond[0]:
             begins[0] = self._since
         reached = beyond & (rows - np.maximum.accumulate(begins) >= self._rows)
@@ -334,10 +336,9 @@ class _Mean:
         """The sum that ends with each of the values; ``lost`` rows before them were not read."""
         fill = np.full(min(lost, self.rows), max(int(self._last[-1]), int(values[0])), dtype=np.int64)
         joined = np.concatenate([self._last, fill, values])
-        sums = np.concatenate([[0], np.cumsum(joined)])
-        ends = np.arange(len(joined) - len(values) + 1, len(joined) + 1)
+        sums = np.cumsum(joined)
         self._last = joined[-self.rows :]
-        found: IntArray = sums[ends] - sums[ends - self.rows]
+        found: IntArray = sums[-len(values) :] - sums[-len(values) - self.rows : -self.rows]
         return found
 
 
@@ -345,8 +346,7 @@ class _Sum:
     """The sum of all values so far."""
 
     def __init__(self) -> None:
-        self._total = 0
-        self._last = 0
+        self._total = self._last = 0
 
     def add(self, lost: int, values: IntArray) -> IntArray:
         """The sum that ends with each of the values; ``lost`` rows before them were not read."""

@@ -23,9 +23,8 @@ def channels_at_output(rig: Rig) -> tuple[str, ...]:
     >>> channels_at_output(THESIS_RIG)
     ('voltage',)
     """
-    needed = ("voltage", "current") if resistance_between(rig) else ("voltage",)
-    wired = [channel.name for channel in rig.channels if channel.physical]
-    return needed if all(name in wired for name in needed) else ()
+    needed = _needed(rig)
+    return needed if {channel.name for channel in rig.channels if channel.physical}.issuperset(needed) else ()
 
 
 def resistance_between(rig: Rig) -> float:
@@ -35,11 +34,11 @@ def resistance_between(rig: Rig) -> float:
 
 def at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
     """What the output gives [V], from readings [V] as they come from the converters; None when they cannot tell."""
-    between = resistance_between(rig)
-    if "voltage" not in readings or (between and "current" not in readings):
+    needed = _needed(rig)
+    if not readings.keys() >= set(needed):
         return None
-    current = rig["current"].to_quantity(readings["current"]) if between else 0.0
-    return rig["voltage"].to_quantity(readings["voltage"]) + current * between
+    voltage, *current = (rig[name].to_quantity(readings[name]) for name in needed)
+    return voltage + resistance_between(rig) * sum(current)
 
 
 def left_at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
@@ -69,3 +68,7 @@ def left_at_output(rig: Rig, readings: Mapping[str, float]) -> float | None:
     """
     left = at_output(rig, readings)
     return left if left is not None and abs(left) > TOLERANCE else None
+
+
+def _needed(rig: Rig) -> tuple[str, ...]:
+    return ("voltage", "current") if resistance_between(rig) else ("voltage",)
