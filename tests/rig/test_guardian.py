@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import io
-import json
 import os
-import queue
 import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,10 +14,8 @@ import pytest
 
 from ipmclab.errors import IpmclabError
 from ipmclab.rig.channels import THESIS_RIG
-from ipmclab.rig.safety import guardian_process
-from ipmclab.rig.safety.guarded_output import Connection, Target, connect
+from ipmclab.rig.safety.guarded_output import Target
 from ipmclab.rig.safety.guardian import Guardian
-from ipmclab.rig.safety.guardian_process import Watch
 from tests.waiting import until
 
 RECORDER = """
@@ -231,136 +225,6 @@ def test_a_guardian_that_hangs_is_noticed(tmp_path: Path) -> None:
         finally:
             os.kill(guardian.pid, signal.SIGCONT)
         guardian.disarm()
-
-
-class Words:
-    """What the recorder says, in an order that no clock decides; ``None`` is its end, ``queue.Empty`` its silence."""
-
-    def __init__(self, *words: object) -> None:
-        self.left = list(words)
-
-    def get(self, timeout: float | None) -> object:
-        word = self.left.pop(0)
-        if word is queue.Empty:
-            raise queue.Empty
-        return word
-
-    def put(self, word: object) -> None:
-        self.left.append(word)
-
-
-def watched(folder: Path, *words: object, connection: Connection | None = None) -> tuple[int, Path, str]:
-    """What a guardian came to that heard these words: its exit status, its status file, and what it said."""
-    target, status, said = Target("file", str(folder / "output.txt")), folder / "status.json", io.StringIO()
-    watch = Watch(target, None, said, connection or connect(target), status)
-    watch._words = Words(*words)  # type: ignore[assignment]
-    return watch.run(), status, said.getvalue()
-
-
-def test_a_recorder_that_ends_just_as_it_is_looked_for_once_more_is_gone(tmp_path: Path) -> None:
-    """Its end comes between the deadline and the last look: it is told as what it is, and ends the guardian."""
-    code, _, said = watched(tmp_path, "arm 0", queue.Empty, None)
-    assert code == 0
-    assert "acted the recorder is gone\n" in said
-    assert len(zeroed_at(tmp_path / "output.txt")) == 1
-
-
-def test_a_word_that_came_late_is_a_sign_of_life(tmp_path: Path) -> None:
-    code, status, said = watched(tmp_path, "arm 0", queue.Empty, "beat", "disarm", None)
-    assert (code, status.exists()) == (0, False)
-    assert "acted" not in said
-    assert not (tmp_path / "output.txt").exists()
-
-
-def test_what_it_has_come_to_stays_to_be_read_once_it_acted(tmp_path: Path) -> None:
-    code, status, said = watched(tmp_path, "arm 60", "beat", None)
-    assert code == 0
-    assert said.endswith("acted the recorder is gone\nzero\n")
-    told = json.loads(status.read_text())
-    assert (told["state"], told["text"]) == ("zero", "the recorder is gone")
-    assert abs(told["time"] - time.time()) < 60.0
-    # Another run with nothing to tell: its own word goes with it.
-    assert not watched(tmp_path, "arm 60", "disarm", None)[1].exists()
-
-
-def test_after_a_reset_that_hangs_the_next_one_goes_through_a_new_connection(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(guardian_process, "ATTEMPT_TIME", 0.2)
-    monkeypatch.setattr(guardian_process, "GIVE_UP", 2.0)
-    asked, never = [], threading.Event()
-
-    class Hanging:
-        def reset(self) -> None:
-            asked.append(True)
-            never.wait(60.0)
-
-        def read(self) -> float:
-            raise AssertionError("what was not reset is not read")
-
-        def close(self) -> None:
-            """Nothing is held."""
-
-    code, _, _ = watched(tmp_path, "arm 60", None, connection=Hanging())
-    never.set()
-    assert (code, len(asked)) == (0, 1)
-    assert len(zeroed_at(tmp_path / "output.txt")) == 1
-
-
-class Reading:
-    """An output that every reset succeeds for, and that gives these voltages, or fails to tell, when it is read."""
-
-    def __init__(self, *told: float | IpmclabError) -> None:
-        self.told = list(told)
-        self.resets = 0
-
-    def reset(self) -> None:
-        self.resets += 1
-
-    def read(self) -> float:
-        told = self.told.pop(0) if len(self.told) > 1 else self.told[0]
-        if isinstance(told, IpmclabError):
-            raise told
-        return told
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-def failure(code: str) -> IpmclabError:
-    return IpmclabError("no reading", code=code, where="voltage", repair="see")
-
-
-def test_a_reset_that_succeeded_is_not_0_v(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An amplifier that holds its output, or an output that is stuck, takes every reset without an error."""
-    monkeypatch.setattr(guardian_process, "LOUD", 0.3)
-    monkeypatch.setattr(guardian_process, "GIVE_UP", 1.0)
-    stuck = Reading(1.0)
-    code, status, said = watched(tmp_path, "arm 60", None, connection=stuck)
-    told = json.loads(status.read_text())
-    assert (code, told["state"]) == (1, "failed")
-    assert told["text"].endswith("it was reset, but 1 V are still read")
-    assert "zero" not in said.split()
-    assert stuck.resets > 2
-    # It is at 0 V as soon as that is read.
-    late = Reading(1.0, 1.0, 1e-3)
-    code, status, said = watched(tmp_path, "arm 60", None, connection=late)
-    assert (code, json.loads(status.read_text())["state"], late.resets) == (0, "zero", 3)
-    assert said.endswith("zero\n")
-
-
-@pytest.mark.parametrize("code", ["output-unread", "bench-lost"])
-def test_an_output_that_cannot_be_read_back_is_told_as_that(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
-) -> None:
-    monkeypatch.setattr(guardian_process, "LOUD", 0.3)
-    unseen = Reading(failure(code))
-    ended, status, said = watched(tmp_path, "arm 60", None, connection=unseen)
-    told = json.loads(status.read_text())
-    assert (ended, told["state"]) == (1, "unread")
-    assert "no reading" in told["text"]
-    assert "unread IpmclabError: voltage: no reading" in said
-    assert (unseen.resets == 1) == (code == "output-unread")
 
 
 def test_what_it_guards_goes_to_its_process_whole() -> None:

@@ -2,110 +2,48 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from types import SimpleNamespace
+import threading
+from pathlib import Path
 
 import pytest
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.bench import BenchError
-from ipmclab.rig.safety import guardian as guardian_module
-from ipmclab.rig.safety import own_clock
+from ipmclab.platform import detached, python_child
 from ipmclab.rig.safety.guarded_output import Target
 from ipmclab.rig.safety.guardian import Guardian
 from ipmclab.rig.safety.own_clock import Lateness
+from tests.rig.guardian_stand_in import Clock, Process
+from tests.rig.guardian_stand_in import clock as clock
+from tests.rig.guardian_stand_in import guardian as guardian
+from tests.rig.guardian_stand_in import process as process
 from tests.waiting import HANGS, in_background, until
-
-
-class Clock:
-    """The time of the recorder, which stands until a test moves it, and how often the thread that beats woke."""
-
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        self.now = 100.0
-        self.wakes = 0
-        time = SimpleNamespace(monotonic=lambda: self.now, thread_time=lambda: 0.0)
-        woke = Lateness.woke
-
-        def counted(lateness: Lateness) -> None:
-            woke(lateness)
-            self.wakes += 1
-
-        patch.setattr(guardian_module, "time", time)
-        patch.setattr(own_clock, "time", time)
-        patch.setattr(Lateness, "woke", counted)
-
-    def let_it_wake(self, times: int = 2) -> None:
-        """The thread has looked at the clock as it is now."""
-        enough = self.wakes + times
-        until(lambda: self.wakes >= enough)
-
-
-class Process:
-    """The process of a guardian: it says what a test lets it say, and keeps what it hears."""
-
-    pid = 0
-
-    def __init__(self) -> None:
-        read, write = os.pipe()
-        self.stdin, self.stdout = self, os.fdopen(read, "rb", buffering=0)
-        self._said = os.fdopen(write, "wb", buffering=0)
-        self.answers = {"arm": "armed", "disarm": "disarmed"}
-        self.heard: list[str] = []
-
-    def say(self, word: str) -> None:
-        self._said.write(f"{word}\n".encode())
-
-    def write(self, words: bytes) -> None:
-        self.heard.append(words.decode().strip())
-        answer = self.answers.get(self.heard[-1].partition(" ")[0])
-        if answer:
-            self.say(answer)
-
-    def close(self) -> None:
-        self._said.close()
-
-    def wait(self, _: float | None = None) -> int:
-        return 0
-
-
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    return Clock(monkeypatch)
-
-
-@pytest.fixture
-def process(monkeypatch: pytest.MonkeyPatch) -> Process:
-    made = Process()
-    monkeypatch.setattr(guardian_module, "subprocess", SimpleNamespace(Popen=lambda *_, **__: made, PIPE=-1))
-    return made
-
-
-@pytest.fixture
-def guardian(process: Process, clock: Clock) -> Iterator[Guardian]:
-    with Guardian(Target("file", "output.txt"), silence=1.0) as made:
-        process.say("ready")
-        yield made
 
 
 def beats(process: Process) -> int:
     return process.heard.count("beat")
 
 
+def alive(name: str) -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == name]
+
+
+@pytest.mark.parametrize("block_time", [[], [0.2]], ids=["unsaid", "0.2 s"])
 def test_between_blocks_that_are_close_nothing_beats_for_the_recorder(
-    guardian: Guardian, process: Process, clock: Clock
+    guardian: Guardian, process: Process, clock: Clock, block_time: list[float]
 ) -> None:
     """A recorder that hangs after its last beat is noticed after the silence, and not a moment later."""
-    guardian.arm()
+    guardian.arm(*block_time)
     for _ in range(2):
         clock.let_it_wake()
         assert process.heard == ["arm 1.0"]
         clock.now += 0.5
     guardian.beat()
+    clock.let_it_wake()
     assert process.heard == ["arm 1.0", "beat"]
+    assert clock.periods == {0.1}  # where it has to beat: ten times a second
 
 
-@pytest.mark.parametrize("block_time", [0.0, 1.0])
+@pytest.mark.parametrize("block_time", [0.0, 0.25, 2.0])
 def test_what_it_is_asked_to_wait_for_ends(
     guardian: Guardian, process: Process, clock: Clock, block_time: float
 ) -> None:
@@ -113,55 +51,185 @@ def test_what_it_is_asked_to_wait_for_ends(
     guardian.arm(block_time)
     if not block_time:
         guardian.hold(2.0)
-    lasts = 3.0 * block_time or 2.0
-    clock.now += lasts - 0.5
-    until(lambda: beats(process))
-    clock.now += 0.5
-    clock.let_it_wake(1)  # it may have looked at the clock just before
-    told = beats(process)
+    clock.now += (3.0 * block_time or 2.0) - 0.125
     clock.let_it_wake()
-    assert beats(process) == told
+    assert beats(process) == 1
+    clock.now += 0.125
+    clock.let_it_wake()
+    assert beats(process) == 1
 
 
-def test_only_what_was_late_since_the_last_beat_counts(guardian: Guardian, process: Process, clock: Clock) -> None:
-    """A recorder that was held up once, and has beaten since, is not the cause of what comes later."""
+def test_what_it_was_asked_to_wait_for_ends_with_the_next_beat(
+    guardian: Guardian, process: Process, clock: Clock
+) -> None:
     guardian.arm()
-    clock.let_it_wake(1)
-    clock.now += 0.9
-    clock.let_it_wake()
+    guardian.hold(60.0)
     guardian.beat()
-    process.say("acted the recorder was silent for 1 s")
-    process.say("zero")
+    clock.let_it_wake()
+    assert beats(process) == 1
+
+
+def test_once_it_acted_nothing_beats_for_the_recorder(guardian: Guardian, process: Process, clock: Clock) -> None:
+    guardian.arm(2.0)
+    process.say("acted the recorder was silent for 1 s", "zero")
     until(lambda: guardian.outcome)
-    with pytest.raises(IpmclabError, match="the chassis gave no readings"):
+    clock.let_it_wake()
+    assert process.heard == ["arm 1.0"]
+
+
+def test_what_was_never_armed_is_neither_disarmed_nor_beaten_for(guardian: Guardian, process: Process) -> None:
+    guardian.wait()
+    guardian.disarm()
+    assert process.heard == []
+    with pytest.raises(IpmclabError, match="there is no guardian: it is not armed"):
         guardian.beat()
 
 
-def test_once_it_is_disarmed_nothing_counts_as_late(
-    guardian: Guardian, process: Process, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody wakes any more: a server that freezes then is not excused by it."""
-    monkeypatch.setattr(guardian_module, "_ANSWER", 0.05)
+def test_it_is_let_go_of_once_it_says_so(guardian: Guardian, process: Process, clock: Clock) -> None:
+    """A beat between its word and its answer would be one to a guardian that still watches."""
     guardian.arm()
-    clock.let_it_wake(1)
-    process.say("acted the recorder was silent for 1 s")
-    until(lambda: guardian.acted)
+    [thread] = alive("heartbeat")
+    assert thread.daemon  # a program that ends is not kept by it
     del process.answers["disarm"]
+    clock.meanwhile = lambda: process.say("disarmed")
     guardian.disarm()
-    clock.now += 10.0
-    failure = BenchError("the server of the chassis does not answer", code="bench-frozen", repair="restart it")
-    guardian.explain(failure)
-    assert failure.code == "bench-frozen"
+    with pytest.raises(IpmclabError, match="it is not armed"):
+        guardian.beat()
+    assert process.heard == ["arm 1.0", "disarm"]
+    thread.join(HANGS)
 
 
-def test_one_that_ends_before_it_is_ready_is_not_waited_for(process: Process, clock: Clock) -> None:
+def test_of_two_runs_the_second_alone_is_beaten_for(guardian: Guardian, process: Process, clock: Clock) -> None:
+    """The first ended with an output that could not be brought to 0 V: it was not let go of."""
+    guardian.arm(20.0)
+    [first] = alive("heartbeat")
+    guardian.arm()
+    first.join(HANGS)
+    assert len(alive("heartbeat")) == 1
+    clock.let_it_wake()
+    assert beats(process) == 0
+
+
+def test_one_that_gives_no_sign_of_life_is_taken_as_gone(guardian: Guardian, process: Process, clock: Clock) -> None:
+    guardian.arm()
+    clock.goes_on(3.0)
+    guardian.beat()
+    clock.goes_on(0.125)
+    with pytest.raises(IpmclabError, match=r"it has given no sign of life for 3\.1 s"):
+        guardian.beat()
+    assert beats(process) == 1
+
+
+def test_a_sign_of_life_is_heard(guardian: Guardian, process: Process, clock: Clock) -> None:
+    guardian.arm()
+    clock.goes_on(3.0)
+    process.say("alive")
+    until(lambda: guardian._sign == clock.now)
+    clock.goes_on(2.0)
+    guardian.beat()
+    assert (guardian.acted, guardian.outcome) == ("", "")
+
+
+def test_a_guardian_that_does_not_answer_is_not_waited_for_for_ever(
+    guardian: Guardian, process: Process, clock: Clock
+) -> None:
+    guardian.wait()
+    clock.is_patient = False
+    process.answers.clear()
+    with pytest.raises(IpmclabError, match="there is no guardian: it does not answer"):
+        guardian.arm()
+    process.say("armed")
+    clock.is_patient = True
+    guardian.arm()
+    clock.is_patient = False
+    guardian.disarm()
+    assert clock.patience == [30.0, 30.0, 2.0, 30.0, 2.0, 2.0]
+
+
+def test_before_it_is_connected_it_cannot_be_armed(process: Process, clock: Clock) -> None:
+    clock.is_patient = False
+    with Guardian(Target("file", "output.txt")) as guardian:
+        with pytest.raises(IpmclabError, match="there is no guardian: it was not ready within 30 s") as told:
+            guardian.arm()
+        assert (told.value.code, told.value.where) == ("guardian-lost", "guardian")
+        assert process.heard == []
+        guardian.disarm()
+        assert process.heard == []
+
+
+def test_one_that_could_not_connect_is_told_by_what_it_said(process: Process, clock: Clock) -> None:
+    with Guardian(Target("file", "output.txt")) as guardian:
+        process.say("failed no chassis at 127.0.0.1")
+        process.end()
+        with pytest.raises(IpmclabError, match=r"there is no guardian: no chassis at 127\.0\.0\.1"):
+            guardian.arm()
+
+
+@pytest.mark.parametrize("comes", ["ready", "its end"])
+def test_whoever_waits_is_told_at_once(process: Process, clock: Clock, comes: str) -> None:
     guardian = Guardian(Target("file", "output.txt"))
     waiting = in_background(lambda: guardian.wait(HANGS))
     until(lambda: guardian._told._waiters)  # type: ignore[attr-defined]
-    process.close()
-    with pytest.raises(IpmclabError, match="there is no guardian: it has ended"):
-        waiting.result(HANGS / 6.0)  # it is told at once, on whatever machine long before the wait would end
+    if comes == "ready":
+        process.say("ready")
+        waiting.result(HANGS / 9.0)  # on whatever machine long before the wait would end
+    else:
+        process.end()
+        with pytest.raises(IpmclabError, match="there is no guardian: it has ended"):
+            waiting.result(HANGS / 9.0)
     guardian.close()
+
+
+def test_it_is_started_with_what_it_guards_and_where_it_writes(process: Process, clock: Clock, tmp_path: Path) -> None:
+    target, log, status = Target("file", "output.txt"), tmp_path / "guardian.log", tmp_path / "status"
+    with Guardian(target, log=log, status=str(status)) as guardian:
+        files = (target.to_json(), str(log), str(status))
+        assert process.command == python_child("ipmclab.rig.safety.guardian_process", *files)
+        # Each word goes out as it is said; what ends the recorder's group or console does not end its guardian.
+        assert process.how == {"stdin": -1, "stdout": -1, "bufsize": 0, **detached()}
+        assert (guardian.status, guardian.pid) == (status, process.pid)
+
+
+def test_unless_it_is_told_otherwise_it_writes_nothing_and_acts_after_half_a_second(
+    process: Process, clock: Clock
+) -> None:
+    with Guardian(Target("file", "output.txt")) as guardian:
+        assert process.command[-2:] == ["", ""]
+        assert guardian.status is None
+        process.say("ready")
+        guardian.arm()
+        assert process.heard == ["arm 0.5"]
+
+
+def test_one_that_is_let_go_of_while_it_is_armed_is_heard_to_its_end(
+    guardian: Guardian, process: Process, clock: Clock
+) -> None:
+    guardian.arm()
+    [beating], [listener] = alive("heartbeat"), alive("guardian")
+    assert listener.daemon
+    guardian.close()
+    assert guardian.outcome == "zero"
+    assert process.stdout.closed
+    assert process.waited == [6.0]
+    beating.join(HANGS)
+    listener.join(HANGS)
+    guardian.close()  # a second time is no error
+
+
+def test_one_that_still_tries_is_not_waited_for_but_its_end_is_taken_note_of(process: Process, clock: Clock) -> None:
+    process.ends = False
+    with Guardian(Target("file", "output.txt"), silence=1.0) as guardian:
+        process.say("ready")
+        guardian.arm()
+    [taking_note] = alive("guardian's end")
+    assert taking_note.daemon
+    until(lambda: process.waited == [6.0, None])
+    process.say("acted the recorder is gone", "failed the output could not be brought to 0 V")
+    until(lambda: guardian.outcome)
+    assert not process.stdout.closed
+    process.end()
+    taking_note.join(HANGS)
+    assert process.stdout.closed
 
 
 def test_a_thread_is_late_by_what_it_wakes_too_late(clock: Clock) -> None:

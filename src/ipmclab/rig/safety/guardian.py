@@ -81,13 +81,10 @@ class Guardian:
         self._state: Literal["starting", "ready", "armed", "acted", "gone"] = "starting"
         self._text = ""
         self._outcome: Outcome = ""
-        self._sign = time.monotonic()
-        self._progress = 0.0
-        self._used = 0.0
+        self._sign = self._progress = self._held_until = time.monotonic()
+        self._used = time.thread_time()
         self._lateness = Lateness(_OFTEN / 2.0)
-        self._longest = 0.0
-        self._held_until = 0.0
-        self._beating: threading.Event | None = None
+        self._disarmed = threading.Event()
         self._listener = threading.Thread(target=self._listen, name="guardian", daemon=True)
         self._listener.start()
 
@@ -135,10 +132,11 @@ class Guardian:
         self.wait()
         self._progress, self._used = time.monotonic(), time.thread_time()
         self._lateness.forget()
-        self._longest = 3.0 * block_time if block_time > _OFTEN else 0.0
+        longest = 3.0 * block_time if block_time > _OFTEN else 0.0
         self._send(f"arm {self._silence}")
-        self._beating = threading.Event()
-        threading.Thread(target=self._beat_on, args=(self._beating,), name="heartbeat", daemon=True).start()
+        self._disarmed.set()  # by a run that left it armed: the thread that beat for it ends
+        self._disarmed = threading.Event()
+        threading.Thread(target=self._beat_on, args=(self._disarmed, longest), name="heartbeat", daemon=True).start()
         with self._told:
             self._told.wait_for(lambda: self._state in ("armed", "gone"), _ANSWER)
             if self._state != "armed":
@@ -158,7 +156,7 @@ class Guardian:
         self._hear_after(now)
         self._progress, self._used = now, used
         self._lateness.forget()
-        self._held_until = 0.0
+        self._held_until = now
         if self._state == "acted":
             raise self._after_silence(silent, waited=max(worked, late) < self._silence / 2.0)
         if self._state != "armed":
@@ -203,9 +201,7 @@ class Guardian:
     def disarm(self) -> None:
         """The output is at 0 V: silence is allowed again."""
         self._lateness.end()
-        if self._beating is not None:
-            self._beating.set()
-            self._beating = None
+        self._disarmed.set()
         if self._state in ("starting", "ready", "gone"):
             return
         with suppress(IpmclabError):
@@ -215,8 +211,7 @@ class Guardian:
 
     def close(self) -> None:
         """Let it go. One that is armed brings the output to 0 V first. May be called twice."""
-        if self._beating is not None:
-            self._beating.set()
+        self._disarmed.set()
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         with suppress(OSError):
@@ -249,13 +244,13 @@ class Guardian:
         except (OSError, ValueError) as error:
             raise self._lost(str(error)) from error
 
-    def _beat_on(self, ended: threading.Event) -> None:
+    def _beat_on(self, ended: threading.Event, longest: float) -> None:
         """Beat where the recorder is known to have other things to do, but not for ever."""
         self._lateness.begin()
         while not ended.wait(_OFTEN / 2.0):
             self._lateness.woke()
             now = time.monotonic()
-            if self._state == "armed" and (now < self._held_until or now - self._progress < self._longest):
+            if self._state == "armed" and (now < self._held_until or now - self._progress < longest):
                 with suppress(IpmclabError):
                     self._send("beat")
 

@@ -1,9 +1,10 @@
 """The guardian's process: it brings the output to 0 V when the recorder no longer can.
 
-``python -m ipmclab.rig.safety.guardian_process TARGET`` is started by the recorder and connected to it by a pipe. It
-connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder was
-killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection, reads
-it back, and tries until 0 V is read. A reset that met no error is not 0 V: what could not be read is told as that.
+``python -m ipmclab.rig.safety.guardian_process TARGET LOG STATUS`` is started by the recorder and connected to it by a
+pipe. It connects to the hardware first; then, while it is armed, it waits for beats. When the pipe breaks (the recorder
+was killed, or crashed) or is silent for half a second (it hangs), it resets the output through its own connection,
+reads it back, and tries until 0 V is read. A reset that met no error is not 0 V: what could not be read is told as
+that.
 Nothing that ends the recorder ends the guardian: it is in no group and at no console of the recorder's.
 """
 
@@ -66,10 +67,9 @@ class Watch:
         self._connection: Connection | None = connection
         self._words: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._silence = math.inf
-        self._armed = False
-        self._has_acted = False
-        self._deadline = 0.0
-        self._next_sign = 0.0
+        self._armed = self._has_acted = False
+        self._deadline = math.inf
+        self._next_sign = -math.inf
 
     def hear(self, word: str | None) -> None:
         """A word of the recorder; None when it is gone. From any thread, and from signal handlers."""
@@ -92,7 +92,7 @@ class Watch:
                 self.log("the recorder has ended")
                 if self._status is not None and not self._has_acted:
                     with suppress(OSError):
-                        self._status.unlink(missing_ok=True)
+                        self._status.unlink()
                 return 0
             self._obey(word)
 
@@ -147,17 +147,18 @@ class Watch:
             reset = self._attempt("reset")
             seen = self._attempt("read") if reset.failure is None else reset
             lasted = time.monotonic() - begun
+            is_long = lasted > LOUD
             if reset.failure is None and seen.failure is None and abs(seen.volts) <= TOLERANCE:
                 self.log(f"the output {self._target.place} is at 0 V, {lasted:.3f} s after that")
                 self.note("zero", why)
                 self.say("zero")
                 return True
             failure = seen.failure or f"it was reset, but {seen.volts:.3g} V are still read"
-            if reset.failure is None and seen.failure is not None and (seen.is_final or lasted > LOUD):
+            if reset.failure is None and seen.failure is not None and (seen.is_final or is_long):
                 self._leave_unread(failure)
                 return False
             self.log(f"it failed: {failure}")
-            if lasted > LOUD and not told:
+            if is_long and not told:
                 told = True
                 self.note("failed", f"{self._target.place}: {failure}")
                 self.shout(f"the output {self._target.place} could NOT be brought to 0 V so far: {failure}")
@@ -165,7 +166,7 @@ class Watch:
             if lasted > GIVE_UP:
                 self.shout(f"the output {self._target.place} could NOT be brought to 0 V: {failure}")
                 return False
-            time.sleep(_PAUSE if lasted < LOUD else 10.0 * _PAUSE)
+            time.sleep(10.0 * _PAUSE if is_long else _PAUSE)
 
     def _leave_unread(self, reason: str) -> None:
         """The output was reset, and what it gives cannot be read: that is all there is to say."""
@@ -224,7 +225,6 @@ class Watch:
         self.log(text)
         with suppress(OSError, ValueError):
             sys.stderr.write(f"\aipmclab guardian: {text}\n")
-            sys.stderr.flush()
 
 
 def main(arguments: list[str]) -> int:
@@ -233,13 +233,14 @@ def main(arguments: list[str]) -> int:
     Parameters
     ----------
     arguments : list of str
-        The target as JSON, and the log.
+        The target as JSON; the path of the log, and that of the status file, each empty where there is to be none.
     """
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    target = Target.from_json(arguments[0])
-    log, status = (Path(text) if text else None for text in (*arguments[1:3], "", "")[:2])
+    told, *files = arguments
+    target = Target.from_json(told)
+    log, status = (Path(file) if file else None for file in files)
     try:
         connection = connect(target)
     except IpmclabError as error:
@@ -278,6 +279,4 @@ def _read(stream: IO[bytes], hear: Callable[[str | None], None]) -> None:
 if __name__ == "__main__":
     import os
 
-    status = main(sys.argv[1:])
-    sys.stdout.flush()
-    os._exit(status)  # a reset that hangs in its thread must not hold the process
+    os._exit(main(sys.argv[1:]))  # a reset that hangs in its thread must not hold the process
