@@ -365,6 +365,7 @@ def test_a_tare_counts_for_one_run(tmp_path: Path) -> None:
     first, second = runs_of(session.run())
     assert any(zero.kind == "tare" for zero in first.metadata.zeros)
     assert not any(zero.kind == "tare" for zero in second.metadata.zeros)
+    assert desk.asked.count("zero") == 3  # before each run, and after the one that has a tare
 
 
 def test_a_check_that_fails_ends_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

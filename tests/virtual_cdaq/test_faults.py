@@ -93,8 +93,11 @@ def test_an_unplugged_chassis_is_gone_and_comes_back(make_bench, monkeypatch):
             other.ai_channels.add_ai_voltage_chan("cDAQ1Mod1/ai0")
             with pytest.raises(DaqError) as absent:
                 other.read()
-        assert (caught.value.error_code, absent.value.error_code) == (-201003, -201003)
+        with pytest.raises(DaqError) as ill:
+            bench.system.devices["cDAQ1"].self_test_device()
+        assert {one.value.error_code for one in (caught, absent, ill)} == {-201003}
     wall.monotonic = lambda: 3.1
+    bench.system.devices["cDAQ1"].self_test_device()
     with bench.task() as task:
         clocked(task)
         task.read(10)

@@ -103,6 +103,12 @@ def test_the_size_of_the_motion_is_known_where_gain_and_zero_are_not() -> None:
     found = held(STRIP, fits, ["force"])
     assert set(found) == {"coupling.static", "force.static_gain", "force.bandwidth"}
     assert min(found.values()) >= LEAST
+    (direction,) = [one for one in fits[0].undetermined if "Nyquist" in one.sentence]
+    # Three times the rate that would just show it, rounded up to one digit.
+    rate = 3.0 * fits[0].parameters["coupling.zero"].value / np.pi
+    told = float(direction.sentence.split("record at ")[1].split(" S/s")[0])
+    assert rate <= told < rate + 10.0 ** np.floor(np.log10(rate))
+    assert f"{told:g}".strip("0").isdigit()
 
 
 def test_what_is_open_is_not_called_known() -> None:
