@@ -34,6 +34,9 @@ LIKELIEST: Final = 10
 SLACK: Final = 20.0
 """What a test may take longer with the change than three times without it, before the change counts as noticed [s]."""
 
+FAILED: Final = (1, 2)
+"""What pytest ends with where a test failed, and where a file of tests could not even be read."""
+
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(["numpy", "scipy.signal", "scipy.optimize", "scipy.stats", "numba", "xarray", "h5py"])
 
@@ -72,7 +75,7 @@ class Tree:
         if process.exitcode is None:
             _end(process)
             return _Outcome(_running(log.read_text(errors="replace")), time.monotonic() - start, over=True)
-        return _Outcome(self._failed() if process.exitcode == 1 else None, time.monotonic() - start)
+        return _Outcome(self._failed() if process.exitcode in FAILED else None, time.monotonic() - start)
 
     def _failed(self) -> str | None:
         path = self._cache / "v" / "cache" / "lastfailed"
