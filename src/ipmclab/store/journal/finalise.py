@@ -11,7 +11,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -29,6 +29,7 @@ from ipmclab.platform import (
     move_file,
     python_child,
     sync_file,
+    sync_folder,
 )
 from ipmclab.store.document import attributes_of, document_of
 from ipmclab.store.journal.laboratory import Laboratory
@@ -101,18 +102,13 @@ def finalise(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.
     finished = finish(journal, laboratory)
     if finished.outcome == "run":
         return Path(finished.path)
-    reasons = {
-        "empty": "nothing was recorded",
-        "lost": f"it cannot be made into a run: {finished.note}",
-        "in-use": "it is still being written",
-        "gone": "it is not there any more",
-    }
-    raise IpmclabError(
-        reasons[finished.outcome],
-        code=f"journal-{finished.outcome}",
-        where=str(journal),
-        repair="see ipmclab recover" if finished.outcome == "in-use" else "record again",
-    )
+    why, repair = {
+        "empty": ("nothing was recorded", "record again"),
+        "lost": (f"it cannot be made into a run: {finished.note}", "record again"),
+        "in-use": ("it is still being written", "see ipmclab recover"),
+        "gone": ("it is not there any more", "see ipmclab runs: another program has finished it"),
+    }[finished.outcome]
+    raise IpmclabError(why, code=f"journal-{finished.outcome}", where=str(journal), repair=repair)
 
 
 def finish(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.PathLike[str]) -> Finished:
@@ -131,7 +127,7 @@ def finish(journal: str | os.PathLike[str], laboratory: Laboratory | str | os.Pa
         told = json.loads(lines[-1])
     except (IndexError, ValueError):
         told = {}
-    if done.returncode == 0 and "outcome" in told:
+    if "outcome" in told:  # all is on the disk by then, also where the library crashes as the process ends
         return Finished(**told)
     if "error" in told:
         raise IpmclabError(**told["error"])
@@ -223,6 +219,7 @@ def _run_file(record: JournalRecord, layout: Layout, stream: BinaryIO, laborator
         target.chmod(0o644)  # damaged after it was renamed, as a power cut may do: it is made again
     for folder in (target.parent.parent, target.parent):
         folder.mkdir(exist_ok=True)
+        sync_folder(folder.parent)
     temporary = target.with_name(f"{target.name}.part")
     try:
         digests = _write(layout, stream, temporary)
@@ -252,16 +249,9 @@ def _write(layout: Layout, stream: BinaryIO, path: Path) -> dict[str, str]:
     checksums = {name: ArrayChecksum() for name in layout.lengths}
     with h5netcdf.File(path, "w") as file:
         add_variables(file, layout.lengths)
-        row = 0
-        for block in layout.blocks(stream):
-            after = row + len(block["time"])
-            for name, values in block.items():
-                checksums[name].update(values)
-                file[name][row:after] = values
-            row = after
-        for name, values in layout.environment.items():
+        for name, start, values in _pieces(layout, stream):
             checksums[name].update(values)
-            file[name][:] = values
+            file[name][start : start + len(values)] = values
         digests = {name: checksum.digest() for name, checksum in checksums.items()}
         texts = attributes_of(layout.hold, layout.metadata, content_checksum(layout.hold, digests))
         add_attributes(file, _document(layout, digests), texts)
@@ -271,12 +261,20 @@ def _write(layout: Layout, stream: BinaryIO, path: Path) -> dict[str, str]:
 def _digests(layout: Layout, stream: BinaryIO) -> dict[str, str]:
     """What the arrays of the run file must give."""
     checksums = {name: ArrayChecksum() for name in layout.lengths}
-    for block in layout.blocks(stream):
-        for name, values in block.items():
-            checksums[name].update(values)
-    for name, values in layout.environment.items():
+    for name, _, values in _pieces(layout, stream):
         checksums[name].update(values)
     return {name: checksum.digest() for name, checksum in checksums.items()}
+
+
+def _pieces(layout: Layout, stream: BinaryIO) -> Iterator[tuple[str, int, npt.NDArray[Any]]]:
+    """The arrays of a run piece by piece: the name of each, the place where the piece begins, and its values."""
+    row = 0
+    for block in layout.blocks(stream):
+        for name, values in block.items():
+            yield name, row, values
+        row += len(block["time"])
+    for name, values in layout.environment.items():
+        yield name, 0, values
 
 
 def _document(layout: Layout, digests: Mapping[str, str]) -> str:
@@ -295,8 +293,13 @@ def _difference(path: Path, digests: Mapping[str, str], document: str) -> str | 
                 if _digest_of(file[name]) != expected:
                     return name
     except Exception as error:  # a damaged file makes HDF5 raise nearly anything
-        return str(error).split("\n", 1)[0] or type(error).__name__
+        return _first_line(error)
     return None
+
+
+def _first_line(error: Exception) -> str:
+    """What an error says, without what HDF5 adds for its programmers."""
+    return str(error).partition("\n")[0] or type(error).__name__
 
 
 def _digest_of(variable: Any) -> str:
@@ -312,7 +315,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def main(arguments: list[str]) -> int:
+def main(arguments: list[str]) -> None:
     """``python -m ipmclab.store.journal.finalise JOURNAL LABORATORY``: one JSON line says what became of it."""
     journal, root = arguments
     try:
@@ -320,7 +323,7 @@ def main(arguments: list[str]) -> int:
     except IpmclabError as error:
         told = {"error": error.as_dict()}
     except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError on a full disk
-        reason = getattr(error, "strerror", None) or str(error).split("\n", 1)[0]
+        reason = getattr(error, "strerror", None) or _first_line(error)
         failed = IpmclabError(
             f"the run file cannot be written: {reason}",
             code="write-failed",
@@ -330,8 +333,7 @@ def main(arguments: list[str]) -> int:
         told = {"error": failed.as_dict()}
     sys.stdout.write(json.dumps(told) + "\n")
     sys.stdout.flush()
-    return 1 if "error" in told else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

@@ -165,8 +165,7 @@ def _environment(record: JournalRecord) -> dict[str, FloatArray]:
         times.append(event.time)
         for name, values in readings.items():
             value = event.values.get(name)
-            finite = isinstance(value, int | float) and math.isfinite(value)
-            values.append(float(value) if finite and value is not None else math.nan)
+            values.append(float(value) if isinstance(value, int | float) and math.isfinite(value) else math.nan)
     arrays = {name: np.array(values) for name, values in readings.items() if not np.isnan(values).all()}
     return {"time_environment": np.array(times), **arrays} if arrays else {}
 

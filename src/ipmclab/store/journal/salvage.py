@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from ipmclab.store.journal.frames import DATA, HEADER, Damage, Frame, read_frames
+from ipmclab.store.journal.frames import DATA, Damage, read_frames
 
 
 def salvage(stream: BinaryIO, beside: Path) -> Path:
@@ -34,7 +33,9 @@ def salvage(stream: BinaryIO, beside: Path) -> Path:
     with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         columns = 0
-        for frame in _whole(stream):
+        for frame in read_frames(stream):
+            if isinstance(frame, Damage):
+                continue
             if frame.kind != DATA:
                 said.append(json.loads(frame.payload))
                 continue
@@ -45,9 +46,3 @@ def salvage(stream: BinaryIO, beside: Path) -> Path:
             writer.writerows([frame.first_row + number, *row] for number, row in enumerate(values))
     notes.write_text(json.dumps({"frames": said}, indent=1), encoding="utf-8")
     return table
-
-
-def _whole(stream: BinaryIO) -> Iterator[Frame]:
-    for item in read_frames(stream):
-        if not isinstance(item, Damage) and item.kind != HEADER:
-            yield item
