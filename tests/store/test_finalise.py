@@ -247,7 +247,7 @@ def test_the_child_tells_in_one_line_that_no_later_crash_takes_back(
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(pipe))
     finalise_module.main([str(journal), str(tmp_path)])
     told = Finished(**json.loads(pipe.getvalue()))  # it is through the buffer
-    assert (told.outcome, told.rows, told.state) == ("run", 200, "complete")
+    assert (told.outcome, told.rows, told.state, told.note) == ("run", 200, "complete", "")
 
 
 @pytest.mark.parametrize(
@@ -294,6 +294,7 @@ def test_a_run_is_on_the_disk_before_it_has_its_name_and_before_its_journal_is_p
     finished = finish_here(journal, laboratory)
     run, archived = Path(finished.path), laboratory.archive / journal.name
     at_last = run.stat()
+    assert stat.S_IMODE(at_last.st_mode) == 0o444
     assert steps == [
         laboratory.runs,
         laboratory.runs / "2026",
