@@ -94,6 +94,11 @@ class Told(threading.Condition):
         self._clock.meanwhile()
         return super().wait_for(predicate, HANGS / 6.0 if self._clock.is_patient else 0.0)
 
+    def wait(self, timeout: float | None = None) -> bool:
+        was_told = super().wait(timeout)
+        assert was_told or not self._clock.is_patient, "nobody told it"
+        return was_told
+
 
 class Process:
     """The process of a guardian: it says what a test lets it say, and keeps what it hears."""
@@ -106,6 +111,7 @@ class Process:
         self._said = os.fdopen(write, "wb", buffering=0)
         self.answers = {"arm": "armed", "disarm": "disarmed"}
         self.heard: list[str] = []
+        self._unsaid: list[str] = []
         self.waited: list[float | None] = []
         self.ends = True
 
@@ -114,13 +120,18 @@ class Process:
         return self
 
     def say(self, *words: str) -> None:
-        self._said.write("".join(f"{word}\n" for word in words).encode())
+        if words:
+            self._said.write("".join(f"{word}\n" for word in words).encode())
 
     def write(self, words: bytes) -> None:
         self.heard.append(words.decode().strip())
         answer = self.answers.get(self.heard[-1].partition(" ")[0])
-        if answer:
-            self.say(answer)
+        self._unsaid += [answer] if answer else []
+
+    def answer(self) -> None:
+        """Not before the recorder waits for it."""
+        unsaid, self._unsaid = self._unsaid, []
+        self.say(*unsaid)
 
     def close(self) -> None:
         """The recorder lets go: an armed guardian acts, and ends; one that cannot goes on."""
@@ -145,8 +156,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 @pytest.fixture
-def process(monkeypatch: pytest.MonkeyPatch) -> Process:
+def process(monkeypatch: pytest.MonkeyPatch, clock: Clock) -> Process:
     made = Process()
+    clock.meanwhile = made.answer
     system = SimpleNamespace(Popen=made.start, PIPE=-1, TimeoutExpired=subprocess.TimeoutExpired)
     monkeypatch.setattr(guardian_module, "subprocess", system)
     return made

@@ -14,7 +14,7 @@ from tests.rig.guardian_stand_in import Clock, Process
 from tests.rig.guardian_stand_in import clock as clock
 from tests.rig.guardian_stand_in import guardian as guardian
 from tests.rig.guardian_stand_in import process as process
-from tests.waiting import until
+from tests.waiting import HANGS, until
 
 CHASSIS, COMPUTER = "the chassis gave no readings", "this computer held the recording up"
 ACTED = "acted the recorder was silent for 1 s"
@@ -28,7 +28,7 @@ def an_eighth(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def acts(guardian: Guardian, process: Process, *words: str) -> None:
     process.say(ACTED, *words)
-    until(lambda: guardian.outcome if words else guardian.acted)
+    until(lambda: guardian.outcome if words else guardian.acted, HANGS / 6.0)
 
 
 def frozen(code: str = "bench-frozen") -> BenchError:
@@ -38,11 +38,11 @@ def frozen(code: str = "bench-frozen") -> BenchError:
 @pytest.mark.parametrize(
     ("said", "deed"),
     [
-        ([], "is bringing the output to 0 V, and has not read that back yet"),
         (["zero"], "brought the output to 0 V"),
         (["zero", "alive"], "brought the output to 0 V"),
         (["unread no reading"], "reset the output, but could not read back that it is at 0 V"),
         (["failed no answer"], "could NOT bring the output to 0 V so far"),
+        ([], "is bringing the output to 0 V, and has not read that back yet"),
     ],
 )
 def test_what_became_of_the_output_is_told_as_the_guardian_said_it(
