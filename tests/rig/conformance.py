@@ -146,6 +146,17 @@ class Conformance:
         bench.close()
         bench.zero()
 
+    def test_zero_before_the_first_block_holds_for_what_was_handed_over(self, bench: Bench) -> None:
+        bench.open(ELECTRICAL, RATE)
+        blocks = bench.apply(signals.Step(2.0), 10)
+        bench.zero()
+        got = list(blocks)
+        assert joined(got, "output").tolist() == [0.0] * 10
+        assert joined(got, "voltage") == pytest.approx(np.zeros(10), abs=tolerance("voltage"))
+        # What is handed over afterwards is given out.
+        (block,) = bench.apply(signals.Step(1.0), 2)
+        assert block.output.tolist() == [0.0, 1.0]
+
     def test_a_signal_may_follow_another(self, bench: Bench) -> None:
         bench.open(ELECTRICAL, RATE)
         for first, given in ((0.0, 1.0), (1.0, -1.0), (-1.0, 0.5)):

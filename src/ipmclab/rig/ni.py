@@ -20,7 +20,7 @@ from ipmclab.rig.bench import BenchError, Block, block_rows
 from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.in_use import Hold
-from ipmclab.rig.daqmx.look_back import SETTLED, read_output
+from ipmclab.rig.daqmx.look_back import SETTLED, read_output, settled
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks, rows_ahead
 from ipmclab.rig.request import check_measured, check_rows, check_voltage
 from ipmclab.rig.rows import ENDLESS, Feed, RowSource, as_rows
@@ -197,6 +197,7 @@ class NiBench:
         self._demand: OnDemand | None = None
         self._timed: TimedTasks | None = None
         self._output = 0.0
+        self._zeros = 0  # how often the output was brought to 0 V; what was handed over before stays there
         self._zero_from: int | None = None
         self._failure: IpmclabError | None = None
         self._safe = True
@@ -256,15 +257,15 @@ class NiBench:
         check_rows(self.rig, played, self._rate)
         feed = Feed(played, self._rate)
         feed.prepare(rows_ahead(self._rate, self._ahead))
-        return self._blocks(feed, ENDLESS if played.length is None else played.length)
+        return self._blocks(feed, ENDLESS if played.length is None else played.length, self._zeros)
 
-    def _blocks(self, feed: Feed, rows: int) -> Iterator[Block]:
+    def _blocks(self, feed: Feed, rows: int, zeros: int) -> Iterator[Block]:
         if rows < 1:
             return
         told, stuck = 0, 0
         timed: TimedTasks | None = None
         try:
-            timed = self._start(feed)
+            timed = self._start(feed, zeros)
             before = self._output
             while told < rows:
                 count = min(block_rows(self._rate), rows - told)
@@ -280,9 +281,10 @@ class NiBench:
                 told += count
                 if told == rows:
                     self._stop(timed)
-                stuck = stuck + 1 if self._is_stuck(block) else 0
-                if stuck > 1:
-                    raise _stuck_error(float(block.readings["voltage"][-1]))
+                left = self._left(block)
+                stuck = stuck + 1 if left is not None else 0
+                if left is not None and stuck > 1:
+                    raise _stuck_error(left)
                 yield block
         except IpmclabError as error:
             raise self._failed(error) from error.__cause__
@@ -290,7 +292,7 @@ class NiBench:
             if timed is not None and self._timed is timed:
                 self._abandon(feed, told)
 
-    def _start(self, feed: Feed) -> TimedTasks:
+    def _start(self, feed: Feed, zeros: int) -> TimedTasks:
         driver = self._opened()
         with self._lock:
             if self._timed is not None:
@@ -302,6 +304,9 @@ class NiBench:
             timed = TimedTasks(driver, self._measured, self._rate, self._ahead)
             self._timed, self._zero_from, self._safe = timed, None, False
             try:
+                if self._zeros != zeros:  # the output was brought to 0 V since the rows were handed over
+                    timed.stop_output()
+                    self._zero_from = 0
                 timed.start(feed)
             except BaseException:
                 self._abandon()
@@ -319,12 +324,11 @@ class NiBench:
         by_name = dict(zip(self._measured, readings, strict=True))
         return Block(first, by_name, output[:-1], timed.temperatures(first + len(output) - 1))
 
-    def _is_stuck(self, block: Block) -> bool:
-        """Whether a block shows a voltage that should long be gone."""
+    def _left(self, block: Block) -> float | None:
+        """What a block shows at the output [V] although it should long be gone; None where nothing is left."""
         if self._zero_from is None or block.first_row < self._zero_from + SETTLED * self._rate:
-            return False
-        left = left_at_output(self.rig, {name: float(np.mean(values)) for name, values in block.readings.items()})
-        return left is not None
+            return None
+        return left_at_output(self.rig, {name: float(np.mean(values)) for name, values in block.readings.items()})
 
     def _stop(self, timed: TimedTasks) -> None:
         """Stop the clock, then the output, which keeps its last voltage."""
@@ -380,6 +384,7 @@ class NiBench:
                 return
             if driver.lost is not None and self._safe:
                 return
+            self._zeros += 1
             try:
                 self._zero_on_demand(demand)
             except IpmclabError as error:
@@ -393,14 +398,19 @@ class NiBench:
         if timed is not None:
             timed.stop_output()
             demand.write(0.0)
-            self._zero_from = timed.sampled()
+            self._zero_since(timed)
             return
         demand.write(0.0)
         if "voltage" in self._measured:
-            left = left_at_output(self.rig, demand.read())
+            left = settled(self.rig, demand)
             demand.release_inputs()
-            if left is not None:
+            if left is not None and abs(left) > TOLERANCE:
                 raise _stuck_error(left)
+
+    def _zero_since(self, timed: TimedTasks) -> None:
+        """The rows that are sampled from here on show 0 V; where some did before, it is from those on."""
+        if self._zero_from is None:
+            self._zero_from = timed.sampled()
 
     def _zero_by_reset(self, driver: Driver, demand: OnDemand, error: IpmclabError) -> None:
         """The last means: reset the output's module, through another connection where this one is lost."""
@@ -413,7 +423,7 @@ class NiBench:
             if error.code == "output-stuck":
                 raise error
             if self._timed is not None:
-                self._zero_from = self._timed.sampled()  # what is read from here on shows it
+                self._zero_since(self._timed)
             else:
                 _see_zero(driver)
         except IpmclabError as also:

@@ -22,7 +22,7 @@ _TERMINALS: Final = {"differential": "DIFF", "single-ended": "RSE", "non-referen
 _NOT_APPLICABLE: Final = -200197
 """What the driver says when a module is asked for a property that it does not have."""
 
-_COLDEST, _HOTTEST = -200.0, 850.0
+COLDEST, HOTTEST = -200.0, 850.0
 """What an NI 9217 tells of a platinum thermometer [degC]."""
 
 LARGEST_RESISTANCE: Final = 400.0
@@ -141,8 +141,8 @@ class Driver:
         task.ai_channels.add_ai_rtd_chan(
             thermometer.physical,
             name_to_assign_to_channel="thermometer",
-            min_val=_COLDEST,
-            max_val=_HOTTEST,
+            min_val=COLDEST,
+            max_val=HOTTEST,
             units=constants.TemperatureUnits.DEG_C,
             rtd_type=constants.RTDType.PT_3851,
             resistance_config=constants.ResistanceConfiguration[wires],

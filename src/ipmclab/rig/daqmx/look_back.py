@@ -6,6 +6,7 @@ import time
 from typing import Final
 
 from ipmclab.rig.bench import BenchError
+from ipmclab.rig.channels import Rig
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.tasks import OnDemand
 from ipmclab.rig.safety.readback import TOLERANCE, at_output, channels_at_output
@@ -32,11 +33,17 @@ def read_output(driver: Driver) -> float:
         )
     demand = OnDemand(driver, names)
     try:
-        volts = at_output(driver.rig, demand.read())
-        if volts is not None and abs(volts) > TOLERANCE:
-            time.sleep(SETTLED)
-            volts = at_output(driver.rig, demand.read())
+        volts = settled(driver.rig, demand)
     finally:
         demand.release_inputs()
     assert volts is not None
+    return volts
+
+
+def settled(rig: Rig, demand: OnDemand) -> float | None:
+    """What the output gives [V], read once more where it may still be on its way to 0 V; None when it is not read."""
+    volts = at_output(rig, demand.read())
+    if volts is not None and abs(volts) > TOLERANCE:
+        time.sleep(SETTLED)
+        volts = at_output(rig, demand.read())
     return volts

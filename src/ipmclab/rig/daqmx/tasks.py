@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.rig.bench import block_rows
-from ipmclab.rig.daqmx.driver import Driver
+from ipmclab.rig.daqmx.driver import COLDEST, HOTTEST, Driver
 from ipmclab.rig.rows import Feed
 
 FloatArray = npt.NDArray[np.float64]
@@ -128,12 +128,13 @@ class TimedTasks:
         self._slow_reader.verify_array_shape = False
 
     def start(self, feed: Feed) -> None:
-        """Arm the output, then start the clock."""
+        """Arm the output, unless it was stopped, then start the clock."""
         self.feed(feed, 0)
         with self._driver.translated():
             if self._thermometer is not None:
                 self._thermometer.start()
-            self._output.start()
+            if self._output is not None:
+                self._output.start()
             self._inputs.start()
 
     def wanted(self, row: int) -> int:
@@ -178,7 +179,7 @@ class TimedTasks:
             if count:
                 self._slow_reader.read_many_sample(values, count, timeout=_QUICK)
         # A broken wire reads as the end of the scale.
-        return np.where((values[0] > -200.0) & (values[0] < 850.0), values[0], np.nan)
+        return np.where((values[0] > COLDEST) & (values[0] < HOTTEST), values[0], np.nan)
 
     def sampled(self) -> int:
         """How many rows the chassis has sampled by now."""
@@ -224,26 +225,39 @@ class OnDemand:
     def read(self) -> dict[str, float]:
         """Every channel once [V]."""
         readings = np.empty(len(self._names))
+        if self._inputs is None:
+            self._start_inputs()
         with self._driver.translated():
-            if self._inputs is None:
+            self._reader.read_one_sample(readings, timeout=_QUICK)
+        return dict(zip(self._names, readings.tolist(), strict=True))
+
+    def _start_inputs(self) -> None:
+        """Make the task of the inputs, whole or not at all; one that runs is read at once."""
+        try:
+            with self._driver.translated():
                 self._inputs = self._driver.task("ai")
                 for name in self._names:
                     self._driver.add_input(self._inputs, self._driver.rig[name])
                 self._reader = self._driver.client.stream_readers.AnalogMultiChannelReader(self._inputs.in_stream)
                 self._reader.verify_array_shape = False
-                # A task that runs is read at once; one that does not is started and stopped by each reading.
                 self._inputs.start()
-            self._reader.read_one_sample(readings, timeout=_QUICK)
-        return dict(zip(self._names, readings.tolist(), strict=True))
+        except BaseException:
+            self.release_inputs()
+            raise
 
     def prepare(self) -> None:
         """Make what is needed to give a voltage out, so that 0 V comes at once when it is called for."""
-        if self._output is None:
+        if self._output is not None:
+            return
+        try:
             with self._driver.translated():
                 self._output = self._driver.task("now")
                 self._driver.add_output(self._output)
                 self._writer = self._driver.client.stream_writers.AnalogSingleChannelWriter(self._output.out_stream)
                 self._writer.verify_array_shape = False
+        except BaseException:
+            self._release_output()
+            raise
 
     def write(self, voltage: float) -> None:
         """Give a voltage [V] out."""
@@ -267,6 +281,9 @@ class OnDemand:
     def close(self) -> None:
         """Clear the tasks; the output keeps its voltage. May be called twice, and after any failure."""
         self.release_inputs()
+        self._release_output()
+
+    def _release_output(self) -> None:
         task, self._output = self._output, None
         self._driver.clear(task)
 

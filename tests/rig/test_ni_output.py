@@ -1,0 +1,134 @@
+"""What the NI bench does and tells of its output where 0 V comes twice, slowly, or half-way through a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+
+from ipmclab import signals
+from ipmclab.rig.bench import BenchError
+from ipmclab.rig.channels import Channel
+from ipmclab.rig.daqmx.driver import Driver
+from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
+from ipmclab.rig.ni import NiBench, client
+from tests.rig.conformance import joined
+from tests.rig.stand_in import StandIn, serve
+from virtual_cdaq.model.faults import Fault
+
+NAMES = ("voltage", "current")
+RATE = 50.0
+
+
+@pytest.fixture(scope="module")
+def chassis() -> Iterator[StandIn]:
+    """A stand-in whose time passes only when it is read."""
+    with serve("lock-step") as stand_in:
+        yield stand_in
+
+
+@pytest.fixture
+def opened(chassis: StandIn) -> Iterator[NiBench]:
+    """A bench on it, at 50 Hz."""
+    chassis.rest()
+    bench = NiBench(chassis.rig)
+    bench.open(NAMES, RATE)
+    yield bench
+    bench.close()
+
+
+def stick(chassis: StandIn) -> None:
+    """Let the output stay where it is, whatever it is told."""
+    with chassis.chassis.lock:
+        chassis.chassis.suffer(Fault("stuck"), chassis.chassis.clock.now())
+
+
+def test_a_second_zero_does_not_take_back_what_the_first_did(opened: NiBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    sampled = TimedTasks.sampled
+    # 10 rows lie in the chassis that were not fetched yet.
+    monkeypatch.setattr(TimedTasks, "sampled", lambda self: sampled(self) + 10)
+    blocks = []
+    for block in opened.apply(signals.Step(2.0), 60):
+        blocks.append(block)
+        if block.first_row in (20, 30):
+            opened.zero()
+    assert joined(blocks, "output").tolist() == [0.0] + [2.0] * 31 + [0.0] * 28
+
+
+def test_an_output_that_is_told_0_v_again_and_again_is_found_stuck() -> None:
+    with serve("lock-step") as chassis:
+        # A divider of 10 V to 1 V in front of the input: what is told is what the output gives.
+        channels = tuple(replace(one, gain=10.0) if one.name == "voltage" else one for one in chassis.rig.channels)
+        bench = NiBench(replace(chassis.rig, channels=channels))
+        bench.open(NAMES, RATE)
+        blocks = bench.apply(signals.Step(1.0), 200)
+        seen = [next(blocks) for _ in range(10)]
+        stick(chassis)
+
+        def zero_at_every_block() -> None:
+            for block in blocks:
+                seen.append(block)
+                bench.zero()
+
+        with pytest.raises(BenchError, match="the output was set to 0 V, but 10 V are still read"):
+            zero_at_every_block()
+        # 0.1 s, in which it may settle, and two blocks.
+        assert [block.first_row for block in seen[10:]] == list(range(20, 30, 2))
+        with pytest.raises(BenchError, match="the output could not be brought to 0 V"):
+            bench.close()
+
+
+def test_an_output_that_settles_slowly_is_not_stuck(opened: NiBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ipmclab.rig.daqmx.look_back.SETTLED", 0.0)
+    opened.exchange(1.0)
+    read, still = OnDemand.read, [0.6]
+
+    def slowly(self: OnDemand) -> dict[str, float]:
+        readings = read(self)
+        return {**readings, "voltage": still.pop() if still else readings["voltage"]}
+
+    monkeypatch.setattr(OnDemand, "read", slowly)
+    opened.zero()
+    assert not still
+    assert opened.exchange(0.0)["voltage"] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_inputs_that_were_made_by_half_are_made_anew(
+    chassis: StandIn, opened: NiBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add, failed = Driver.add_input, []
+
+    def fail_once(self: Driver, task: object, channel: Channel) -> None:
+        if channel.name == "current" and not failed:
+            failed.append(channel.name)
+            raise BenchError("the module is gone", code="gone")
+        add(self, task, channel)
+
+    monkeypatch.setattr(Driver, "add_input", fail_once)
+    with pytest.raises(BenchError, match="the module is gone"):
+        opened.exchange(1.0)
+    assert not any("_ai_" in name for name in chassis.reserved)
+    assert set(opened.exchange(1.0)) == set(NAMES)
+    assert opened.exchange(0.0)["voltage"] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_an_output_that_was_made_by_half_is_made_anew(chassis: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = Driver(client(), chassis.rig, wait=5.0)
+    add, failed = Driver.add_output, []
+
+    def fail_once(self: Driver, task: object) -> None:
+        if not failed:
+            failed.append(task)
+            raise BenchError("the module is gone", code="gone")
+        add(self, task)
+
+    monkeypatch.setattr(Driver, "add_output", fail_once)
+    demand = OnDemand(driver, NAMES)
+    with pytest.raises(BenchError, match="the module is gone"):
+        demand.write(1.0)
+    demand.write(1.0)
+    assert chassis.level == pytest.approx(1.0, abs=1e-3)
+    demand.write(0.0)
+    demand.close()
+    driver.close()
