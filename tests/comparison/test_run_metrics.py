@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ipmclab import load_actuator, simulate
-from ipmclab.comparison.baseline import baseline_for, drift_of
+from ipmclab.comparison.baseline import Drift, baseline_for, drift_of
 from ipmclab.comparison.frequency_response import response_in_rows
 from ipmclab.comparison.performance import performances
 from ipmclab.comparison.run_metrics import metrics_of_run, surface_strain
@@ -82,6 +82,76 @@ def test_a_baseline_takes_out_the_curl() -> None:
     assert corrected.interval[0] < 5e-4 < corrected.interval[1]
     assert "20 um/s" in corrected.definition
     assert row_of(run, drift=drift).baseline == drift.name
+
+
+def test_gain_and_phase_are_those_of_the_strip_without_its_curl() -> None:
+    """60 um/s beside a sine of 0.3 mm: in a period of 10 s the curl has twice the height of the sine."""
+    sine = np.sin(math.tau * 0.1 * TIME)
+    straight = Run.from_arrays(time=TIME, voltage=2.0 * sine, displacement=3e-4 * sine)
+    curled = replace(straight, displacement=straight.displacement + 6e-5 * TIME)
+    drift = Drift(6e-5, 1e-8, "still.nc")
+    for name in ("gain", "phase", "amplitude"):
+        plain, corrected = metric(straight, name, "displacement"), metric(curled, name, "displacement", drift=drift)
+        assert corrected.value == pytest.approx(plain.value, abs=1e-9), name
+        assert "still.nc" in corrected.definition
+    assert metric(straight, "gain", "displacement").value == pytest.approx(1.5e-4)
+
+
+def test_what_a_baseline_may_be_wrong_by_goes_into_the_intervals() -> None:
+    """By that rate times the length of the run; of a back relaxation, as a share of the peak."""
+    moved = 1e-3 * (np.exp(-TIME / 10.0) - np.exp(-TIME))
+    noise = 1e-6 * np.random.default_rng(3).normal(size=len(TIME))
+    run = Run.from_arrays(time=TIME, voltage=np.ones(len(TIME)), displacement=moved + noise)
+    reach = 1.96 * 1e-6 * TIME[-1]
+    for name in ("largest", "peak_at_first_edge", "mean_of_last_tenth", "back_relaxation"):
+        sure, unsure = (metric(run, name, "displacement", drift=Drift(0.0, one, "still.nc")) for one in (0.0, 1e-6))
+        expected = reach / metric(run, "peak_at_first_edge", "displacement").value if "back" in name else reach
+        assert unsure.of_drift == pytest.approx(expected, rel=1e-4)
+        for side in (0, 1):
+            narrow, wide = (abs(one.interval[side] - one.value) for one in (sure, unsure) if one.interval)
+            assert wide == pytest.approx(math.hypot(narrow, expected), rel=1e-4)
+    strip = load_actuator("friend-2")
+    strain = metric(run, "strain", "displacement", drift=Drift(0.0, 1e-6, "still.nc"), strip=strip)
+    assert strain.of_drift == pytest.approx(reach * 0.245e-3 / 21e-3**2, rel=0.02)
+
+
+def test_a_baseline_counts_without_the_rows_in_which_the_laser_was_lost() -> None:
+    run = curling(1e-6, 0.0)
+    lost = run.displacement.copy()  # type: ignore[union-attr]
+    lost[1500:1600] = -0.0999999
+    whole, part = drift_of(run), drift_of(replace(run, displacement=lost))
+    assert whole is not None
+    assert part is not None
+    assert part.rate == pytest.approx(whole.rate, abs=4.0 * whole.standard_error)
+    assert part.standard_error < 2.0 * whole.standard_error
+
+
+def test_a_run_of_which_nobody_knows_when_it_was_has_the_drift_of_the_whole_baseline() -> None:
+    drift = Drift(2e-6, 1e-6, "still.nc", None, "m1", "2026-03-02", first=(3e-6, 1e-7), last=(1e-6, 1e-7))
+    timeless = replace(drift, recorded_at="")
+    for known, mounting, when, rate in (
+        (drift, "m1", "2026-03-03", 1e-6),
+        (drift, "m1", "2026-03-01", 2e-6),
+        (drift, "m1", None, 2e-6),
+        (timeless, "m1", "2026-03-03", 2e-6),
+        (timeless, "m1", None, 2e-6),
+        (timeless, "m2", None, 3e-6),
+        (drift, None, "2026-03-03", 2e-6),
+    ):
+        assert known.during(RunMetadata(mounting_id=mounting, recorded_at=when)).rate == rate, (mounting, when)
+
+
+@pytest.mark.parametrize("peak", [300, 301, 333, 1200])
+def test_the_energy_until_the_peak_is_counted_from_row_0_to_its_row(peak: int) -> None:
+    """Also where the voltage is not quite zero before the first edge."""
+    rows = np.arange(2000)
+    voltage = np.where(rows >= 250, 1.0, 0.012)
+    since = np.maximum(rows - 249, 0) / (peak - 249)
+    moved = 1e-3 * since * np.exp(1.0 - since)
+    current = np.where(rows >= 250, 0.05 - 1e-5 * rows, 5e-4)
+    run = Run.from_arrays(time=TIME, voltage=voltage, displacement=moved, current=current)
+    expected = float(np.trapezoid((voltage * current)[: peak + 1], TIME[: peak + 1]))
+    assert metric(run, "energy_to_peak").value == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_strip_that_curls_ever_more_slowly() -> None:

@@ -269,6 +269,7 @@ def test_the_clock(read: Read) -> None:
     )
     gaps = replace(gaps, force=None, applied_voltage=None)
     assert only(gaps, "rows-missing").values["rows"] == 3
+    assert "about 3 rows missing in 1 gap of the time" in only(gaps, "rows-missing").message
     jitter = np.random.default_rng(20261121).uniform(-0.1, 0.1, 2000) * 0.02
     assert only(replace(run, time=run.time + jitter), "sampling-irregular").values["largest_deviation"] > 0.1
     rounded = check(replace(run, time=np.round(np.arange(2000) / 30.0, 3)))

@@ -12,6 +12,7 @@ import pytest
 
 from ipmclab import load_actuator, simulate
 from ipmclab.quality import Metric, measure, period_of
+from ipmclab.quality.period import periodic_part
 from ipmclab.quality.steady import settle
 from ipmclab.run import Run, RunMetadata
 
@@ -225,14 +226,47 @@ def test_every_metric_says_what_it_is(read: Callable[..., Run]) -> None:
 
 
 @pytest.mark.parametrize("is_named", [True, False])
-@pytest.mark.parametrize("shape", ["sine 1 V 0.1 Hz", "square 1 V 0.25 Hz"])
+@pytest.mark.parametrize("shape", ["sine 1 V 0.1 Hz", "square 1 V 0.1 Hz", "square 1 V 0.25 Hz"])
 def test_a_rest_at_the_end_does_not_belong_to_the_last_period(shape: str, is_named: bool) -> None:
-    """As recorders give it out: 5 s at 0 V before and, unless stated, after."""
+    """As recorders give it out: 5 s at 0 V before and, unless stated, after: also half a period of the square."""
     strip = load_actuator("friend-2")
     found = []
-    for rest, length in (("", 45.0), (" for 40 s then step 0 V", 55.0)):
+    for rest, length in (("", 45.0), (" for 40 s then step 0 V", 50.0), (" for 40 s then step 0 V", 55.0)):
         run = simulate(strip, f"step 0 V for 5 s then {shape}{rest}", duration=length, rate=50.0)
         run = run if is_named else replace(run, metadata=replace(run.metadata, signal=None))
         found.append({(one.channel, one.name): one.value for one in measure(run)})
-    for key in (("current", "amplitude"), ("displacement", "amplitude"), ("displacement", "phase")):
+    own = {"amplitude", "phase", "half_period_end", "half_period_end_last"}
+    keys = [key for key in found[0] if key[1] in own]
+    assert len(keys) == (8 if shape.startswith("square") else 6)
+    for key in keys:
         assert found[1][key] == pytest.approx(found[0][key], rel=1e-3), key
+        assert found[2][key] == pytest.approx(found[0][key], rel=1e-3), key
+
+
+@pytest.mark.parametrize(("rest", "end"), [(0, 2000), (1, 2001), (2, 1750), (100, 1750)])
+def test_a_square_of_0_and_1_v_ends_with_its_low_half_unless_that_is_longer(rest: int, end: int) -> None:
+    voltage = np.append(np.where(np.arange(2000) // 250 % 2, 0.0, 1.0), np.zeros(rest))
+    part = periodic_part(Run.from_arrays(time=np.arange(2000 + rest) / 50.0, voltage=voltage))
+    assert part == (pytest.approx(10.0), end)
+
+
+def test_a_signal_that_begins_late_has_its_period_from_then_on(read: Callable[..., Run]) -> None:
+    assert period_of(read("sine 1 V 0.1 Hz delay=30 s")) == pytest.approx(10.0)
+    assert period_of(read("sine 1 V 0.1 Hz delay=31 s")) is None
+    assert period_of(read("step 0 V for 20 s then square 1 V 0.1 Hz delay=11 s")) is None
+
+
+def test_a_back_relaxation_whose_end_is_hardly_read_is_less_certain() -> None:
+    """Ten readings of the last tenth, of 190: its mean is known 4.4 times worse."""
+    noise = 2e-5 * np.random.default_rng(20261121).normal(size=2000)
+    bent = after(lambda t: 1e-3 * (np.exp(-0.1 * t) - np.exp(-t))) + noise
+    found = []
+    for lost in (0, 180):
+        bent[2000 - lost :] = np.nan
+        found.append(metrics(stepped(displacement=bent), "displacement")["back_relaxation"])
+    error, peak = 2e-5 / math.sqrt(10), float(np.nanmax(bent))
+    assert found[1].interval is not None
+    assert found[0].interval is not None
+    half, whole = (0.5 * (one.interval[1] - one.interval[0]) for one in reversed(found) if one.interval)
+    assert 1.0 < half / (1.96 * error / peak) < 1.5  # the peak has an error as well
+    assert whole < 0.75 * half

@@ -15,8 +15,10 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.quality.check import check
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import NO_VOLTAGE
+from ipmclab.quality.usable import usable
 from ipmclab.run import FloatArray, Run, RunMetadata
 
 BASELINE: Final = "baseline"
@@ -113,15 +115,15 @@ class Drift:
 
         Examples
         --------
-        >>> drift = Drift(2e-6, 1e-6, "baseline.nc", mounting="a", first=(3e-6, 1e-7), last=(1e-6, 1e-7))
+        >>> drift = Drift(2e-6, 1e-6, "baseline.nc", None, "a", "2026-03-01", first=(3e-6, 1e-7), last=(1e-6, 1e-7))
         >>> from ipmclab.run import RunMetadata
-        >>> [drift.during(RunMetadata(mounting_id=one)).rate for one in ("a", "b", None)]
+        >>> [drift.during(RunMetadata(mounting_id=one, recorded_at="2026-03-02")).rate for one in ("a", "b", None)]
         [1e-06, 3e-06, 2e-06]
         """
         if self.mounting is None or about.mounting_id is None:
             return self
         is_anew = about.mounting_id != self.mounting
-        after = _moment(self.recorded_at) <= _moment(about.recorded_at or "")
+        after = -math.inf < _moment(self.recorded_at) <= _moment(about.recorded_at or "")
         part = self.first if is_anew else self.last if after else None
         return self if part is None else replace(self, rate=part[0], standard_error=part[1])
 
@@ -138,7 +140,7 @@ def is_baseline(run: Run) -> bool:
 
 
 def drift_of(run: Run) -> Drift | None:
-    """How fast the displacement of a baseline moves; None where it has none.
+    """How fast the displacement of a baseline moves, without the rows that ``check`` masks; None where it has none.
 
     Examples
     --------
@@ -149,7 +151,7 @@ def drift_of(run: Run) -> Drift | None:
     """
     if run.displacement is None:
         return None
-    there = np.isfinite(run.displacement)
+    there = usable(run, [finding for finding in check(run) if finding.effect == "mask"])["displacement"]
     if np.count_nonzero(there) < _FEWEST:
         return None
     time, values = run.time[there], run.displacement[there]

@@ -14,7 +14,7 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, harmonics, measure
 from ipmclab.quality.period import periodic_part
-from ipmclab.quality.record import NO_VOLTAGE
+from ipmclab.quality.record import Record
 from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 _DRIFTING: Final = ("largest", "peak_at_first_edge", "steady_value", "mean_of_last_tenth")
 """Metrics of the displacement that a drift moves by as much as it has moved until then."""
+
+_SHARE_OF_PEAK: Final = "back_relaxation"
+"""And the one that it moves by that as a share of the first peak."""
 
 _MISSING: Final = 0.01
 """Share of the readings that may be missing where a record is integrated."""
@@ -52,24 +55,31 @@ def metrics_of_run(run: Run, *, strip: Actuator | None = None, drift: Drift | No
     >>> {one.name: round(one.value, 4) for one in metrics_of_run(run) if one.name in ("charge", "energy")}
     {'charge': 0.0999, 'energy': 0.0999}
     """
-    if drift is not None and run.displacement is not None:
-        duration = float(run.time[-1] - run.time[0])
-        metrics = tuple(_less_drift(one, drift, duration) for one in measure(without_drift(run, drift), check(run)))
-    else:
+    if drift is None:
         metrics = measure(run)
-    return (*metrics, *_electrical(run, metrics), *_gains(run, metrics), *_strain(metrics, strip))
+        gains = tuple(_gains(run, metrics))
+    else:
+        still = without_drift(run, drift)
+        found = measure(still, check(run))
+        metrics = tuple(_less_drift(one, drift, run, found) for one in found)
+        gains = tuple(_less_drift(one, drift, run, found) for one in _gains(still, found))
+    return (*metrics, *_electrical(run, metrics), *gains, *_strain(metrics, strip))
 
 
-def _less_drift(metric: Metric, drift: Drift, duration: float) -> Metric:
+def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...]) -> Metric:
+    """A metric of the run without its drift, told and with what the drift may be wrong by."""
     if metric.channel != "displacement":
         return metric
     told = (
         f"{metric.definition} Before, a drift of {1e6 * drift.rate:.4g} um/s was taken from the displacement, as the "
         f"baseline {drift.name} has it."
     )
-    if metric.name not in _DRIFTING or metric.interval is None:
+    if metric.name not in (*_DRIFTING, _SHARE_OF_PEAK) or metric.interval is None:
         return replace(metric, definition=told)
-    reach = NORMAL_95 * drift.standard_error * duration
+    reach = NORMAL_95 * drift.standard_error * float(run.time[-1] - run.time[0])
+    if metric.name == _SHARE_OF_PEAK:
+        (peak,) = (abs(one.value) for one in found if (one.channel, one.name) == (metric.channel, "peak_at_first_edge"))
+        reach /= peak
     low, high = metric.interval
     interval = (
         metric.value - math.hypot(metric.value - low, reach),
@@ -125,8 +135,8 @@ def _end_of_peak(run: Run, metrics: tuple[Metric, ...]) -> float | None:
     """The time of the displacement's first peak [s]; None where it has none."""
     for one in metrics:
         if (one.channel, one.name) == ("displacement", "time_to_peak"):
-            driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
-            return float(run.time[driven[0]]) + one.value if len(driven) else None
+            peak = run.time[Record.of(run).edges[0]] + one.value
+            return float(run.time[np.abs(run.time - peak).argmin()])
     return None
 
 

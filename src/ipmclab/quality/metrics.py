@@ -209,10 +209,11 @@ def _first_peak(record: Record, response: _Response) -> list[Metric]:
     ]
     rows = end - edge
     last = stretch[-max(1, rows // 10) :]
+    last = last[np.isfinite(last)]
     is_rounding = abs(value) <= np.finfo(np.float64).eps * float(np.nanmax(np.abs(stretch)))
-    if channel.name == "current" or not len(fallen) or not np.isfinite(last).any() or is_rounding:
+    if channel.name == "current" or not len(fallen) or not len(last) or is_rounding:
         return metrics
-    remains = float(np.nanmean(last))
+    remains = float(last.mean())
     scatter = math.hypot(channel.noise / math.sqrt(len(last)), peak.error * remains / value)
     error = math.hypot(scatter, response.rest_error * (1.0 - remains / value)) / abs(value)
     share = 1.0 - remains / value
@@ -325,7 +326,7 @@ def _periodic(record: Record, response: _Response, period: float, end: int) -> l
                 )
             )
     if channel.name == "current":
-        metrics += _half_period_ends(record, response, period)
+        metrics += _half_period_ends(record, response, period, end)
     return metrics
 
 
@@ -341,17 +342,16 @@ def harmonics(
     return np.asarray(fitted[1::2] - 1j * fitted[2::2], dtype=np.complex128)
 
 
-def _half_period_ends(record: Record, response: _Response, period: float) -> list[Metric]:
-    """Only for a square: two edges in a period, the voltage constant between them."""
+def _half_period_ends(record: Record, response: _Response, period: float, end: int) -> list[Metric]:
+    """Only for a square: two edges in a period, the voltage constant between them; no rest after its last period."""
     channel, values = response.channel, response.values
     edges, ends = record.edges, record.ends
     half = 0.5 * period / record.period
-    whole = record.constant_after & (np.abs(ends - edges - half) <= 1.5)
-    whole[-1:] &= len(record) - edges[-1:] >= half - 1.5
-    if len(edges) < 2 or np.count_nonzero(whole) < 2 or not whole[0]:
+    whole = record.constant_after & (np.abs(ends - edges - half) <= 1.5) & (ends <= end + 1.5)
+    if np.count_nonzero(whole) < 2 or not whole[0]:
         return []
     rows = max(1, round(0.02 * half))
-    stretches = [values[end - rows : end] for end in ends[whole]]
+    stretches = [values[stop - rows : stop] for stop in ends[whole]]
     read = [stretch[np.isfinite(stretch)] for stretch in stretches]
     if any(len(stretch) == 0 for stretch in (read[0], *read[-2:])):
         return []

@@ -12,9 +12,6 @@ from ipmclab.run import FloatArray, Run
 
 _EQUAL: Final = 0.02
 
-_REST: Final = 0.6
-"""Part of a period for which a periodic voltage may stand at 0 V: a square of 0 and 1 V does for a half."""
-
 
 def period_of(run: Run) -> float | None:
     """Period of the voltage [s], from the signal that the run names, else from the voltage itself.
@@ -54,9 +51,10 @@ def periodic_part(run: Run) -> tuple[float, int] | None:
         if period is None:
             return None
         begin, end = 0.0, length
-        rest = length * (rows - 1 - int(driven[-1])) / rows
-        if rest > _REST * period:
-            end -= rest
+        rest = rows - 1 - int(driven[-1])
+        # A square of 0 and 1 V stands at 0 V for half a period: only what is longer than any such stretch is a rest.
+        if rest > int(np.diff(driven).max(initial=1)):
+            end -= length * rest / rows
     else:
         period, begin, end = named
     if begin + period > end * (1.0 + 1e-9):
@@ -86,6 +84,7 @@ def _named(text: str | None, length: float) -> tuple[float, float, float] | None
         begin = sum(durations[: len(parts) - 1])
         if len(durations) >= len(parts):
             end = min(length, sum(durations[: len(parts)]))
+    begin += signal.reach
     frequency = signal.lowest_frequency if isinstance(signal, Multisine) else getattr(signal, "frequency", None)
     return (1.0 / frequency, begin, end) if frequency else None
 

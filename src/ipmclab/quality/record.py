@@ -295,8 +295,7 @@ def _may_hold_sentinel(name: str, readings: FloatArray, edges: IntArray) -> bool
     """A cheap first look: an extreme reading that comes back to the digit."""
     if name != "displacement":
         return False
-    largest = readings[int(np.abs(readings).argmax())]
-    if np.count_nonzero(readings == largest) < _SENTINEL_REPEATS:
+    if max(np.count_nonzero(readings == one) for one in (readings.min(), readings.max())) < _SENTINEL_REPEATS:
         return False
     return bool(_raw_sentinels(readings, np.ones(len(readings), dtype=bool), edges).any())
 
@@ -318,6 +317,8 @@ def _raw_sentinels(readings: FloatArray, finite: BoolArray, edges: IntArray) -> 
         if distance <= 2.0 * max(high - low, np.finfo(float).tiny):
             continue
         starts, stops = runs_of_true(held)
+        if not starts.any() and abs(extreme) <= np.abs(others).max():
+            continue  # from row 0 on, and nearer to zero than the others: the strip at rest
         changes = np.concatenate((starts[starts > 0], stops[stops < len(readings)]))
         if len(edges) and all(np.abs(edges - row).min() <= 1 for row in changes):
             continue

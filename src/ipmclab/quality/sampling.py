@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ipmclab.quality.record import Record, ranges_of
+from ipmclab.quality.record import Record, counted, ranges_of
 from ipmclab.run import Finding
 
 
@@ -41,7 +41,7 @@ def sampling(record: Record) -> list[Finding]:
                 code="rows-missing",
                 severity="warning",
                 message=(
-                    f"about {lost} rows are missing in {len(gaps)} gaps of the time, "
+                    f"about {counted(lost, 'row')} missing in {counted(len(gaps), 'gap')} of the time, "
                     f"the first after {record.at(int(gaps[0]))}"
                 ),
                 repair="the voltage inside the gaps is unknown: use a part without gaps, or record again",
