@@ -89,12 +89,11 @@ class TestTextTables:
             InputError, match=r"channels\.current\.unit: the map says 'A', the file 'mA' \(column 'I'\); leave the unit"
         ):
             import_run(path, make_map(file, channels={"current": {"column": "I", "unit": "A"}}))
+        bare = {"voltage": {"column": 0}, "current": {"column": 1, "unit": "mA"}}
         with pytest.raises(
             InputError, match=r"channels\.voltage\.unit: no unit; state the unit of the numbers: V, mV, uV"
         ):
-            import_run(
-                path, make_map({"format": "csv", "skip_lines": 2, "header": False}, channels={"voltage": {"column": 0}})
-            )
+            import_run(path, make_map({"format": "csv", "skip_lines": 2, "header": False}, channels=bare))
 
     @pytest.mark.parametrize(
         "heading", ["I [mA]", "I (mA)", "I_mA", "I / mA", "I/mA", "I in mA", "Strom, mA", "I_[ mA ]"]

@@ -38,6 +38,7 @@ _SET_BY_IMPORT: Final = (
 
 _SENSIBLE: Final[dict[str, tuple[float, float]]] = {
     "shunt_resistance": (0.0, 1e6),
+    "source_resistance": (0.0, 1e6),
     "mass": (0.0, 1.0),
     "clamp_pressure": (0.0, 1e9),
     "temperature": (-273.15, 1000.0),
@@ -85,8 +86,11 @@ class ChannelMap(Strict):
             raise _contradiction("points", "points and factor or offset are both given", "keep one of them")
         if self.points and self.points[0][0] == self.points[1][0]:
             raise _contradiction("points", f"both points are at {self.points[0][0]:g}", "give two different numbers")
-        if self.factor == 0:
-            raise _contradiction("factor", "a factor of 0 loses the reading", "give another factor")
+        if self.line[0] == 0:
+            key, repair = (
+                ("points", "give two different readings") if self.points else ("factor", "give another factor")
+            )
+            raise _contradiction(key, "a factor of 0 loses the reading", repair)
         if self.zero_at is not None and self.zero_rows is not None:
             raise _contradiction("zero_rows", "zero_at and zero_rows are both given", "keep one of them")
         _check_rows("zero_rows", self.zero_rows)

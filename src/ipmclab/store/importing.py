@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from ipmclab.store.exports.formats import format_of
 from ipmclab.store.import_map import MAPPED, ChannelMap, ImportMap, load_import_map
 from ipmclab.store.importers import read_columns
 from ipmclab.store.importers.columns import Clock, Columns
+from ipmclab.store.importers.together import refuse_apart
 from ipmclab.store.importers.unpacked import refuse_large
 from ipmclab.units import parse_quantity, spell_unit
 
@@ -76,7 +78,12 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
         return _read_own_export(source)
     import_map = map if isinstance(map, ImportMap) else load_import_map(map)
     columns = read_columns(source, import_map.file)
-    channels = {name: _read(name, channel, columns) for name, channel in import_map.channels.items()}
+    chosen = {
+        name: columns.find(channel.column, where=f"channels.{name}.column")
+        for name, channel in import_map.channels.items()
+    }
+    refuse_apart(columns, chosen, [name for name, channel in import_map.channels.items() if channel.index is not None])
+    channels = {name: _read(name, channel, columns, chosen[name]) for name, channel in import_map.channels.items()}
     n_rows = 1 + max((int(channel.rows[-1]) for channel in channels.values() if len(channel.rows)), default=-1)
     start, stop = import_map.rows or (0, n_rows)
     if stop > n_rows:
@@ -87,9 +94,9 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
             repair=f"end at {n_rows} or before",
         )
     channels = {name: channel.spread(n_rows) for name, channel in channels.items()}
-    _check_zero_rows(import_map, channels["voltage"].values, start, source)
+    _check_zero_rows(import_map, channels["voltage"].values, (start, stop), source)
     channels = {name: _zero(channel, name, import_map.channels[name], source) for name, channel in channels.items()}
-    time = channels.pop("time").values if "time" in channels else _clock(import_map, columns, n_rows)
+    time = channels.pop("time").values if "time" in channels else _clock(import_map, columns, n_rows, chosen)
     kept = np.arange(start, stop)
     if "time" in import_map.channels:
         kept = _rows_in_time(time, kept, import_map.channels["time"], columns)
@@ -192,8 +199,7 @@ def _read_own_export(source: Path) -> Run:
     return run
 
 
-def _read(name: str, channel: ChannelMap, columns: Columns) -> _Channel:
-    number = columns.find(channel.column, where=f"channels.{name}.column")
+def _read(name: str, channel: ChannelMap, columns: Columns, number: int) -> _Channel:
     if channel.dates is not None:
         return _read_dates(channel, columns, number)
     raw = columns.numbers(number)
@@ -205,6 +211,7 @@ def _read(name: str, channel: ChannelMap, columns: Columns) -> _Channel:
     rows: npt.NDArray[np.int64] = np.arange(len(raw))
     if channel.index is not None:
         rows = _row_numbers(name, channel.index, columns)
+        _refuse_unnumbered(raw, len(rows), name, columns, number)
         raw, flags = raw[: len(rows)], flags[: len(rows)]
     unit = _unit(name, channel, columns, number)
     scaled = _to_si(np.append(raw, channel.range or ()), channel, MAPPED[name].units[unit])
@@ -254,7 +261,7 @@ def _rows_in_time(
     """The rows with a time after the one before; refuses others, save those that the map drops."""
     if channel.duplicates == "drop":
         rows = rows[np.append(True, np.diff(time[rows]) != 0.0)]  # the first row has none before it
-    wrong = np.flatnonzero(~(np.diff(time[rows]) > 0)) + 1
+    wrong = np.flatnonzero(~(np.diff(time[rows], prepend=-np.inf) > 0))
     if not len(wrong):
         return rows
     here, before = int(rows[wrong[0]]), int(rows[wrong[0] - 1])
@@ -296,6 +303,25 @@ def _row_numbers(name: str, index: int | str, columns: Columns) -> npt.NDArray[n
             repair="name the column that counts the rows, or leave index out of the map",
         )
     return given.astype(np.int64)
+
+
+def _refuse_unnumbered(raw: FloatArray, n_rows: int, name: str, columns: Columns, number: int) -> None:
+    """Refuse readings below the last row number, for no row is theirs, and fewer readings than row numbers."""
+    if len(raw) < n_rows:
+        raise InputError(
+            f"{len(raw)} readings of {name} have {n_rows} row numbers",
+            code="bad-index",
+            where=columns.file,
+            repair="name the column that counts the rows of this channel",
+        )
+    beyond = n_rows + np.flatnonzero(np.isfinite(raw[n_rows:]))
+    if len(beyond):
+        raise InputError(
+            f"{len(beyond)} readings of {name} have no row number",
+            code="bad-index",
+            where=f"{columns.file}: {columns.place(int(beyond[0]), number)}",
+            repair="name the column that counts the rows of this channel",
+        )
 
 
 def _unit(name: str, channel: ChannelMap, columns: Columns, number: int) -> str:
@@ -341,14 +367,18 @@ def _to_si(raw: FloatArray, channel: ChannelMap, per_unit: float) -> FloatArray:
         return (raw * factor + offset) * per_unit if channel.is_scaled else raw * per_unit
 
 
-def _check_zero_rows(import_map: ImportMap, voltage: FloatArray, start: int, source: Path) -> None:
-    """Refuse a zero that is taken after the voltage has changed: the strip is then no longer at rest."""
+def _check_zero_rows(import_map: ImportMap, voltage: FloatArray, rows: tuple[int, int], source: Path) -> None:
+    """Refuse a zero that is taken after the voltage has changed: the strip is then no longer at rest.
+
+    The voltage counts from the zero, or the first of the rows that are taken, to the last of them.
+    """
     for name, channel in import_map.channels.items():
         if channel.zero_rows is None:
             continue
-        first = min(channel.zero_rows[0], start)
-        moved = np.abs(voltage[first:] - voltage[first])
-        largest = float(np.fmax.reduce(moved, initial=0.0))  # a gap, which is refused later, is no change
+        first, stop = min(channel.zero_rows[0], rows[0]), max(channel.zero_rows[1], rows[1])
+        seen = voltage[first:stop]
+        moved = np.abs(seen - next(iter(seen[np.isfinite(seen)]), np.nan))
+        largest = float(np.fmax.reduce(moved, initial=0.0))  # a gap is no change
         if not largest > _NO_VOLTAGE:
             continue
         change = first + int(np.argmax(moved > _CHANGE * largest))
@@ -392,22 +422,11 @@ def _zero(channel: _Channel, name: str, mapping: ChannelMap, source: Path) -> _C
     )
 
 
-def _clock(import_map: ImportMap, columns: Columns, n_rows: int) -> FloatArray:
-    recorded = {
-        columns.clocks[columns.find(channel.column, where=name)]
-        for name, channel in import_map.channels.items()
-        if columns.clocks
-    } - {None}
+def _clock(import_map: ImportMap, columns: Columns, n_rows: int, chosen: Mapping[str, int]) -> FloatArray:
+    clocks = [columns.clocks[number] for number in chosen.values()] if columns.clocks else []
+    recorded = next((clock for clock in clocks if clock is not None), None)  # there is one at most
     stated = import_map.period
-    if len(recorded) > 1:
-        shown = " and ".join(sorted(f"from {clock.start:g} s every {clock.period:g} s" for clock in recorded if clock))
-        raise InputError(
-            f"the channels were not read together: {shown}",
-            code="unequal-rates",
-            where=columns.file,
-            repair="leave the channel of another clock out of the map",
-        )
-    start, period = next(iter(recorded), None) or Clock(0.0, stated or 0.0)
+    start, period = recorded or Clock(0.0, stated or 0.0)
     if recorded and stated is not None:
         raise InputError(
             f"the map states a sampling period of {stated:g} s, but the file records {period:g} s",

@@ -63,6 +63,8 @@ class Columns:
         The unit of each column, where the file records them.
     decimal : str
         The decimal mark of numbers that are texts.
+    times : tuple of int, optional
+        The column with the times of each column, where the file gives each its own.
     """
 
     file: str
@@ -72,6 +74,7 @@ class Columns:
     clocks: tuple[Clock | None, ...] | None = None
     units: tuple[str, ...] | None = None
     decimal: str = "."
+    times: tuple[int, ...] | None = None
 
     def find(self, column: int | str, *, where: str) -> int:
         """The number of the column that a map names.
@@ -140,7 +143,15 @@ class Columns:
         """
         cells = self.cells[columns[0]]
         if len(columns) > 1:
-            cells = [_joined(each) for each in zip(*(self.cells[column] for column in columns), strict=True)]
+            of_date, of_time = (self.cells[column] for column in columns)
+            if len(of_date) != len(of_time):
+                raise InputError(
+                    f"{len(of_date)} dates for {len(of_time)} times of day",
+                    code="unequal-lengths",
+                    where=self.file,
+                    repair="name the column with the date of each row as date_column",
+                )
+            cells = [_joined(day, time) for day, time in zip(of_date, of_time, strict=True)]
         try:
             read = read_dates(cells, order)
         except ValueError as error:
@@ -201,12 +212,13 @@ class Columns:
         )
 
 
-def _joined(cells: Sequence[Any]) -> Any:
-    """The date and the time of day of one row as one cell."""
-    day, time = cells
+def _joined(day: Any, time: Any) -> Any:
+    """The date and the time of day of one row as one cell; a blank one where either is."""
+    if any(cell is None or not str(cell).strip() for cell in (day, time)):
+        return None  # a date alone would be read as its midnight
     if isinstance(day, datetime.datetime) and isinstance(time, datetime.time):
         return datetime.datetime.combine(day.date(), time)
-    return " ".join(str(cell).strip() for cell in cells if cell is not None)
+    return f"{day} {time}"
 
 
 def open_error(path: Any, error: Exception, kind: str) -> InputError:

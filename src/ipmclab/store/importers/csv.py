@@ -70,6 +70,10 @@ def split_rows(lines: Iterable[str], separator: str) -> Reader:
     return csv.reader(lines, delimiter=separator, strict=True, skipinitialspace=separator == " ")
 
 
+def _is_blank(cells: list[str]) -> bool:
+    return not any(cell.strip() for cell in cells)
+
+
 def read(path: Path, options: CsvFile) -> Columns:
     """Read the cells of a text table.
 
@@ -89,7 +93,8 @@ def read(path: Path, options: CsvFile) -> Columns:
     lines: list[int] = []
     try:
         for cells in reader:
-            if any(cell.strip() for cell in cells):
+            # Below others, a row of blank cells is one of missing readings; a line without cells is none.
+            if (rows and len(cells) > 1) or not _is_blank(cells):
                 rows.append(cells)
                 lines.append(reader.line_num)
     except csv.Error as error:
@@ -97,7 +102,11 @@ def read(path: Path, options: CsvFile) -> Columns:
     names = [name.strip() for name in rows.pop(0)] if options.header and rows else []
     units = [unit.strip(" ()[]") for unit in rows.pop(0)] if options.units_row and rows else None
     del rows[: options.skip_rows]
+    while rows and _is_blank(rows[0]):
+        del rows[0]
     lines = lines[len(lines) - len(rows) :]
+    while rows and _is_blank(rows[-1]):
+        del rows[-1], lines[-1]
     if not rows:
         raise InputError(
             "no rows of numbers in it",

@@ -100,7 +100,7 @@ def _read_text(text: str, order: DateOrder) -> int | None:
     if within is None:
         return None
     if order == "time of day":
-        return within if time and not date else None
+        return within if time and not time.start() else None
     day_number = _day(_WEEKDAY.sub("", date), order)
     return None if day_number is None else day_number * _DAY + within
 
@@ -111,7 +111,7 @@ def _time_of_day(found: re.Match[str]) -> int | None:
         if not 1 <= hour <= 12:
             return None
         hour = hour % 12 + 12 * (found["half"][0] == "p")
-    if hour > 24 or minute > 59 or second > 60:
+    if (hour, minute, second) > (24, 0, 0) or minute > 59 or second > 60:
         return None
     zone = found["zone"] or ""
     ahead = 0
@@ -134,13 +134,14 @@ def _day(date: str, order: DateOrder) -> int | None:
     if len(parts) != 3:
         return None
     places = dict(zip(order.split("-"), parts, strict=True))
-    named = [part for part in parts if not part.isdigit()]
+    named = [part for part in parts if not part.isdecimal()]
     if named:
         month = next((k for k, starts in enumerate(_MONTHS, 1) if named[0].startswith(starts)), None)
-        numbers = [part for part in parts if part.isdigit()]
+        numbers = [part for part in parts if part.isdecimal()]
         if month is None or len(numbers) != 2:
             return None
-        year, day = numbers if len(numbers[0]) == 4 else (numbers[1], numbers[0])
+        is_first = len(numbers[0]) == 4 or (len(numbers[1]) < 4 and order == "year-month-day")
+        year, day = numbers if is_first else reversed(numbers)
         places = {"year": year, "month": str(month), "day": day}
     if len(places["year"]) not in (2, 4) or len(places["month"]) > 2 or len(places["day"]) > 2:
         return None

@@ -88,6 +88,7 @@ def read(path: Path, options: LvmFile) -> Columns:
         clocks=tuple(clocks),
         units=tuple(units),
         decimal=(file_tags.get("Decimal_Separator") or ["."])[0],
+        times=tuple(column // 2 * 2 for column in range(len(names))) if x_columns == "Multi" else None,
     )
 
 

@@ -20,12 +20,13 @@ _MOST_CELLS: Final = 2**24
 class XlsxFile(Strict):
     """How a workbook is laid out.
 
-    ``sheet`` is its name, the first sheet when left out; ``skip_lines``, ``header``, ``units_row`` and ``skip_rows``
-    as for a text table.
+    ``sheet`` is its name, the first sheet when left out; ``skip_lines``, ``header``, ``units_row``, ``skip_rows`` and,
+    for numbers that are texts, ``decimal`` as for a text table.
     """
 
     format: Literal["xlsx"]
     sheet: str | None = None
+    decimal: Literal[".", ","] = "."
     skip_lines: Annotated[int, Field(ge=0)] = 0
     header: bool = True
     units_row: bool = False
@@ -119,6 +120,7 @@ def columns_of(sheets: dict[str, list[tuple[Any, ...]]], options: XlsxFile, wher
         cells=tuple(zip(*(_pad(row, width) for row in rows), strict=True)),
         place=lambda row, column: f"sheet {sheet!r}, cell {_letters(column)}{first + row}",
         units=tuple(str(unit or "").strip(" ()[]") for unit in _pad(units, width)) if options.units_row else None,
+        decimal=options.decimal,
     )
 
 
