@@ -258,6 +258,84 @@ def test_what_is_asked_too_fast_is_not_simulated_as_something_slower() -> None:
         ipmclab.simulate(ipmclab.load_actuator("friend-2"), "sine 1 V 50 Hz", duration=1.0, rate=50.0)
 
 
+@pytest.mark.parametrize(
+    "text", ["sine 1 V 5 Hz", "step 1 V for 1 s then triangle 1 V 5 Hz", "cosine 1 V 5 Hz for 2 s"]
+)
+def test_rows_at_twice_a_sine_show_only_its_zeros(text: str) -> None:
+    """It would be applied as 0 V; a square, and bits as long as a row, are shown as they are."""
+    with pytest.raises(InputError, match="only the zeros; give a rate above 10 Hz"):
+        signals.parse(text).check_fits(40.0, 10.0)
+    signals.parse(text).check_fits(40.0, 10.1)
+    for shown in ("square 1 V 5 Hz", "prbs 1 V 0.1 s", "random 1 V 0.1 s", "chirp 1 V 0.1 Hz 5 Hz"):
+        signals.parse(shown).check_fits(40.0, 10.0)
+
+
+def test_a_signal_begins_at_once_and_has_no_offset_unless_it_says_so() -> None:
+    for kind in (signals.Sine, signals.Cosine, signals.Square, signals.Triangle):
+        assert kind(1.0, 0.1) == kind(1.0, 0.1, phase=0.0, offset=0.0, delay=0.0)
+    assert signals.Chirp(1.0, 0.1, 1.0) == signals.Chirp(1.0, 0.1, 1.0, 40.0, phase=0.0, offset=0.0, delay=0.0)
+    assert signals.Multisine(1.0, 0.1, 1.0) == signals.Multisine(1.0, 0.1, 1.0, "all", 0.0, 0.0, "schroeder", 0, 0)
+    assert signals.Prbs(1.0) == signals.Prbs(1.0, 0.1, order=10, seed=0, offset=0.0, delay=0.0)
+    assert signals.Random(1.0) == signals.Random(1.0, 0.1, seed=0, offset=0.0, delay=0.0)
+    assert signals.Step(1.0) == signals.Step(1.0, delay=0.0)
+    assert signals.Samples([0, 1], [1, 2], path="a.csv") == signals.Samples([0, 1], [1, 2], 0.0, "a.csv", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (signals.Prbs, {"order": 3}),
+        (signals.Random, {}),
+        (signals.Chirp, {"start_frequency": 0.5, "end_frequency": 1.0}),
+    ],
+)
+def test_amplitude_and_offset_are_volts(kind: type[signals.Signal], words: dict[str, float]) -> None:
+    """Twice the amplitude is twice the voltage, and an offset is added to it."""
+    plain = kind(amplitude=1.0, **words).voltage(ROWS)  # type: ignore[call-arg]
+    moved = kind(amplitude=2.0, offset=0.25, **words).voltage(ROWS)  # type: ignore[call-arg]
+    assert np.allclose(moved, 2.0 * plain + 0.25, rtol=0, atol=1e-12)
+
+
+def test_a_phase_moves_a_chirp_from_its_start() -> None:
+    quarter = signals.Chirp(1.0, 0.5, 0.5, phase=math.pi / 2).voltage(ROWS)
+    assert np.allclose(quarter, signals.Cosine(1.0, 0.5).voltage(ROWS), rtol=0, atol=1e-9)
+
+
+def test_what_may_be_given_at_most_and_at_least() -> None:
+    """The ends of a range belong to it."""
+    for time in (1e-9, 1e9):
+        assert signals.Prbs(1.0, time).bit_time == time
+    assert signals.Step(1.0, delay=0.0).delay == 0.0
+    assert [signals.Prbs(1.0, 1.0, order=order).order for order in (2, 16)] == [2, 16]
+    assert [signals.Random(1.0, 1.0, seed=seed).seed for seed in (0, 2**32 - 1)] == [0, 2**32 - 1]
+    assert [signals.Multisine(1.0, 1.0, 5.0, left_out=gaps).left_out for gaps in (0, 2, 100)] == [0, 2, 100]
+    assert signals.Random(1.0, 1.0, seed="3.0").seed == 3  # type: ignore[arg-type]
+    for wrong in (
+        lambda: signals.Prbs(1.0, 1.0, order=1),
+        lambda: signals.Random(1.0, 1.0, seed=-1),
+        lambda: signals.Random(1.0, 1.0, seed=2**32),
+        lambda: signals.Multisine(1.0, 1.0, 5.0, left_out=101),
+        lambda: signals.Multisine(1.0, 1.0, 10_001.0),
+        lambda: signals.Sine(1.0, 1.9e-9 / 2),
+        lambda: signals.Sine(1.0, 1.1e9),
+    ):
+        with pytest.raises(InputError):
+            wrong()
+    assert signals.Multisine(1.0, 1.0, 10_000.0).highest_frequency == 10_000.0
+
+
+def test_samples_of_a_file_may_be_multiplied() -> None:
+    assert signals.Samples([0, 1], [1, 3], path="a.csv", gain=2).values.tolist() == [2.0, 6.0]
+    written_out = signals.Samples([0, 1], [1, 3], gain=2)
+    assert (written_out.values.tolist(), written_out.gain) == ([2.0, 6.0], 1.0)
+    assert signals.Samples([0, 1], [1, 3], delay=1.0).reversed() == signals.Samples([0, 1], [-1, -3], delay=1.0)
+
+
+def test_before_the_first_sample_there_is_no_voltage() -> None:
+    late = signals.Samples([2.0, 3.0], [1.0, 0.5])
+    assert late.voltage([0.0, 1.99, 2.0, 3.0, 3.99, 4.0]).tolist() == [0.0, 0.0, 1.0, 0.5, 0.5, 0.0]
+
+
 def test_equal_values_make_equal_signals() -> None:
     assert signals.Step(1) == signals.Step(amplitude=1.0)
     assert signals.Samples([0, 1], [0, 1]) == signals.Samples([0.0, 1.0], [0.0, 1.0])
@@ -294,6 +372,12 @@ def test_equal_values_make_equal_signals() -> None:
         (lambda: signals.Samples([-1.0, 2.0], [1, 1]), "time: sample 0 is at -1 s, before row 0"),
         (lambda: signals.Sequence((signals.Step(1.0), signals.Step(2.0)), ()), "durations: 0 durations for 2 signals"),
         (lambda: signals.Sequence((), ()), "signals: a sequence is made of one or more signals"),
+        (
+            lambda: signals.Sequence((signals.Sequence((signals.Step(1.0),), (1.0,)), signals.Step(1.0)), (1.0,)),
+            "that are no sequences themselves",
+        ),
+        (lambda: signals.Sequence(("step 1 V",), (1.0,)), "signals: a sequence is made of one or more signals"),  # type: ignore[arg-type]
+        (lambda: signals.Sequence((signals.Step(1.0),), (1.0, 2.0)), "durations: 2 durations for 1 signals"),
         (lambda: signals.Sequence((signals.Step(1.0),), (0.0,)), "durations[0]: the duration is 0 s"),
     ],
 )

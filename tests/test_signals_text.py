@@ -102,6 +102,7 @@ def test_any_other_text_is_refused_with_a_message(text: str) -> None:
         ("dc -500 mV", signals.Step(-0.5)),
         ("sine 1 V 0.1 Hz", signals.Sine(1.0, 0.1)),
         ("sine 1V 100mHz", signals.Sine(1.0, 0.1)),
+        ("sine 1 V 0.1 1/s", signals.Sine(1.0, 0.1)),
         ("  sine 1 V  0.1 Hz\tphase = 90 deg  ", signals.Sine(1.0, 0.1, phase=math.pi / 2)),
         (
             "cosine 1 V 0.1 Hz delay=1 s phase=1 rad offset=0.2 V",
@@ -223,6 +224,22 @@ def test_a_heading_names_columns_and_units(tmp_path: Path) -> None:
     assert str(signal) == f"file {path}"
 
 
+@pytest.mark.parametrize(
+    "name", ["my\N{NO-BREAK SPACE}file.csv", "a=b.csv", "a b.csv", "it's.csv", 'a"b.csv', "then", "for"]
+)
+def test_every_path_reads_back(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text("0,1\n1,2\n", encoding="utf-8")
+    signal = signals.Samples([0.0, 1.0], [1.0, 2.0], path=str(path))
+    assert signals.parse(str(signal)) == signal
+
+
+def test_blank_cells_at_the_end_of_a_line_are_no_columns(tmp_path: Path) -> None:
+    path = tmp_path / "signal.csv"
+    path.write_text("time;voltage\n0;1;\n1;2; ;\n", encoding="utf-8")
+    assert signals.parse(f"file {path}").values.tolist() == [1.0, 2.0]  # type: ignore[attr-defined]
+
+
 def test_a_run_gives_its_voltage(tmp_path: Path) -> None:
     import h5netcdf
 
@@ -265,6 +282,8 @@ def test_no_damage_of_a_run_gives_a_traceback(
         ("a.csv", b"time,voltage,time\n0,1,0\n", "two columns are called 'time'"),
         ("a.csv", b"0,1\n1,1\n1,2\n", "sample 2 is at 1 s, not after 1 s"),
         ("a.csv", b"0,1\n1\n", "line 2, voltage"),
+        ("a.csv", b"0,1\n1,5,2\n", "line 2: 3 cells, the first line has 2; write numbers with a decimal point"),
+        ("a.csv", b"time,voltage\n0,1\n\n1,5,2\n", "line 4: 3 cells, the first line has 2"),
         ("a.csv", b"0,1\n1," + b"1" * 200_000 + b"\n", "line 2: it cannot be read as cells: field larger than"),
         ("a.csv", b"\xff\xfe\x00", "it cannot be read as text"),
         ("a.nc", b"CDF", "this is no run with a time and a voltage"),

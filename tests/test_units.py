@@ -123,3 +123,21 @@ def test_a_bare_number_takes_no_unit() -> None:
 def test_a_product_may_be_written_with_a_dot() -> None:
     for text in ("43.4 ohm·m", "43.4 Ω·m", "43.4 ohm m"):
         assert units.parse_quantity(text, units.RESISTIVITY, where="x") == 43.4
+
+
+def test_a_value_is_shown_in_the_unit_that_people_read() -> None:
+    assert units.LENGTH.to_display(0.025) == pytest.approx(25.0)
+    assert units.MODULUS.to_display(1.45e9) == pytest.approx(1450.0)
+    assert units.NUMBER.to_display(0.05) == 0.05
+
+
+def test_so_many_digits_and_no_power_of_ten_up_to_a_million() -> None:
+    texts = [units.significant(one, 3) for one in (-1442.3, 0.19, 1.2e-5, 999_499.0, 1e6, 2.5e7, 1.0, 0.0)]
+    assert texts == ["-1440", "0.19", "1.2e-05", "999000", "1e+06", "2.5e+07", "1", "0"]
+
+
+@pytest.mark.parametrize("text", ["2.5 gf", "2.5 min", "-2.5 deg"])
+def test_a_unit_that_is_no_power_of_ten_multiplies(text: str) -> None:
+    quantity = {"gf": units.FORCE, "min": units.TIME, "deg": units.ANGLE}[text.split()[1]]
+    expected = {"gf": 2.5 * 9.80665e-3, "min": 150.0, "deg": -math.pi / 72.0}[text.split()[1]]
+    assert units.parse_quantity(text, quantity, where="x") == pytest.approx(expected, rel=1e-15)

@@ -172,7 +172,7 @@ def significant(value: float, digits: int) -> str:
     ('1440', '6.79e-09')
     """
     text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 def spell_unit(unit: str) -> str:

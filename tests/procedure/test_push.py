@@ -86,6 +86,24 @@ def test_creep_makes_the_way_out_steeper_and_the_slope_less_sure() -> None:
     assert slope.interval[0] < K < slope.interval[1]
 
 
+def test_a_way_out_that_was_hardly_read_is_not_taken_for_the_next_way_in() -> None:
+    """In, two readings on the way back, in again, stiffer: no way out was read, so that nothing is said of a loop."""
+    travel = 1e-4 * np.array([0, 1, 2, 3, 4, 5, 3.5, 2, 3, 4, 5.0])
+    force = K * np.where(np.arange(11) < 6, travel, 1.2 * travel)
+    slope, findings = stiffness(Push(travel, force))
+    assert "hysteresis of the push" not in slope.parts
+    assert {"push-one-way"} == {one.code for one in findings} - {"push-not-straight"}
+
+
+def test_in_out_and_in_again_compares_both_ways_in_with_the_way_out() -> None:
+    ways = [np.linspace(0.0, 0.5e-3, 11), np.linspace(0.45e-3, 0.0, 10), np.linspace(0.05e-3, 0.5e-3, 10)]
+    force = [K * way * (1.2 if number == 1 else 1.0) for number, way in enumerate(ways)]
+    slope, findings = stiffness(Push(np.concatenate(ways), np.concatenate(force)))
+    assert slope.parts["hysteresis of the push"] == pytest.approx(0.1 * K, rel=1e-6)
+    (finding,) = [one for one in findings if one.code == "push-hysteresis"]
+    assert (finding.values["in"], finding.values["out"]) == pytest.approx((K, 1.2 * K), rel=1e-6)
+
+
 def test_before_contact_the_force_says_nothing() -> None:
     rng = np.random.default_rng(20261121)
     travel = np.concatenate([np.linspace(0.0, 1e-3, 41), np.linspace(1e-3, 0.0, 41)])
@@ -214,6 +232,17 @@ def test_readings_that_only_scatter_have_none_that_lies_apart(noise: float) -> N
         for _ in range(5):
             found += apart_in(IN_AND_OUT, K * shape + noise * rng.standard_normal(22)) is not None
     assert found == 0
+
+
+def test_a_push_beyond_the_free_end_is_refused() -> None:
+    """Its position counts cubed: 12 mm for 21 mm is a fifth of the modulus."""
+    push = '[modulus]\ndisplacement = ["0 mm", "1 mm"]\nforce = ["0 mN", "1 mN"]\nposition = "{} mm"\n'
+    at_the_end = procedure_from_text(MEASURED + push.format(25)).push_position
+    assert at_the_end is not None
+    assert at_the_end.value == 25e-3
+    with pytest.raises(InputError, match=r"the push, at 25\.1 mm, is beyond the free length 25 mm") as error:
+        procedure_from_text(MEASURED + push.format(25.1), where="p.toml")
+    assert error.value.where == "p.toml: modulus.position"
 
 
 def step_of(table: str) -> Step:

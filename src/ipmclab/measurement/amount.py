@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ipmclab.run import Finding
-from ipmclab.units import Quantity
+from ipmclab.units import Quantity, significant
 
 SURE: Final = 3.0
 """From so many combined standard uncertainties two numbers contradict each other (0.3 % by chance)."""
@@ -63,8 +63,7 @@ def shown(value: float, digits: int = 3) -> str:
     >>> shown(2453.2), shown(0.19), shown(0.000012)
     ('2450', '0.19', '1.2e-05')
     """
-    text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
+    return significant(value, digits)
 
 
 def apart(one: Amount, other: Amount) -> float:

@@ -207,35 +207,37 @@ def _loop(
     x: FloatArray, f: FloatArray, ways: Ways, slope: float, residual: FloatArray
 ) -> tuple[float, Finding | None] | None:
     """What going in and out differ by: half the difference of the slopes, and a finding where the loop is wide."""
-    single = [np.flatnonzero(ways == number) for number in np.unique(ways)]
-    single = [rows for rows in single if len(rows) >= 3 and float(np.ptp(x[rows])) > 0.0]
-    if len(single) < 2:
-        return None
-    slopes, levels, errors = [], [], []
     centre = float(np.mean(x))
-    for rows in single:
-        one, error, _ = line_of(x[rows], f[rows], np.zeros(len(rows), dtype=np.intp))
-        slopes.append(one)
-        errors.append(error)
-        levels.append(float(np.mean(f[rows])) + slope * (centre - float(np.mean(x[rows]))))
-    gap = np.mean(slopes[::2]) - np.mean(slopes[1::2])
-    scatter = math.sqrt(sum(error**2 for error in errors)) / (len(errors) / 2.0)
-    half = 0.5 * float(abs(gap))
-    width = float(abs(np.mean(levels[::2]) - np.mean(levels[1::2])))
+    both: tuple[list[tuple[float, float, float]], ...] = ([], [])  # slope, error and level of each way in, each way out
+    counts = []
+    for number in np.unique(ways):
+        rows = np.flatnonzero(ways == number)
+        if len(rows) >= 3 and float(np.ptp(x[rows])) > 0.0:
+            one, error, _ = line_of(x[rows], f[rows], np.zeros(len(rows), dtype=np.intp))
+            level = float(np.mean(f[rows])) + slope * (centre - float(np.mean(x[rows])))
+            both[number % 2].append((one, error, level))
+            counts.append(len(rows))
+    if not all(both):
+        return None
+    (inwards, in_errors, in_levels), (outwards, out_errors, out_levels) = (np.array(some).T for some in both)
+    slope_in, slope_out = float(np.mean(inwards)), float(np.mean(outwards))
+    half = 0.5 * abs(slope_in - slope_out)
+    scatter = math.hypot(*in_errors) / len(in_errors), math.hypot(*out_errors) / len(out_errors)
+    width = float(abs(np.mean(in_levels) - np.mean(out_levels)))
     rise = slope * float(np.ptp(x))
-    noise = math.sqrt(float(residual @ residual) / max(len(residual) - len(single) - 1, 1))
-    wide = width > _LOOP * rise and width > 4.0 * noise / math.sqrt(min(len(rows) for rows in single))
+    noise = math.sqrt(float(residual @ residual) / max(len(residual) - len(counts) - 1, 1))
+    wide = width > _LOOP * rise and width > 4.0 * noise / math.sqrt(min(counts))
     # Two slopes of the same line differ by their scatter, which is counted already.
-    counted = half if half > scatter else 0.0
+    counted = half if half > math.hypot(*scatter) else 0.0
     if not wide and not (counted and half > _LOOP * slope):
         return counted, None
     return counted, Finding(
         "push-hysteresis",
         "warning",
         f"in and out differ: the loop is {100.0 * width / rise:.1f} % of the force wide, the slopes are "
-        f"{slopes[0]:.3g} and {slopes[1]:.3g} N/m",
+        f"{slope_in:.3g} and {slope_out:.3g} N/m",
         "push more slowly, let the force settle at each position, look for friction at the tip; their mean was taken",
-        values={"width": width, "in": slopes[0], "out": slopes[1]},
+        values={"width": width, "in": slope_in, "out": slope_out},
     )
 
 

@@ -219,7 +219,8 @@ def _follow(procedure: Procedure, all_at_once: bool, step_done: Callable[[Step],
         again = _other_face(steps["sheet_resistance"], procedure, known)
         if again is not None:
             keep(again)
-            keep(_dc(procedure, known))
+            known.pop(dc.NAME)
+            attempt("dc_resistance", lambda: _dc(procedure, known))
         if isinstance(procedure.dc_resistance, Uncertain):
             by_hand.append(dc.NAME)
         if procedure.branches:

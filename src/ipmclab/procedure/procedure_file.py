@@ -190,7 +190,7 @@ def _procedure(table: ProcedureTable, reader: _Reader) -> Procedure:
         modulus=None if modulus is None else _modulus(modulus, reader),
         push_position=None
         if modulus is None or modulus.position is None
-        else reader.hand(modulus.position, LENGTH, "modulus.position", name="position", source="position"),
+        else _position(modulus.position, lengths["geometry.free_length"], reader),
         coupling=() if table.coupling is None else reader.runs(table.coupling.runs, "coupling.runs"),
     )
 
@@ -286,7 +286,7 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
                 source="zero of the meter",
                 where=reader.at("sheet_resistance.zero"),
                 positive=False,
-                assume=isinstance(table.zero, dict),
+                assume=False,
             )
         offset = parse_quantity(table.offset, RESISTANCE, where=reader.at("sheet_resistance.offset"))
         if offset < 0:
@@ -305,7 +305,7 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
                 name="resistance",
                 source="meter",
                 # The offset of the meter is counted apart: nothing is assumed beside the scatter.
-                assume=isinstance(table.resistance, dict),
+                assume=False,
             ),
             reader.hand(table.spacing, LENGTH, "sheet_resistance.spacing", name="spacing", source="spacing"),
             offset,
@@ -318,6 +318,18 @@ def _sheet(table: SheetTable, reader: _Reader) -> FourProbes | Uncertain:
         )
 
     return _either(table.value, table.resistance, "sheet_resistance", reader, of_value, of_readings, "resistance")
+
+
+def _position(raw: Any, free: Uncertain, reader: _Reader) -> Uncertain:
+    found = reader.hand(raw, LENGTH, "modulus.position", name="position", source="position")
+    if found.value > free.value:
+        raise InputError(
+            f"the push, at {1e3 * found.value:g} mm, is beyond the free length {1e3 * free.value:g} mm",
+            code="out-of-range",
+            where=reader.at("modulus.position"),
+            repair="measure it from the edge of the clamp to where the load cell pushes",
+        )
+    return found
 
 
 def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:

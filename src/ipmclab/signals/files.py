@@ -87,12 +87,13 @@ def _read_csv(file: Path) -> tuple[FloatArray, FloatArray]:
     delimiter = next((mark for mark in (";", "\t") if mark in first), ",")
     rows = [(k, _split(line, delimiter, where=f"{file}, line {k}")) for k, line in numbered]
     columns = {name: (place, quantity.unit) for place, (name, quantity) in enumerate(_COLUMNS.items())}
+    width = len(rows[0][1])
     if any(re.search(r"[A-Za-z]", cell) and not _is_number(cell) for cell in rows[0][1]):
         columns = _read_heading(rows[0][1], where=f"{file}, line {rows[0][0]}")
         rows = rows[1:]
-    elif len(rows[0][1]) != len(_COLUMNS):
+    elif width != len(_COLUMNS):
         raise InputError(
-            f"{len(rows[0][1])} columns without a heading",
+            f"{width} columns without a heading",
             code="bad-columns",
             where=f"{file}, line {rows[0][0]}",
             repair="give two columns, time in s and voltage in V, or a heading that names them; numbers have a "
@@ -100,6 +101,13 @@ def _read_csv(file: Path) -> tuple[FloatArray, FloatArray]:
         )
     values: dict[str, list[float]] = {name: [] for name in _COLUMNS}
     for k, cells in rows:
+        if any(cell.strip() for cell in cells[width:]):
+            raise InputError(
+                f"{len(cells)} cells, the first line has {width}",
+                code="bad-columns",
+                where=f"{file}, line {k}",
+                repair="write numbers with a decimal point, and one cell for each column",
+            )
         for name, (place, unit) in columns.items():
             where = f"{file}, line {k}, {name}"
             cell = cells[place].strip() if place < len(cells) else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -124,7 +125,7 @@ class Samples(Signal):
     def __str__(self) -> str:
         if self.path:
             quote = "'" if '"' in self.path else '"'
-            plain = not any(character in self.path for character in " \t='\"")
+            plain = re.fullmatch(r"[^\s='\"]+", self.path)
             words = ["file", self.path if plain else f"{quote}{self.path}{quote}"]
         else:
             words = [self.word]

@@ -40,7 +40,7 @@ class Sequence(Signal):
 
     def __post_init__(self) -> None:
         signals, durations = tuple(self.signals), tuple(self.durations)
-        if not signals or any(isinstance(one, Sequence) for one in signals):
+        if not signals or any(isinstance(one, Sequence) or not hasattr(one, "voltage") for one in signals):
             raise InputError(
                 "a sequence is made of one or more signals that are no sequences themselves",
                 code="bad-sequence",
@@ -70,7 +70,12 @@ class Sequence(Signal):
 
     @property
     def fastest(self) -> float:
-        return max((one.fastest for one in self.signals), default=0.0)
+        return max(one.fastest for one in self.signals)
+
+    def check_fits(self, duration: float, rate: float = math.inf) -> None:
+        super().check_fits(duration, rate)
+        for one in self.signals:
+            one.check_fits(math.inf, rate)
 
     def _shape(self, time: FloatArray) -> FloatArray:
         starts = np.concatenate([[0.0], np.cumsum(self.durations[: len(self.signals) - 1])])

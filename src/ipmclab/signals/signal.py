@@ -86,7 +86,7 @@ def check_value(name: str, value: Any, *, where: str) -> float | int | str:
                 where=where,
                 repair=f"give a whole number from {low} to {high}",
             )
-        return int(value)
+        return int(number)
     if name in _FROM_ZERO and number < 0:
         raise InputError(
             f"the {label} is {written}, before row 0", code="out-of-range", where=where, repair="give 0 s or more"

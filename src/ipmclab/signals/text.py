@@ -232,9 +232,9 @@ def _read_number(reader: _Reader, name: str, begin: int) -> float | int:
 
 def _is_unit(word: str, unit: str) -> bool:
     """Whether a word after a number is meant as its unit: for a bare number only if it could be nothing else."""
-    if not unit:
-        return word in _UNITS
-    return word not in _JOINTS and not word.endswith("=") and not _BARE_NUMBER.match(word)
+    if word in _UNITS:
+        return True  # also one that begins like a number: 1/s
+    return bool(unit) and word not in _JOINTS and not word.endswith("=") and not _BARE_NUMBER.match(word)
 
 
 def _read_file(reader: _Reader) -> Samples:

@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.signals.signal import EDGE, Signal
+from ipmclab.errors import InputError
+from ipmclab.signals.signal import EDGE, Signal, shortened, write_value
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,6 +58,16 @@ class _Periodic(Signal):
 
 @dataclass(frozen=True)
 class _Wave(_Periodic):
+    def check_fits(self, duration: float, rate: float = math.inf) -> None:
+        super().check_fits(duration, rate)
+        if 2.0 * self.frequency >= rate:
+            raise InputError(
+                f"rows at {rate:.9g} Hz show the same two places of each of its periods: of a sine only the zeros",
+                code="signal-too-fast",
+                where=f"signal {shortened(str(self))!r}",
+                repair=f"give a rate above {write_value('frequency', 2.0 * self.frequency)}, or a slower signal",
+            )
+
     def _shape(self, time: FloatArray) -> FloatArray:
         # Whole periods are dropped before the trigonometry, which loses digits at large angles.
         return self.offset + self.amplitude * self._unit(np.mod(self._cycles(time), 1.0))
