@@ -156,7 +156,9 @@ def test_extreme_runs_are_judged_too() -> None:
     run = simulate(at_end, [1.0] * 400, duration=8.0, rate=50.0)
     assert run.displacement is not None
     assert np.isnan(run.displacement[1:]).all()
-    assert [finding.code for finding in run.metadata.findings] == ["laser-lost"]
+    (finding,) = run.metadata.findings
+    assert finding.code == "laser-lost"
+    assert "the end of the strip has then come nearer to the clamp than the laser" in finding.message
 
 
 def test_a_leak_far_beyond_what_was_measured_is_told() -> None:

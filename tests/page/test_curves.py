@@ -6,7 +6,8 @@ import json
 
 import numpy as np
 
-from ipmclab.page.curves import Panel, Series, answer
+from ipmclab import Run
+from ipmclab.page.curves import Panel, Series, answer, compared_panels, run_panels
 from ipmclab.units import CHANNELS
 
 
@@ -23,3 +24,47 @@ def test_an_answer_about_a_stretch_says_from_when_to_when_there_are_curves() -> 
         assert head(answer(panels, begin, end, 400))["whole"] == [1.0, 20.0]
     nothing = [Panel.of("current", CHANNELS["current"], series[2:])]
     assert head(answer(nothing, None, None, 400))["whole"] is None
+
+
+def looks_of(panel: Panel) -> list[tuple[int, str]]:
+    return [(one.colour, one.style) for one in panel.series]
+
+
+def test_runs_over_each_other_are_told_apart() -> None:
+    time = np.arange(4.0)
+    runs = {f"run {k}": Run.from_arrays(time=time, voltage=k + time, hold="zero") for k in range(24)}
+    runs["read"] = Run.from_arrays(time=time, voltage=time, current=time, hold="zero")
+    voltage, current = run_panels(runs)
+    assert [(panel.key, [one.label for one in panel.series]) for panel in (voltage, current)] == [
+        ("voltage", list(runs)),
+        ("current", ["read"]),
+    ]
+    assert np.array_equal(voltage.series[5].values, 5.0 + time)
+    looks = looks_of(voltage)
+    assert {colour for colour, _ in looks} == set(range(8))  # the palette
+    assert len(set(looks[:24])) == 24
+    assert looks_of(current) == [looks[24]]
+
+
+def test_models_over_each_other_are_told_apart_and_from_what_was_measured() -> None:
+    models = {f"m{k}": f"model {k}" for k in range(9)}
+    row = np.arange(4.0)
+    arrays = {
+        f"{prefix}.force.{what}": 10.0 * k + place + row
+        for k, prefix in enumerate(models)
+        for place, what in enumerate(("time", "measured", "model", "residual"))
+    }
+    above, below = compared_panels(arrays, models, residuals=True)
+    assert [panel.key for panel in (above, below)] == ["force", "force.left"]
+    measured, *drawn = above.series
+    assert [one.label for one in drawn] == [one.label for one in below.series] == list(models.values())
+    assert [float(one.values[0]) for one in (measured, *drawn)] == [1.0, *(10.0 * k + 2.0 for k in range(9))]
+    assert [float(one.values[0]) for one in below.series] == [10.0 * k + 3.0 for k in range(9)]
+    # What is left over of a model looks like the model; voltage and measured curves have the other two colours.
+    assert looks_of(below) == looks_of(above)[1:]
+    assert [one.colour for one in drawn] == [0, 1, 2, 3, 4, 5, 0, 1, 2]
+    assert measured.colour == 7
+    # Where neighbours agree, the one below shows through the gaps of the one above.
+    styles = [one.style for one in drawn]
+    assert all(len(set(styles[k : k + 3])) == 3 for k in range(7))
+    assert [panel.key for panel in compared_panels(arrays, models, residuals=False)] == ["force"]

@@ -245,6 +245,40 @@ def test_a_push_beyond_the_free_end_is_refused() -> None:
     assert error.value.where == "p.toml: modulus.position"
 
 
+UP_AND_PART_OF_THE_WAY_BACK = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.4, 0.3]) * 1e-3
+
+
+@pytest.mark.parametrize("place", range(8))
+@pytest.mark.parametrize("loop", [-1e-4, 0.0, 1e-4])
+@pytest.mark.parametrize("slip", [-2e-3, 2e-3])
+def test_a_slip_is_not_laid_to_the_one_other_reading_of_its_way(slip: float, loop: float, place: int) -> None:
+    """Without that the slip would be alone, and lie on a line of its own."""
+    rng = np.random.default_rng(place)
+    force = K * UP_AND_PART_OF_THE_WAY_BACK + 1e-5 * rng.standard_normal(8)
+    force[6:] += loop
+    force[place] += slip
+    apart = apart_in(UP_AND_PART_OF_THE_WAY_BACK, force)
+    assert apart is not None
+    assert (apart.place, apart.in_displacement) == (place, False)
+
+
+def test_a_strip_that_is_not_touched_reads_nothing_but_a_slip() -> None:
+    force = np.zeros(6)
+    force[4] = 5e-3
+    apart = apart_in(np.arange(6.0) * 1e-4, force)
+    assert apart is not None
+    assert (apart.place, apart.expected) == (4, 0.0)
+
+
+def test_how_many_readings_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ipmclab.measurement.push_slips._MOST", 7)
+    for count, is_told in ((4, False), (5, True), (7, True), (8, False)):
+        travel = np.arange(float(count)) * 1e-4
+        force = K * travel
+        force[1] = 5e-3
+        assert (apart_in(travel, force) is not None) == is_told
+
+
 def step_of(table: str) -> Step:
     return follow_procedure(procedure_from_text(MEASURED + table)).steps[4]
 

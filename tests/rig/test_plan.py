@@ -111,6 +111,49 @@ def test_what_is_refused(changes: dict[str, Any], code: str, where: str, words: 
     assert caught.value.code == code
 
 
+ALONE: dict[str, Any] = {"fingerprint": False, "rest_before": "0 s", "rest_after": "0 s", "rate": "1000 Hz"}
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"), [(1, "too-short"), (2, ""), (6, ""), (7, "too-many-rows"), (8, "too-many-rows")]
+)
+def test_a_run_has_from_two_rows_to_the_most(rows: int, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ipmclab.rig.experiments.plan.MOST_ROWS", 6)
+    asked = {**ALONE, "duration": f"{rows} ms"}
+    if not code:
+        assert [run.rows for run in planned(**asked).runs] == [rows]
+        return
+    with pytest.raises(InputError, match=f"are {rows} rows, a run has 2 to 6") as caught:
+        planned(**asked)
+    assert caught.value.code == code
+
+
+def test_a_signal_lasts_for_half_a_row_and_more() -> None:
+    """What is shorter is no row of it, and would pass every limit."""
+    rested = ALONE | {"rest_before": "5 ms", "signal": "step 3 V", "limits": {"voltage": "2 V"}}
+    for duration in ("0.4 ms", "0.5 ms"):
+        with pytest.raises(InputError, match="nothing of it would be applied"):
+            planned(**rested, duration=duration)
+    with pytest.raises(InputError, match="the limit is 2 V"):
+        planned(**rested, duration="0.6 ms")
+    assert planned(**rested | {"signal": "step 2 V"}, duration="0.6 ms").runs[0].rows == 6
+
+
+@pytest.mark.parametrize(
+    ("most", "volts", "words"),
+    [
+        ("7 V", -8.0, "the output gives -5 V to 10 V"),
+        ("4 V", -8.0, "the limit is 4 V"),
+        ("7 V", 8.0, "the limit is 7 V"),
+        ("4 V", 4.5, "the limit is 4 V"),
+    ],
+)
+def test_of_output_and_limit_the_narrower_is_told(most: str, volts: float, words: str) -> None:
+    lopsided = replace(THESIS_RIG, output=replace(THESIS_RIG.output, low=-5.0))
+    with pytest.raises(InputError, match=words):
+        planned(lopsided, signal=f"step {volts} V", limits={"voltage": most})
+
+
 def test_a_channel_that_the_rig_lacks() -> None:
     blind = replace(THESIS_RIG, channels=tuple(one for one in THESIS_RIG.channels if one.name != "force"))
     with pytest.raises(InputError, match="has no channel 'force'"):

@@ -65,21 +65,21 @@ def apart_in(displacement: FloatArray, force: FloatArray) -> Apart | None:
     """
     if not _FEWEST <= len(force) <= _MOST:
         return None
-    found: list[tuple[float, float, Apart]] = []
+    found: list[tuple[float, Apart]] = []
     for place in range(len(force)):
         others = np.arange(len(force)) != place
-        told = _away(displacement[others], force[others], float(displacement[place]), float(force[place]), place)
+        told = _away(displacement[others], force[others], float(displacement[place]), float(force[place]))
         if told is None or told[0] * len(force) > _CHANCE:
             continue
-        chance, expected, away = told
+        chance, expected = told
         x = displacement[others]
         beyond = _outside(x, float(displacement[place])) > max(1.0, _outside(force[others], float(force[place])))
-        found.append((chance, -away, Apart(place, expected, beyond)))
-    return min(found, key=lambda one: one[:2])[2] if found else None
+        found.append((chance, Apart(place, expected, beyond)))
+    return min(found, key=lambda one: one[0])[1] if found else None
 
 
-def _away(x: FloatArray, f: FloatArray, at: float, read: float, place: int) -> tuple[float, float, float] | None:
-    """How likely a reading lies as far from the line through the others, what that has there, and how far it is."""
+def _away(x: FloatArray, f: FloatArray, at: float, read: float) -> tuple[float, float] | None:
+    """How likely a reading lies as far from the line through the others, and what that has there."""
     from scipy.special import stdtr
 
     if not float(np.ptp(x)) > 0.0:
@@ -101,7 +101,7 @@ def _away(x: FloatArray, f: FloatArray, at: float, read: float, place: int) -> t
     inverse = np.linalg.pinv(columns.T @ columns)
     numbers = np.unique(ways)
     closest = (math.inf, math.inf, 0.0)
-    for way in {int(ways[max(place - 1, 0)]), int(ways[min(place, len(ways) - 1)])}:
+    for way in numbers:
         row = np.concatenate([[at], (numbers == way).astype(float)])
         expected = float(row @ answer)
         error = math.sqrt(variance * (1.0 + float(row @ inverse @ row)))
@@ -110,7 +110,7 @@ def _away(x: FloatArray, f: FloatArray, at: float, read: float, place: int) -> t
     away, error, expected = closest
     if away <= _SLIP * float(np.ptp(f)):
         return None
-    return 2.0 * float(stdtr(free, -away / error)) if error > 0.0 else 0.0, expected, away
+    return 2.0 * float(stdtr(free, -away / error)) if error > 0.0 else 0.0, expected
 
 
 def _outside(others: FloatArray, one: float) -> float:

@@ -185,7 +185,7 @@ def _lost(actuator: Actuator, displacement: FloatArray, run: Run) -> list[Findin
     samples = tuple((int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
     last = laser.last_reading(actuator.parameter_values)
     first = float(run.time[samples[0][0]])
-    by_range = last >= actuator["laser.range"] * (1.0 - 1e-9)
+    by_range = math.isclose(last, actuator["laser.range"])
     why = "it reads no further" if by_range else "the end of the strip has then come nearer to the clamp than the laser"
     return [
         Finding(

@@ -219,6 +219,13 @@ def test_a_leak_below_its_threshold_says_nothing_of_itself() -> None:
     assert identifiability(leaking, free="electrical,leak", voltage=3.0).is_complete
 
 
+def test_no_more_than_the_largest_voltage_counts_as_applied() -> None:
+    """Behind hardly any resistance a leak shows from its threshold on, and not below it."""
+    near = {SHEET: 1e-3, "leak.exponential.threshold": 1.0}
+    leaking = with_stages(FRIEND, "leak.exponential").replace(**near)
+    assert [identifiability(leaking, free="leak", voltage=one).rank for one in (0.99, 1.01)] == [0, 3]
+
+
 @pytest.mark.parametrize("own", ["observation.offset.current", "observation.drift.current"])
 @pytest.mark.parametrize("free", ["", "electrical"])
 def test_what_a_sensor_adds_counts_as_it_does_in_a_fit(own: str, free: str) -> None:

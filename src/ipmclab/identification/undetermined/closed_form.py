@@ -34,9 +34,7 @@ _LEVELS: Final = (0.3, -0.6, 1.0, -0.8, 0.5, -1.0, 0.7)  # of the largest voltag
 _ROWS: Final = 40  # of each step of it
 
 
-def sensitivity(
-    actuator: Actuator, names: Sequence[str], outputs: Sequence[str], *, voltage: float = 3.0
-) -> FloatArray:
+def sensitivity(actuator: Actuator, names: Sequence[str], outputs: Sequence[str], *, voltage: float) -> FloatArray:
     """Relative change of the outputs for a relative change of each parameter, shape (n_rows, n_names).
 
     A parameter that may be zero counts against its usual size where that is larger.
@@ -88,7 +86,7 @@ def sparse(null: FloatArray) -> FloatArray:
 
 
 def others(
-    actuator: Actuator, names: Sequence[str], outputs: Iterable[str], row: FloatArray, *, voltage: float = 3.0
+    actuator: Actuator, names: Sequence[str], outputs: Iterable[str], row: FloatArray, *, voltage: float
 ) -> tuple[str, ...]:
     """Outputs beside these that would show a combination, in the order in which they are easy to read."""
     have = set(outputs)

@@ -176,8 +176,8 @@ def _transition(system: System, like: System, period: float, hold: Hold) -> tupl
     """E, b0 and b1 of each system, shapes (n_sets, n, n) and twice (n_sets, n, 1)."""
     sets, n = len(system.a), system.a.shape[-1]
     _, scales = balanced(like.a)
-    size = np.abs(like.b / scales[:, None]).max(initial=0.0)
-    level = float(np.exp2(np.round(np.log2(size)))) if size > 0.0 else 1.0
+    # A small input costs neither squarings nor digits: a large one is brought to about 1, by a power of two.
+    level = float(np.exp2(np.round(np.log2(np.abs(like.b / scales[:, None]).max(initial=1.0)))))
     # The exponential of [[A, B, 0], [0, 0, 1], [0, 0, 0]] t holds the state matrix, the response to a constant 1 V
     # and, times t, the response to a slope that reaches 1 V at t (``discretise.transitions``).
     generator = np.zeros((sets, n + 2, n + 2))

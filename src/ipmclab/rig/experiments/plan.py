@@ -257,7 +257,8 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
             where=f"{where}: duration",
             repair="record at another rate, or for another time",
         )
-    if run.duration * run.rate < 0.5:
+    applied = round(run.duration * run.rate)
+    if not applied:
         raise InputError(
             f"the signal lasts {run.duration:g} s, a row {1.0 / run.rate:g} s: nothing of it would be applied",
             code="too-short",
@@ -276,7 +277,7 @@ def _check_run(run: PlannedRun, rig: Rig, limits: Limits, where: str) -> list[st
         strip_first = limits.voltage.most < min(-rig.output.low, rig.output.high)
         if strip_first:
             limits.refuse(run.signal, run.duration, run.rate)
-        check_signal(rig, run.signal, max(1, round(run.duration * run.rate)), run.rate)
+        check_signal(rig, run.signal, applied, run.rate)
         if not strip_first:
             limits.refuse(run.signal, run.duration, run.rate)
     except InputError as error:

@@ -1,0 +1,47 @@
+"""What is proposed for a combination of which readings say nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ipmclab import load_actuator, simulate
+from ipmclab.identification.problem.record import prepare
+from ipmclab.identification.problem.unknowns import actuator_unknown
+from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.undetermined.diagnosis import directions
+
+FRIEND = load_actuator("friend-2")
+SHEET = "circuit.sheet_resistance"
+DC = "circuit.dc_resistivity"
+RHO_1 = "circuit.branches.0.resistivity"
+NAMES = (SHEET, RHO_1, DC)
+PARAMETERS = FRIEND.parameters()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "is_cured"),
+    [
+        (SHEET, FRIEND[SHEET], True),
+        (SHEET, PARAMETERS[SHEET].lower, False),
+        (SHEET, PARAMETERS[SHEET].upper, False),
+        (RHO_1, PARAMETERS[RHO_1].lower, False),
+        (RHO_1, PARAMETERS[RHO_1].upper, False),
+        (DC, PARAMETERS[DC].upper, True),  # which the combination does not move
+    ],
+)
+def test_a_measurement_is_proposed_where_nothing_went_to_the_end_of_its_range(
+    name: str, value: float, is_cured: bool
+) -> None:
+    strip = FRIEND.replace(**{name: value})
+    unknowns = [actuator_unknown(PARAMETERS[one], None) for one in NAMES]
+    known = np.diag([0.0, 0.0, 1e-4])
+    null = np.array([[1.0, -1.0, 0.0]]) / np.sqrt(2.0)
+    found = Uncertainty(known, known, null, np.array([1.0, 1.0, 0.0]), {}, (), np.full(3, 100.0))
+    run = simulate(FRIEND, "step 1 V", duration=2.0, rate=20.0)
+    records = [prepare(run, 0, ["current"], ())]
+    (direction,) = directions(unknowns, np.array([strip[one] for one in NAMES]), found, found, records, strip)
+    assert direction.coefficients == pytest.approx({SHEET: null[0, 0], RHO_1: null[0, 1], DC: 0.0})
+    assert (f"measure {SHEET}" in direction.cures) == ("measure the sheet resistance" in direction.sentence) == is_cured
+    if not is_cured:
+        assert direction.cures == ()
