@@ -88,6 +88,21 @@ def test_large_bending_and_a_laser_that_loses_the_strip() -> None:
     assert (seen.code, seen.effect, seen.samples) == ("laser-lost", "mask", finding.samples)
 
 
+def test_each_time_that_the_laser_loses_the_strip_is_told() -> None:
+    strip = load_actuator("friend-2+laser").replace(**{"coupling.gain": 6.79e-8, "laser.range": 5e-3})
+    run = simulate(strip, "square 1.23 V 0.05 Hz", duration=40.0, rate=10.0)
+    (finding,) = run.metadata.findings
+    assert run.displacement is not None
+    lost = np.isnan(run.displacement)
+    assert len(finding.samples) > 1
+    told = np.zeros(len(run), dtype=bool)
+    for start, stop in finding.samples:
+        assert not told[max(start - 1, 0)]
+        told[start:stop] = True
+    assert np.array_equal(told, lost)
+    assert finding.values["first_time"] == run.time[lost][0]
+
+
 def test_a_ring_that_the_rate_cannot_show() -> None:
     # An instant coupling, behind hardly any resistance: the beam rings by as much as it moves.
     quick = {"coupling.p1": 2000.0, "coupling.p2": 9e5, "coupling.zero": 1000.0, "circuit.sheet_resistance": 1e-3}

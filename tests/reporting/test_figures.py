@@ -21,6 +21,7 @@ from ipmclab.quality import check
 from ipmclab.reporting import before_and_after, characteristic, overview, plot
 from ipmclab.reporting.decimate import decimate
 from ipmclab.reporting.figures.frequency import frequency_figure
+from ipmclab.reporting.figures.panels import band, stacked
 from ipmclab.reporting.figures.runs import runs_figure
 from ipmclab.reporting.svg import inline_svg
 
@@ -198,3 +199,26 @@ def test_before_and_after_show_the_same_readings_and_both_models() -> None:
         assert np.abs(np.subtract(left.lines[1].get_ydata(), left.lines[0].get_ydata())).max() > 0.01
     with pytest.raises(InputError, match="to hold a model against"):
         before_and_after([], start, truth)
+
+
+@pytest.mark.parametrize("count", [10, 1000])
+def test_a_band_holds_every_row_and_hardly_more(count: int) -> None:
+    """Of 1,000 rows stretches of two are drawn: a wide row among narrow ones stays wide."""
+    time, middle, reach = np.arange(float(count)), np.full(count, 2e-3), np.full(count, 1e-3)
+    wide = [0, 3, count // 2, count - 1]
+    reach[wide] = 5e-3
+    _, (panel,) = stacked([2.0])
+    band(panel, "displacement", time, middle, reach, label="95 % band")
+    (shade,) = panel.collections
+    (path,) = shade.get_paths()
+    assert shade.get_label() == "95 % band"
+    # Within a row's own edges, which lie on those of the stretches.
+    at = time + np.where(time < time[-1], 1e-3, -1e-3)
+    for side in (-1.0, 1.0):
+        held = path.contains_points(np.column_stack([at, 1e3 * (middle + side * 0.999 * reach)]))
+        assert held.all()
+        apart = np.abs(time[:, None] - time[wide]).min(axis=1) > 2.0
+        beyond = path.contains_points(np.column_stack([at, 1e3 * (middle + side * 1.001 * reach)]))
+        assert not beyond[apart].any()
+    assert path.vertices[:, 0].min() == 0.0
+    assert path.vertices[:, 0].max() == time[-1]

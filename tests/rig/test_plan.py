@@ -200,6 +200,14 @@ def test_a_rate_that_no_module_can_do_is_told_before_anything_moves(rate: str) -
     assert planned(rate=rate).runs  # a virtual bench can do any
 
 
+def test_a_rate_at_which_a_chassis_is_looked_at_too_seldom_is_told_before_anything_moves() -> None:
+    chassis = replace(THESIS_RIG, bench="ni")
+    with pytest.raises(InputError, match=r"experiment: rate: .* on a chassis it is 25 Hz at least"):
+        planned(chassis, rate="24.9 Hz")
+    assert planned(chassis, rate="25 Hz").runs
+    assert planned(rate="24.9 Hz").runs
+
+
 def test_fewer_channels_are_read_faster_than_the_output_goes() -> None:
     chassis = replace(THESIS_RIG, bench="ni", channels=(THESIS_RIG["voltage"], THESIS_RIG["current"]))
     with pytest.raises(InputError, match="the output is given out at 100000 Hz at most"):
