@@ -47,6 +47,56 @@ def test_mean_power_and_charge_of_half_a_period_of_a_sine() -> None:
     assert gain.unit == "A/V"
 
 
+@pytest.mark.parametrize(("missing", "there"), [(20, True), (21, False)])
+def test_a_charge_needs_99_readings_of_100(missing: int, there: bool) -> None:
+    current = np.sin(math.tau * 0.1 * TIME) + 2.0
+    voltage = np.sin(math.tau * 0.1 * TIME)
+    whole = {
+        one.name: one.value for one in metrics_of_run(Run.from_arrays(time=TIME, voltage=voltage, current=current))
+    }
+    current[100 : 100 + missing] = np.nan
+    found = {
+        one.name: one.value for one in metrics_of_run(Run.from_arrays(time=TIME, voltage=voltage, current=current))
+    }
+    assert ("charge" in found) is there
+    assert found.get("charge", whole["charge"]) == pytest.approx(whole["charge"], rel=1e-3)
+    assert "mean_power" in whole
+    assert "mean_power" not in found
+
+
+@pytest.mark.parametrize(
+    ("rows", "rate", "hertz", "there"),
+    [(500, 50.0, 0.1, False), (501, 50.0, 0.1, True), (40, 40.0, 10.0, True), (30, 30.0, 10.0, False)],
+)
+def test_a_mean_power_needs_a_whole_period_of_four_intervals(rows: int, rate: float, hertz: float, there: bool) -> None:
+    time = np.arange(rows) / rate
+    wave = np.sin(math.tau * hertz * time + 0.5)
+    named = RunMetadata(signal=f"sine 1 V {hertz} Hz")
+    found = metrics_of_run(Run.from_arrays(time=time, voltage=wave, current=0.02 * wave, metadata=named))
+    power = {one.name: one.value for one in found if one.name == "mean_power"}
+    assert power == ({"mean_power": pytest.approx(0.01, rel=1e-6)} if there else {})
+
+
+def test_a_gain_is_as_uncertain_as_its_phase() -> None:
+    """Noise of 1 mA on 20 mA over 500 rows: each part of the fundamental scatters by 1 mA sqrt(2 / 500)."""
+    angle = math.tau * 0.1 * TIME
+    noise = 1e-3 * np.random.default_rng(4).normal(size=2000)
+    run = Run.from_arrays(time=TIME, voltage=2.0 * np.sin(angle), current=0.02 * np.sin(angle + 0.3) + noise)
+    gain = metric(run, "gain")
+    half = 1.96 * 1e-3 * math.sqrt(2.0 / 500.0) / 2.0
+    assert gain.interval == pytest.approx((gain.value - half, gain.value + half), abs=0.1 * half)
+    assert gain.interval[0] < 0.01 < gain.interval[1]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(("of", "name"), [("largest", "strain"), ("amplitude", "strain_amplitude")])
+def test_a_strain_has_the_interval_of_its_displacement(of: str, name: str) -> None:
+    moved = 1e-3 * np.sin(math.tau * 0.1 * TIME) + 1e-5 * np.random.default_rng(5).normal(size=2000)
+    run = Run.from_arrays(time=TIME, voltage=np.sin(math.tau * 0.1 * TIME), displacement=moved)
+    bent, strain = metric(run, of, "displacement"), metric(run, name, "displacement", strip=load_actuator("friend-2"))
+    expected = [surface_strain(one, 0.245e-3, 21e-3) for one in (bent.value, *(bent.interval or ()))]
+    assert [strain.value, *(strain.interval or ())] == pytest.approx(expected, rel=1e-12)
+
+
 def test_strain_is_that_of_the_circle_through_clamp_and_sensing_point() -> None:
     """A strip of 0.2 mm on a circle of 50 mm: strain h / (2 R), wherever it is measured."""
     radius, thickness = 50e-3, 0.2e-3
@@ -94,6 +144,7 @@ def test_gain_and_phase_are_those_of_the_strip_without_its_curl() -> None:
         plain, corrected = metric(straight, name, "displacement"), metric(curled, name, "displacement", drift=drift)
         assert corrected.value == pytest.approx(plain.value, abs=1e-9), name
         assert "still.nc" in corrected.definition
+        assert corrected.of_drift == 0.0
     assert metric(straight, "gain", "displacement").value == pytest.approx(1.5e-4)
 
 
@@ -101,7 +152,7 @@ def test_what_a_baseline_may_be_wrong_by_goes_into_the_intervals() -> None:
     """By that rate times the length of the run; of a back relaxation, as a share of the peak."""
     moved = 1e-3 * (np.exp(-TIME / 10.0) - np.exp(-TIME))
     noise = 1e-6 * np.random.default_rng(3).normal(size=len(TIME))
-    run = Run.from_arrays(time=TIME, voltage=np.ones(len(TIME)), displacement=moved + noise)
+    run = Run.from_arrays(time=TIME + 50.0, voltage=np.ones(len(TIME)), displacement=moved + noise)
     reach = 1.96 * 1e-6 * TIME[-1]
     for name in ("largest", "peak_at_first_edge", "mean_of_last_tenth", "back_relaxation"):
         sure, unsure = (metric(run, name, "displacement", drift=Drift(0.0, one, "still.nc")) for one in (0.0, 1e-6))

@@ -250,6 +250,21 @@ def test_a_square_of_0_and_1_v_ends_with_its_low_half_unless_that_is_longer(rest
     assert part == (pytest.approx(10.0), end)
 
 
+@pytest.mark.parametrize(("rows", "found"), [(499, None), (500, (10.0, 500)), (501, (10.0, 501))])
+def test_a_record_holds_a_period_when_its_rows_last_as_long(rows: int, found: tuple[float, int] | None) -> None:
+    named = RunMetadata(signal="sine 1 V 0.1 Hz")
+    time = 7.0 + np.arange(rows) / 50.0
+    assert periodic_part(Run.from_arrays(time=time, voltage=np.sin(OMEGA * time), metadata=named)) == found
+
+
+@pytest.mark.parametrize(("late", "found"), [(2, True), (3, False)])
+def test_a_voltage_whose_periods_differ_by_more_than_2_percent_has_none(late: int, found: bool) -> None:
+    """A square of 200 rows that goes up late once: one period is longer, the next one shorter by as much."""
+    voltage = np.where(np.arange(2000) // 100 % 2, 1.0, -1.0)
+    voltage[700 : 700 + late] = -1.0
+    assert (period_of(Run.from_arrays(time=TIME, voltage=voltage)) is not None) is found
+
+
 def test_a_signal_that_begins_late_has_its_period_from_then_on(read: Callable[..., Run]) -> None:
     assert period_of(read("sine 1 V 0.1 Hz delay=30 s")) == pytest.approx(10.0)
     assert period_of(read("sine 1 V 0.1 Hz delay=31 s")) is None

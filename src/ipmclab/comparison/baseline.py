@@ -26,7 +26,7 @@ NO_SIGNAL: Final = "step 0 V"
 """What a run notes that was recorded without voltage: as its purpose, or as its signal."""
 
 _FEWEST: Final = 20
-"""Readings that make a rate."""
+"""Readings that make a rate: two in each of the blocks."""
 
 _WARMER: Final = 4.0
 _WETTER: Final = 6.0
@@ -157,13 +157,11 @@ def drift_of(run: Run) -> Drift | None:
     time, values = run.time[there], run.displacement[there]
     rate, error = _line(time, values)
     parts = zip(np.array_split(time, _BLOCKS), np.array_split(values, _BLOCKS), strict=True)
-    pieces = [_line(part, read) for part, read in parts if len(part) >= 2 and np.ptp(part) > 0.0]
-    if len(pieces) > 2:
-        rates, errors = np.array(pieces).T
-        spread = float(np.var(rates, ddof=1))
-        # A straight curl has pieces that differ by noise alone; what they differ by beyond it, a run may have too.
-        bent = max(spread - float(np.mean(errors**2)), 0.0)
-        error = math.hypot(max(error, math.sqrt(spread / len(pieces))), math.sqrt(bent))
+    rates, errors = np.array([_line(part, read) for part, read in parts]).T
+    spread = float(np.var(rates, ddof=1))
+    # A straight curl has pieces that differ by noise alone; what they differ by beyond it, a run may have too.
+    bent = max(spread - float(np.mean(errors**2)), 0.0)
+    error = math.hypot(max(error, math.sqrt(spread / _BLOCKS)), math.sqrt(bent))
     sample = run.metadata.sample
     return Drift(
         rate=rate,

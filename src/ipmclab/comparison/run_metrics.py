@@ -92,7 +92,7 @@ def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
     if run.current is None:
         return
     there = np.isfinite(run.current)
-    if np.count_nonzero(there) < 2 or np.count_nonzero(~there) > _MISSING * len(run):
+    if np.count_nonzero(~there) > _MISSING * len(run):
         return
     time, current, voltage = run.time[there], run.current[there], run.voltage[there]
     by = "by the trapezoidal rule, readings as they stand"
@@ -150,7 +150,7 @@ def _gains(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
     time = run.time[last]
     drive = abs(harmonics(time, run.voltage[last], period, 1)[0])
     for one in metrics:
-        if one.name != "phase" or one.interval is None or drive == 0.0:
+        if one.name != "phase" or one.interval is None:
             continue
         gain = float(abs(harmonics(time, run.channels[one.channel][last], period, 1)[0]) / drive)
         # The phase of a fundamental in noise scatters by as much [rad] as its size does, as a share.

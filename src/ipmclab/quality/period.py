@@ -46,20 +46,20 @@ def periodic_part(run: Run) -> tuple[float, int] | None:
     length = float(run.time[-1] - run.time[0]) * rows / (rows - 1)
     named = _named(run.metadata.signal, length)
     if named is None:
-        driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
-        period = _seen(run.time, run.voltage) if len(driven) else None
-        if period is None:
-            return None
-        begin, end = 0.0, length
-        rest = rows - 1 - int(driven[-1])
-        # A square of 0 and 1 V stands at 0 V for half a period: only what is longer than any such stretch is a rest.
-        if rest > int(np.diff(driven).max(initial=1)):
-            end -= length * rest / rows
-    else:
-        period, begin, end = named
-    if begin + period > end * (1.0 + 1e-9):
+        return _seen_part(run)
+    period, begin, end = named
+    return None if begin + period > end * (1.0 + 1e-9) else (period, round(end / length * rows))
+
+
+def _seen_part(run: Run) -> tuple[float, int] | None:
+    """``periodic_part`` by the voltage alone."""
+    driven = np.flatnonzero(np.abs(run.voltage) >= NO_VOLTAGE)
+    period = _seen(run.time, run.voltage) if len(driven) else None
+    if period is None:
         return None
-    return period, rows if end >= length * (1.0 - 1e-9) else round(end / length * rows)
+    end = int(driven[-1]) + 1
+    # A square of 0 and 1 V stands at 0 V for half a period: only what is longer than any such stretch is a rest.
+    return period, end if len(run) - end > int(np.diff(driven).max(initial=1)) else len(run)
 
 
 def _named(text: str | None, length: float) -> tuple[float, float, float] | None:
