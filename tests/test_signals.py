@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import ipmclab
 from ipmclab import signals
 from ipmclab.errors import InputError
+from ipmclab.signals.signal import shortened
 
 SEED = 20261121
 ROWS = np.arange(2000) / 50.0
@@ -336,6 +337,11 @@ def test_before_the_first_sample_there_is_no_voltage() -> None:
     assert late.voltage([0.0, 1.99, 2.0, 3.0, 3.99, 4.0]).tolist() == [0.0, 0.0, 1.0, 0.5, 0.5, 0.0]
 
 
+def test_a_long_text_of_a_signal_is_cut_for_people() -> None:
+    assert shortened("a" * 100) == "a" * 100
+    assert shortened("a" * 101) == "a" * 97 + "..."
+
+
 def test_equal_values_make_equal_signals() -> None:
     assert signals.Step(1) == signals.Step(amplitude=1.0)
     assert signals.Samples([0, 1], [0, 1]) == signals.Samples([0.0, 1.0], [0.0, 1.0])
@@ -350,8 +356,11 @@ def test_equal_values_make_equal_signals() -> None:
     [
         (lambda: signals.Step(float("nan")), "amplitude: the amplitude is nan V; give a finite number"),
         (lambda: signals.Step("1 V"), "amplitude: the amplitude is '1 V'; give a finite number"),  # type: ignore[arg-type]
-        (lambda: signals.Sine(1.0, 0.0), "frequency: the frequency is 0 Hz, it must be above 0; give for example"),
-        (lambda: signals.Prbs(1.0, -1.0), "bit_time: the bit time is -1 s, it must be above 0"),
+        (
+            lambda: signals.Sine(1.0, 0.0),
+            "frequency: the frequency is 0 Hz, it must be above 0; give for example 0.1 Hz",
+        ),
+        (lambda: signals.Prbs(1.0, -1.0), "bit_time: the bit time is -1 s, it must be above 0; give for example 0.5 s"),
         (lambda: signals.Prbs(1.0, 1e-12), "bit_time: the bit time is 1e-12 s, outside 1e-09 to 1e+09 s; give for"),
         (lambda: signals.Sine(1.0, 1e307), "frequency: the frequency is 1e+307 Hz, outside 1e-09 to 1e+09 Hz; give"),
         (

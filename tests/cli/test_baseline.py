@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from ipmclab import InputError, Run, write_run
-from ipmclab.measurement.curl import curl
+from ipmclab.measurement.curl import Curl, curl
 
 RATE = 10.0
 
@@ -82,6 +82,43 @@ def test_missing_readings_are_left_out() -> None:
     tip[::7] = np.nan
     low, high = curl(at_rest(tip), 1e-3).interval
     assert low <= 3e-6 <= high
+
+
+def test_a_lost_laser_is_no_curl() -> None:
+    """What the laser reads where it sees nothing is no place of the tip: it made another verdict of the rate."""
+    tip = straight(360.0, 0.2e-6) + white(360.0)
+    tip[1000:1060] = -9.99e-3
+    found = curl(at_rest(tip), 1e-3)
+    assert found.verdict == "yes"
+    assert found.interval[1] < 1e-6
+
+
+def test_the_ends_of_what_counts_as_rest_and_as_one_test() -> None:
+    """0.02 V is no voltage; a record of as many rows as one test has is long enough; 40 readings are enough."""
+    assert curl(at_rest(white(40.0), 0.02), 1e-3).stretches == 1
+    assert curl(at_rest(white(40.0)), 1e-3).since == 0.0
+    assert curl(at_rest(white(79.9)), 1e-3).stretches == 1
+    assert curl(at_rest(white(80.0)), 1e-3).stretches == 2
+    assert curl(at_rest(white(4.0)), 1e-3, test=4.0).stretches == 1
+    with pytest.raises(InputError, match="less than 40 readings"):
+        curl(at_rest(white(3.9)), 1e-3, test=3.9)
+    with pytest.raises(InputError, match=r"its voltage reaches 0\.0201 V"):
+        curl(at_rest(white(40.0), -0.0201), 1e-3)
+    for limits in ({"test": 0.0}, {"share": 0.0}, {"share": 1.0}):
+        with pytest.raises(InputError, match="make no limit"):
+            curl(at_rest(white(40.0)), 1e-3, **limits)
+
+
+@pytest.mark.parametrize(("interval", "verdict"), [((0.0, 1.0), "yes"), ((0.5, 1.01), "open"), ((1.0, 2.0), "open")])
+def test_what_is_allowed_is_still_allowed(interval: tuple[float, float], verdict: str) -> None:
+    """Exactly what a test may take is no reason against it."""
+    assert Curl(interval[1], interval, 0.0, 1, 40.0, 40.0).verdict == verdict
+
+
+def test_a_strip_that_stands_still_may_be_tested_for_as_long_as_one_likes() -> None:
+    assert Curl(0.0, (0.0, 0.0), 0.0, 1, 40.0, 5e-5).longest_test == np.inf
+    assert Curl(2.0, (1.0, 2.0), 0.0, 1, 40.0, 40.0).longest_test == 20.0
+    assert Curl(2.0, (1.01, 2.0), 0.0, 1, 40.0, 40.0).verdict == "no"
 
 
 def test_what_is_no_baseline_is_refused(command, tmp_path) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ipmclab.errors import InputError
+from ipmclab.quality.check import check
+from ipmclab.quality.usable import usable
 from ipmclab.run import FloatArray, Run
 
 Verdict = Literal["yes", "no", "open"]
@@ -76,6 +78,7 @@ def curl(run: Run, displacement: float, *, test: float = TEST, share: float = SH
     its slope is read off the two next shapes, the polynomials of degree 2 and 3, of all stretches: noise whose
     neighbours are alike moves them as it moves the slope, so that the interval holds for it too (93 to 98 %, while the
     noise forgets itself within a twentieth of a test). A curl that bends within a stretch makes the interval wider.
+    Readings that ``check`` masks (a lost laser) do not count.
 
     Parameters
     ----------
@@ -152,8 +155,8 @@ def _at_rest(run: Run) -> tuple[FloatArray, FloatArray]:
             where=where,
             repair="give a run at 0 V (baseline = true in an experiment records one)",
         )
-    usable = np.isfinite(values)
-    return run.time[usable], values[usable]
+    there = usable(run, [finding for finding in check(run) if finding.effect == "mask"])["displacement"]
+    return run.time[there], values[there]
 
 
 def _pieces(time: FloatArray, readings: FloatArray, count: int) -> list[tuple[FloatArray, FloatArray]]:
