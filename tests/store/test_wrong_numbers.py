@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import datetime
+import zipfile
 from pathlib import Path
 from typing import Any
 
+import h5py
 import nptdms
 import numpy as np
 import openpyxl
@@ -14,6 +17,7 @@ import scipy.io
 from ipmclab.errors import InputError
 from ipmclab.run import QUALITY_FLAGS, Run
 from ipmclab.store.import_map import ImportMap
+from ipmclab.store.importers import mat, xlsx
 from ipmclab.store.importing import import_run
 
 VOLTAGE = {"column": "U", "unit": "V"}
@@ -39,7 +43,14 @@ class TestRowsOfATextTable:
             read(path, file={"format": "csv", "separator": ";"}, channels={"voltage": VOLTAGE})
 
     @pytest.mark.parametrize(
-        "content", ["U,I\n0,1\n1,2\n,\n,,\n", ",\nU,I\n,\n0,1\n1,2\n", "U,I\n\n0,1\n\n  \n1,2\n", "U,I,\n0,1,\n1,2,\n"]
+        "content",
+        [
+            "U,I\n0,1\n1,2\n,\n,,\n",
+            ",\nU,I\n,\n0,1\n1,2\n",
+            "U,I\n\n0,1\n\n  \n1,2\n",
+            "U,I,\n0,1,\n1,2,\n",
+            "U,I\n0,1,,\n1,2,\n",
+        ],
     )
     def test_around_the_table_and_as_blank_lines_they_are_none(self, content: str, tmp_path: Path) -> None:
         run = read(text(tmp_path, content), channels={"voltage": VOLTAGE, "current": CURRENT})
@@ -59,6 +70,16 @@ class TestRowsOfATextTable:
                 file={"format": "csv", "units_row": True},
                 channels={"voltage": VOLTAGE},
             )
+
+    def test_of_rows_with_one_time_the_first_is_kept(self, tmp_path: Path) -> None:
+        time = {"column": "t", "unit": "s", "duplicates": "drop"}
+        run = read(
+            text(tmp_path, "t,U,I\n0,0,1\n1,1,2\n1,1,9\n1,1,9\n2,1,3\n"),
+            period=None,
+            channels={"time": time, "voltage": VOLTAGE, "current": CURRENT},
+        )
+        np.testing.assert_array_equal(run.time, [0, 1, 2])
+        np.testing.assert_array_equal(run.current, [1, 2, 3])
 
 
 class TestReadTogether:
@@ -125,6 +146,8 @@ class TestReadTogether:
             (["0.06", "0.16", "0.26"], False),
             (["-0.06", "0.04", "0.14"], False),
             (["0", "0.2", "0.4"], False),
+            (["0", "", ""], True),
+            (["0.01", "", ""], False),  # one time says nothing of the step
         ],
     )
     def test_labview_may_give_each_channel_times_of_its_own(self, times: list[str], good: bool, tmp_path: Path) -> None:
@@ -146,6 +169,31 @@ class TestReadTogether:
             del channels["current"]
             assert len(read(path, file={"format": "lvm"}, period=period, channels=channels)) == 3
 
+    @pytest.mark.parametrize(
+        ("layout", "tag", "names"),
+        [
+            ("One", "\tVolts\t\tmm\tmA", "X_Value\tP\tU\tL\tI"),
+            ("Multi", "\tVolts\t\tmm\tmA", "X_Value\tP\tX_Value\tU\tX_Value\tL\tX_Value\tI"),
+            ("Multi", "\tVolts\t\t\t\tmm\t\tmA\t", "X_Value\tP\tX_Value\tU\tX_Value\tL\tX_Value\tI"),
+        ],
+    )
+    def test_a_labview_channel_without_a_unit_leaves_the_units_of_the_others(
+        self, layout: str, tag: str, names: str, tmp_path: Path
+    ) -> None:
+        head = (
+            f"LabVIEW Measurement\nSeparator\tTab\nX_Columns\t{layout}\n***End_of_Header***\n"
+            f"Y_Unit_Label{tag}\nX_Dimension\tTime\t\tTime\n***End_of_Header***\n{names}\n"
+        )
+        one, two = ("0\t1\t0\t0\t0\t2\t0\t3", "1\t1\t1\t0\t1\t2\t1\t3") if layout == "Multi" else ("0\t1\t0\t2\t3",) * 2
+        path = text(tmp_path, f"{head}{one}\n{two}\n", "a.lvm")
+        channels = {"voltage": VOLTAGE, "displacement": {"column": "L"}, "current": {"column": "I"}}
+        run = read(path, file={"format": "lvm"}, channels=channels)
+        np.testing.assert_array_equal(run.displacement, [0.002, 0.002])
+        np.testing.assert_array_equal(run.current, [0.003, 0.003])
+        channels["voltage"] = {"column": "U"}
+        with pytest.raises(InputError, match=r"voltage\.unit: no unit"):
+            read(path, file={"format": "lvm"}, channels=channels)
+
     def test_one_column_is_not_two_channels(self, tmp_path: Path) -> None:
         with pytest.raises(
             InputError, match=r"channels\.current\.column: column 0 of .* is mapped to voltage too; name the column"
@@ -157,6 +205,10 @@ class TestReadTogether:
         path = text(tmp_path, "U,n,I\n0,0,7\n1,1,8\n1,,-9\n1,,NaN\n")
         run = read(path, channels={"voltage": VOLTAGE, "current": current})
         np.testing.assert_array_equal(run.current, [7, 8, np.nan, np.nan])
+        none = read(text(tmp_path, "U,n,I\n0,,\n1,,NaN\n"), channels={"voltage": VOLTAGE, "current": current}).current
+        np.testing.assert_array_equal(none, [np.nan, np.nan])  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="line 2: -1 in the index column 'n' of current is not a row number"):
+            read(text(tmp_path, "U,n,I\n0,-1,1\n1,0,2\n"), channels={"voltage": VOLTAGE, "current": current})
         path = text(tmp_path, "U,n,I\n0,0,7\n1,1,8\n1,,NaN\n1,,9\n")
         with pytest.raises(InputError, match="line 5: 1 readings of current have no row number; name the column"):
             read(path, channels={"voltage": VOLTAGE, "current": current})
@@ -172,6 +224,8 @@ class TestZeroAtRest:
             (["0", "0", "0", "1", "1"], [0, 5], None),
             (["0", "0", "0.01", "0.01", "0.01"], [0, 5], None),
             (["0", "0", "-0.011", "0", "0"], [0, 5], 2),
+            (["0", "0", "0.051", "1", "1"], [0, 5], 2),
+            (["0", "0", "0.05", "1", "1"], [0, 5], None),  # up to a twentieth of the largest change is noise
         ],
     )
     def test_the_voltage_of_the_rows_that_are_taken(
@@ -184,6 +238,12 @@ class TestZeroAtRest:
             return
         with pytest.raises(InputError, match=f"the voltage changes at row {change}"):
             read(path, rows=rows, channels=channels)
+
+    def test_a_zero_before_the_rows_that_are_taken_is_at_rest_too(self, tmp_path: Path) -> None:
+        path = text(tmp_path, "U,I\n0,0\n1,1\n1,2\n1,3\n1,4\n")
+        channels = {"voltage": VOLTAGE, "current": {**CURRENT, "zero_rows": [0, 2]}}
+        with pytest.raises(InputError, match="the voltage changes at row 1"):
+            read(path, rows=[3, 5], channels=channels)
 
 
 class TestScaling:
@@ -214,3 +274,90 @@ class TestScaling:
         book.active["B3"] = 1
         book.save(path)
         np.testing.assert_array_equal(read(path, file=file, channels=channels).current, [0.5, np.nan, -0.25])
+
+    def test_row_times_are_the_decimals_that_people_write(self, tmp_path: Path) -> None:
+        path = text(tmp_path, "U\n0\n1\n1\n1\n")
+        for period, times in (("40 ms", [0, 0.04, 0.08, 0.12]), ("0.3 s", [0, 0.3, 0.6, 3 * 0.3])):
+            assert read(path, period=period, channels={"voltage": VOLTAGE}).time.tolist() == times
+
+    def test_true_is_no_number(self, tmp_path: Path) -> None:
+        path, book = tmp_path / "record.xlsx", openpyxl.Workbook()
+        assert book.active is not None
+        for row in (["U"], [0], [True]):
+            book.active.append(row)
+        book.save(path)
+        with pytest.raises(InputError, match="cell A3: True in column 'U' is not a number"):
+            read(path, file={"format": "xlsx"}, channels={"voltage": VOLTAGE})
+
+    def test_a_date_and_a_time_of_day_in_cells_of_their_own(self, tmp_path: Path) -> None:
+        path, book = tmp_path / "record.xlsx", openpyxl.Workbook()
+        assert book.active is not None
+        day = datetime.date(2026, 3, 3)
+        for row in (["D", "T", "U"], [day, datetime.time(9), 0], [day, datetime.time(9, 0, 2), 1]):
+            book.active.append(row)
+        book.save(path)
+        time = {"column": "T", "date_column": "D", "dates": "year-month-day"}
+        table = {"file": {"format": "xlsx"}, "channels": {"time": time, "voltage": VOLTAGE}}
+        np.testing.assert_array_equal(import_run(path, ImportMap.from_table(table)).time, [0, 2])
+
+
+SHEET = (
+    '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><dimension ref="A1"/><sheetData>'
+    '<row r="1"><c r="A1" t="inlineStr"><is><t>U</t></is></c><c r="B1" t="inlineStr"><is><t>I</t></is></c></row>'
+    '<row r="2"><c r="A2"><v>1</v></c></row><row r="3"><c r="A3"><f>A2+1</f><v>2</v></c><c r="B3"><v>6</v></c></row>'
+    '<row r="5"><c r="B5"><v>7</v></c><c r="C5"><v>8</v></c></row><row r="6"/></sheetData></worksheet>'
+)
+
+
+def test_cells_of_a_workbook_stand_where_they_say(tmp_path: Path) -> None:
+    """Its size is wrong, a formula has its value, a row and cells are left out."""
+    path = tmp_path / "record.xlsx"
+    openpyxl.Workbook().save(path)
+    with zipfile.ZipFile(path) as book:
+        parts = {name: book.read(name) for name in book.namelist()}
+    with zipfile.ZipFile(path, "w") as book:
+        for name, part in parts.items():
+            book.writestr(name, SHEET if name.endswith("sheet1.xml") else part)
+    columns = xlsx.read(path, xlsx.XlsxFile(format="xlsx"))
+    assert columns.names == ("U", "I", "")
+    assert columns.cells == ((1, 2, None, None), (None, 6, None, 7), (None, None, None, 8))
+    assert columns.place(3, 2) == "sheet 'Sheet', cell C5"
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_vectors_of_a_matlab_file(version: str, tmp_path: Path) -> None:
+    """Columns of a square matrix; numbers of all classes, and nothing else."""
+    path = tmp_path / "record.mat"
+    square = np.array([[0.0, 3.0], [1.0, 4.0]])
+    kinds = [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+    numbers = {"double": np.float64, "single": np.float32} | {kind: np.dtype(kind) for kind in kinds}
+    if version == "5":
+        table = {name: np.array([1, 2], kind) for name, kind in numbers.items()}
+        scipy.io.savemat(path, table | {"m": square, "text": "ab", "scalar": 1.0, "many": [{"a": 1}, {"a": 2}]})
+    else:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            for name, kind in (numbers | {"logical": np.uint8, "char": np.uint16}).items():
+                file[name] = np.array([[1, 2]], kind)
+                file[name].attrs["MATLAB_class"] = np.bytes_(name)
+            file["m"] = square.T
+            file["empty"] = np.array([0, 0], np.uint64)
+            file["empty"].attrs["MATLAB_empty"] = 1
+            file["#refs#/a"] = square
+            for name in ("m", "empty", "#refs#/a"):
+                file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        with path.open("r+b") as raw:
+            raw.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    columns = mat.read(path, mat.MatFile(format="mat"))
+    assert set(columns.names) == {*numbers, "m[0]", "m[1]"} | ({"logical"} if version == "7.3" else set())
+    found = {name: columns.numbers(k).tolist() for k, name in enumerate(columns.names)}
+    assert (found.pop("m[0]"), found.pop("m[1]")) == ([0, 1], [3, 4])
+    assert all(values == [1, 2] for values in found.values())
+
+
+def test_a_waveform_may_begin_later_than_its_stamp(tmp_path: Path) -> None:
+    path = tmp_path / "a.tdms"
+    with nptdms.TdmsWriter(path) as writer:
+        about = {"wf_increment": 0.5, "wf_start_offset": 2.5}
+        writer.write_segment([nptdms.ChannelObject("r", "U", np.array([0.0, 1.0]), about)])
+    run = read(path, file={"format": "tdms"}, period=None, channels={"voltage": {**VOLTAGE, "column": "r/U"}})
+    np.testing.assert_array_equal(run.time, [2.5, 3.0])

@@ -285,7 +285,7 @@ def _row_numbers(name: str, index: int | str, columns: Columns) -> npt.NDArray[n
     given = columns.numbers(number)
     filled = np.flatnonzero(~np.isnan(given))
     given = given[: filled[-1] + 1] if len(filled) else given[:0]
-    wrong = np.flatnonzero(~((given >= 0) & (given == np.floor(given)) & (np.diff(given, prepend=-1.0) > 0)))
+    wrong = np.flatnonzero(~((given == np.floor(given)) & (np.diff(given, prepend=-1.0) > 0)))
     if len(wrong):
         row = int(wrong[0])
         raise InputError(
@@ -330,7 +330,7 @@ def _unit(name: str, channel: ChannelMap, columns: Columns, number: int) -> str:
     where = f"channels.{name}.unit"
     written = columns.units[number] if columns.units else ""
     in_file = spell_unit(written)
-    heading = columns.names[number] if number < len(columns.names) else ""
+    heading = columns.names[number]
     in_heading = _HEADING_UNIT.search(heading)
     if in_heading and not in_file:
         # Only a unit of this channel is taken for one: headings end in other words too.

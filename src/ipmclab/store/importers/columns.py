@@ -202,7 +202,7 @@ class Columns:
         )
 
     def _complaint(self, cell: Any, row: int, column: int, code: str, repair: str) -> InputError:
-        name = self.names[column] if column < len(self.names) and self.names[column] else f"number {column}"
+        name = self.names[column] or f"number {column}"
         shown = repr(cell) if len(repr(cell)) <= 60 else repr(cell)[:57] + "..."
         return InputError(
             f"{shown} in column {name!r} is not a number",

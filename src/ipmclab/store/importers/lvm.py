@@ -51,7 +51,7 @@ def read(path: Path, options: LvmFile) -> Columns:
     separator = next((line[9:10] for line in lines if line.startswith("Separator")), "") or "\t"
     file_tags = _tags(lines[1 : ends[0]], separator)
     tags = _tags(lines[ends[0] + 1 : ends[1]], separator)
-    if any(dimension != "Time" for dimension in tags.get("X_Dimension", [])):
+    if any(dimension not in ("Time", "") for dimension in tags.get("X_Dimension", [])):
         raise _error(where, f"X_Dimension is {tags['X_Dimension']}, not Time", "save the record over time")
     body = [(number, line.split(separator)) for number, line in enumerate(lines[ends[1] + 1 :], ends[1] + 2) if line]
     names = [name.strip() for name in body.pop(0)[1]] if body else []
@@ -76,8 +76,11 @@ def read(path: Path, options: LvmFile) -> Columns:
     step = 2 if x_columns == "Multi" else 1
     units = [""] * len(names)
     clocks: list[Clock | None] = [None] * len(names)
-    for channel, column in enumerate(range(1, least, step)):
-        units[column] = _nth(tags.get("Y_Unit_Label", []), channel)
+    channels = range(1, least, step)
+    # With times for each channel, LabVIEW writes the values of a tag above the readings: each second is blank.
+    is_spaced = any(len(tags.get(tag, [])) > len(channels) for tag in ("Samples", "Y_Unit_Label"))
+    for channel, column in enumerate(channels):
+        units[column] = _nth(tags.get("Y_Unit_Label", []), column - 1 if is_spaced else channel)
         if x_columns == "No":
             clocks[column] = _clock(tags, channel, where)
     return Columns(
@@ -101,7 +104,9 @@ def _tags(lines: list[str], separator: str) -> dict[str, list[str]]:
         if tag in ("***Start_Special***", "***End_Special***"):
             special = tag == "***Start_Special***"
         elif not special:
-            tags[tag.strip()] = [value.strip() for value in values if value.strip()]
+            found = tags[tag.strip()] = [value.strip() for value in values]  # a blank is a channel that lacks it
+            while found and not found[-1]:
+                del found[-1]
     return tags
 
 
