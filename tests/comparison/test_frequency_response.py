@@ -136,6 +136,33 @@ def test_what_cannot_be_read_is_refused() -> None:
         response_in_rows(load_actuator("friend-2").system, [1.0], 50.0, hold="first")
 
 
+@pytest.mark.parametrize(("skip", "left"), [(-1, None), (0, 5), (1, 4), (3, 2), (4, None)])
+def test_two_periods_at_least_are_left_of_those_there_are(skip: int, left: int | None) -> None:
+    time = np.arange(100) / 10.0
+    wave = np.sin(2.0 * math.pi * 0.5 * time)
+    run = Run.from_arrays(time=time, voltage=wave, displacement=wave)
+    if left is None:
+        with pytest.raises(InputError, match=f"the record ends with 5 whole periods of 2 s, {skip} to be left out"):
+            frequency_response(run, skip=skip)
+    else:
+        found = frequency_response(run, skip=skip)
+        assert (found.skipped, found.periods) == (skip, left)
+
+
+@pytest.mark.parametrize(("periods", "is_enough"), [(1, False), (2, True), (3, True)])
+def test_one_period_does_not_tell_noise_from_an_answer(periods: int, is_enough: bool) -> None:
+    time = np.arange(20 * periods) / 10.0
+    wave = np.sin(2.0 * math.pi * 0.5 * time)
+    about = RunMetadata(signal="multisine 1 V 0.5 Hz 1 Hz")
+    run = Run.from_arrays(time=time, voltage=wave, displacement=wave, metadata=about)
+    if is_enough:
+        assert frequency_response(run).response == pytest.approx([1.0])
+    else:
+        with pytest.raises(InputError, match="the record ends with 1 whole period of 2 s") as caught:
+            frequency_response(run)
+        assert caught.value.code == "too-short"
+
+
 def test_distortion_that_no_line_shows_is_not_said_to_be_0() -> None:
     run = simulate(load_actuator("friend-2"), "multisine 1 V 0.05 Hz 2 Hz", duration=80.0, rate=50.0)
     found = frequency_response(run)

@@ -8,7 +8,7 @@ import pytest
 from ipmclab import load_actuator, simulate
 from ipmclab.errors import InputError
 from ipmclab.model import sensitivities, simulate_outputs
-from ipmclab.model.stages.beam import natural_frequency, resonance
+from ipmclab.model.stages.beam import natural_frequency, resonance, tip_stiffness
 
 FREQUENCY = np.array([0.0, 0.003, 0.1, 1.0, 7.0, 38.3, 45.0, 300.0, 5000.0])
 MODES = ((0.4, 2.5, 20.0), (1.5, 0.3, 400.0))
@@ -111,8 +111,38 @@ def test_resonance_with_damping() -> None:
     assert found.damping_ratio > 0.06
     stiff = resonance(load_actuator("friend-2+viscoelastic").parameter_values)  # relaxes far below the resonance
     assert stiff.frequency == pytest.approx(plain.frequency * np.sqrt(1.3), rel=1e-2)
-    damped = load_actuator("friend-2+viscoelastic").replace(**{"beam.damping_ratio": 3.0})
-    assert resonance(damped.parameter_values).damping_ratio > 1.0
+
+
+@pytest.mark.parametrize("damping_ratio", [0.3, 1.5, 3.0])
+@pytest.mark.parametrize(
+    ("stages", "changes", "stiffer"),
+    [
+        ("viscoelastic=2", {"viscoelastic.0.amplitude": 0.0, "viscoelastic.1.amplitude": 0.0}, 1.0),
+        ("viscoelastic", {"viscoelastic.0.amplitude": 0.6, "viscoelastic.0.frequency": 1e-3}, 1.6),  # far below
+        ("load", {"load.stiffness": 3.0}, 4.0),  # in stiffnesses of the strip
+    ],
+)
+def test_a_beam_that_does_not_ring_keeps_its_frequency_and_its_damper(
+    stages: str, changes: dict[str, float], stiffer: float, damping_ratio: float
+) -> None:
+    """d'' + 2 zeta w d' + w^2 (1 + k) d: stiffer by 1 + k it is faster by the root, and by the root less damped."""
+    plain = load_actuator("friend-2").parameter_values
+    strip = load_actuator(f"friend-2+{stages}")
+    if "load.stiffness" in changes:
+        changes = {"load.stiffness": changes["load.stiffness"] * float(abs(tip_stiffness(plain)))}
+    found = resonance(strip.replace(**changes, **{"beam.damping_ratio": damping_ratio}).parameter_values)
+    assert found.frequency == pytest.approx(resonance(plain).frequency * np.sqrt(stiffer), rel=1e-3)
+    assert found.damping_ratio == pytest.approx(damping_ratio / np.sqrt(stiffer), rel=1e-3)
+
+
+@pytest.mark.parametrize("damping_ratio", [0.05, 3.0])
+def test_a_strip_a_thousand_times_slower_rings_a_thousand_times_slower(damping_ratio: float) -> None:
+    strip = load_actuator("friend-2+viscoelastic=2").replace(**viscoelastic(), **{"beam.damping_ratio": damping_ratio})
+    rates = {name: 1e-3 * strip[name] for name in strip.parameter_values if name.endswith(".frequency")}
+    slow = strip.replace(**rates, **{"beam.modulus": 1e-6 * strip["beam.modulus"]})
+    fast, found = resonance(strip.parameter_values), resonance(slow.parameter_values)
+    assert found.frequency == pytest.approx(1e-3 * fast.frequency, rel=1e-6)
+    assert found.damping_ratio == pytest.approx(fast.damping_ratio, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -147,31 +177,36 @@ def test_a_modulus_that_would_be_unstable_is_refused_by_name(name: str, value: f
     assert caught.value.where == f"viscoelastic.0.{name}"
 
 
-def _lowest_pair(strip: dict[str, float]) -> tuple[float, float]:
+def _lowest_pair(strip: dict[str, float], load: float) -> tuple[float, float]:
     """Its frequency [Hz], and what it adds at that to the displacement, as a part of the static one.
 
     With one mode y = (s^2 + 2 z q s) k/(s^2 + 2 z q s + q^2) + 1 = N/D, and 1/(1 + 2 d s D/(w N) + s^2 D/(w^2 N)) is
-    w^2 N over w^2 N + 2 d w s D + s^2 D.
+    w^2 N over w^2 N + 2 d w s D + s^2 D. A load adds its stiffness over the strip's, of w^2 D, to the latter.
     """
     w, d = natural_frequency(strip), strip["beam.damping_ratio"]
     k, z, q = (strip[f"viscoelastic.0.{name}"] for name in ("amplitude", "damping_ratio", "frequency"))
     below = np.array([1.0, 2.0 * z * q, q * q])
     above = (1.0 + k) * below - [0.0, 0.0, k * q * q]
-    under = np.polyadd(w * w * above, np.polymul([1.0, 2.0 * d * w, 0.0], below))
+    under = np.polyadd(w * w * above, np.polymul([1.0, 2.0 * d * w, load * w * w], below))
     poles = np.roots(under)
     pole = min(poles[poles.imag > 0.0], key=abs)
     residue = np.polyval(w * w * above, pole) / np.polyval(np.polyder(under), pole)
-    return abs(pole) / (2.0 * np.pi), abs(residue) / abs(pole.real)
+    return abs(pole) / (2.0 * np.pi), (1.0 + load) * abs(residue) / abs(pole.real)
 
 
+@pytest.mark.parametrize("load", [0.0, 1.0])  # in stiffnesses of the strip
 @pytest.mark.parametrize(("least", "most", "is_it"), [(0.51, 0.59, True), (0.41, 0.49, False)])
-def test_the_first_resonance_adds_half_of_the_static_displacement(least: float, most: float, is_it: bool) -> None:
-    beam = load_actuator("friend-2+viscoelastic")
+def test_the_first_resonance_adds_half_of_the_static_displacement(
+    least: float, most: float, is_it: bool, load: float
+) -> None:
+    beam = load_actuator("friend-2+viscoelastic+load" if load else "friend-2+viscoelastic")
+    if load:
+        beam = beam.replace(**{"load.stiffness": load * float(abs(tip_stiffness(beam.parameter_values)))})
     slow = {"viscoelastic.0.damping_ratio": 0.02, "viscoelastic.0.frequency": 120.0}
     found = 0
     for amplitude in np.geomspace(1e-3, 3.0, 400):
         strip = beam.replace(**slow, **{"viscoelastic.0.amplitude": amplitude}).parameter_values
-        frequency, part = _lowest_pair(dict(strip))
+        frequency, part = _lowest_pair(dict(strip), load)
         if least <= part <= most:
             found += 1
             assert bool(resonance(strip).frequency == pytest.approx(frequency)) is is_it

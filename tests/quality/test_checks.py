@@ -348,6 +348,26 @@ def test_a_response_against_the_convention(read: Read, signal: str, channel: str
     assert [finding.severity for finding in explained] == ["info"]
 
 
+@pytest.mark.parametrize(("rows", "opposite"), [(40, False), (120, True)])
+def test_only_what_is_read_before_the_voltage_turns_says_which_way_a_strip_goes(rows: int, opposite: bool) -> None:
+    """It follows within 5 s, its noise hides what it does in the first 40 rows, and then the voltage turns."""
+    voltage = np.where(np.arange(2000) < EDGE + rows, 1.0, -1.0)
+    voltage[:EDGE] = 0.0
+    follows = lfilter([1.0 / 250.0], [1.0, 1.0 / 250.0 - 1.0], voltage)
+    noise = np.random.default_rng(20261123).normal(0.0, 2e-6, 2000)
+    for sign in (1.0, -1.0):
+        run = Run.from_arrays(time=np.arange(2000) / 50.0, voltage=voltage, displacement=sign * 1e-4 * follows + noise)
+        codes = {finding.code for finding in check(run)}
+        assert ("response-opposite" in codes) is (opposite and sign < 0.0)
+
+
+def test_a_reading_that_is_missing_at_the_edge_leaves_the_direction_open(read: Read) -> None:
+    run = read(STEP)
+    assert run.force is not None
+    opposite = changed(replace(run, force=-run.force), "force", slice(EDGE + 2, EDGE + 3), np.nan)
+    assert "response-opposite" not in {finding.code for finding in check(opposite)}
+
+
 def test_nothing_but_noise_and_no_excitation(read: Read) -> None:
     rng = np.random.default_rng(20261121)
     run = read(STEP)

@@ -12,6 +12,7 @@ import pytest
 
 from ipmclab import load_actuator, simulate
 from ipmclab.quality import Metric, measure, period_of
+from ipmclab.quality.metrics import shows_zero
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.steady import settle
 from ipmclab.run import Run, RunMetadata
@@ -64,6 +65,19 @@ def test_a_bending_that_relaxes_back_through_rest() -> None:
     later = stepped(displacement=rest + after(lambda t: shape(t) - 1e-3 * np.maximum(t - 20.0, 0.0)))
     assert metrics(later, "displacement")["largest"].value < -0.01
     assert metrics(later, "displacement")["peak_at_first_edge"].value > 0.0
+
+
+# Three rows before an edge are the edge's own.
+@pytest.mark.parametrize(("edge", "at_rest"), [(0, 0), (7, 4), (8, 5), (9, 6), (28, 25), (60, 25)])
+def test_the_zero_is_what_at_least_five_rows_at_rest_read(edge: int, at_rest: int) -> None:
+    rows = np.arange(2000)
+    force = 2e-3 + 1e-6 * rows + np.where(rows >= edge, 5e-3, 0.0)
+    about = RunMetadata(origin="measured")
+    run = Run.from_arrays(time=TIME, voltage=np.where(rows >= edge, 1.0, 0.0), force=force, metadata=about)
+    assert shows_zero(run, "force") is (at_rest >= 5)
+    zero = float(force[edge - 3 - at_rest : edge - 3].mean()) if at_rest >= 5 else 0.0
+    assert metrics(run, "force")["largest"].value == pytest.approx(float(force[-1]) - zero, rel=1e-9)
+    assert shows_zero(replace(run, metadata=RunMetadata(origin="simulated")), "force")
 
 
 def test_a_response_that_does_not_come_back_has_no_back_relaxation() -> None:

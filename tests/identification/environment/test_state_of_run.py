@@ -10,7 +10,7 @@ from ipmclab import Run, RunMetadata, Sample, load_actuator
 from ipmclab.errors import InputError
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now, doses_of
-from ipmclab.identification.environment.remarks import doubtful
+from ipmclab.identification.environment.remarks import doubtful, extrapolated
 from ipmclab.identification.environment.state_of_run import states_of, with_states
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model import Actuator
@@ -154,6 +154,34 @@ def test_the_next_run_comes_after_the_last_one() -> None:
     assert dose_now(states, "runs") == 3.0
     assert dose_now(states, "charge") == 9.0
     assert RunState.from_table(states[2].to_table()) == states[2]
+
+
+@pytest.mark.parametrize(
+    ("temperature", "humidity", "said"),
+    [
+        (19.0, 39.0, None),  # a sensor is no better than 1 K and 1 %RH
+        (31.0, 81.0, None),
+        (25.0, 60.0, None),
+        (31.1, 60.0, "the run is at 31.1 degC, and the runs of the fit were at 20 to 30 degC:"),
+        (18.9, 60.0, "18.9 degC"),
+        (25.0, 81.1, "the run is at 81.1 %RH, and the runs of the fit were at 40 to 80 %RH:"),
+        (25.0, 38.9, "38.9 %RH"),
+        (40.0, 90.0, "40 to 80 %RH; and at 40 degC, and the runs of the fit were at 20 to 30 degC"),
+        (None, 60.0, None),
+        (31.1, None, "31.1 degC"),
+    ],
+)
+def test_a_state_outside_of_those_of_a_fit_is_told(
+    temperature: float | None, humidity: float | None, said: str | None
+) -> None:
+    def at(warm: float | None, wet: float | None) -> RunState:
+        return RunState(5.0, 0.1, "assumed", warm, wet)
+
+    seen = [at(30.0, 40.0), at(None, None), at(20.0, 80.0)]
+    found = extrapolated(at(temperature, humidity), seen, "the run")
+    assert [one.code for one in found] == ([] if said is None else ["environment-extrapolated"])
+    assert said is None or said in found[0].message
+    assert extrapolated(at(temperature, humidity), [at(None, None)], "the run") == []
 
 
 def test_a_run_whose_air_moves_its_water_is_named() -> None:

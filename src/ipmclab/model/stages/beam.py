@@ -74,7 +74,7 @@ def resonance(values: Mapping[str, float]) -> Resonance:
     poles, right = np.linalg.eig(whole.a[:size, :size])
     left = np.linalg.pinv(right)
     # What a pair adds to the displacement at its own frequency, and what all poles make of a constant drive.
-    residues = right[0] * (left @ (whole.b[:size, 0] + whole.b[:size, 1]))  # of both drives alike
+    residues = right[0] * (left @ whole.b[:size, 0])  # under a load the force's drive moves it alike
     static = abs(np.sum(residues / poles))
     rings = (poles.imag > 0.0) & (np.abs(residues) >= _RINGS * static * np.abs(poles.real))
     if np.any(rings):
@@ -82,9 +82,9 @@ def resonance(values: Mapping[str, float]) -> Resonance:
         return Resonance(abs(pole) / (2.0 * math.pi), -pole.real / abs(pole))
     # Nothing rings: the poles that displacement and velocity have most part in are the beam's.
     share = np.sum(np.abs(right[:2].T * left[:, :2]), axis=1)
-    pair = poles[np.argsort(-share)[:2]]
-    rate = math.sqrt(abs(pair[0] * pair[1]))
-    return Resonance(rate / (2.0 * math.pi), float(-(pair[0] + pair[1]).real / (2.0 * rate)))
+    one, other = poles[np.argsort(share)[-2:]]
+    rate = math.sqrt(abs(one * other))
+    return Resonance(rate / (2.0 * math.pi), float(-(one + other).real / (2.0 * rate)))
 
 
 def _modes(values: Values) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Final
+from typing import Any, Final
 
 from ipmclab.rig.experiments.operator import Operator
 from ipmclab.rig.process.messages import Message
@@ -38,14 +38,14 @@ class Live:
         known = {name: value for name, value in air.values.items() if math.isfinite(value)}
         self._operator.tell(Message("air", {"time": air.time, **known}))
 
-    def mark(self, mark: Mark, ending: str | None = None, rows: int = 0) -> None:
-        """Something happened; where an operator, or a limit, is ``ending`` the run by it, it will have so many rows."""
-        told = {"event": mark.kind, "time": mark.time, "text": mark.text}
-        if ending is None:
-            self._operator.tell(Message("event", told))
-            return
+    def mark(self, mark: Mark) -> None:
+        """Something happened."""
+        self._operator.tell(Message("event", _told(mark)))
+
+    def ends(self, mark: Mark, ending: str, rows: int) -> None:
+        """An operator, or a limit, is ``ending`` the run, which will have so many rows."""
         self._rows = rows
-        self._operator.tell(Message("event", {**told, "ending": ending}))
+        self._operator.tell(Message("event", {**_told(mark), "ending": ending}))
         self._tell()
 
     def committed(self, acknowledged: int) -> None:
@@ -57,3 +57,7 @@ class Live:
         self._told = time.monotonic()
         told = {"rows": self._seen, "acknowledged": self._safe, "of": self._rows}
         self._operator.tell(Message("progress", told))
+
+
+def _told(mark: Mark) -> dict[str, Any]:
+    return {"event": mark.kind, "time": mark.time, "text": mark.text}

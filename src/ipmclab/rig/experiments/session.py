@@ -342,7 +342,7 @@ class Session:
         word = self._guardian.status if self._guardian is not None else None
 
         def on_end(mark: Mark, rows: int) -> None:
-            live.mark(mark, "limit" if mark.kind == "limit" else self._requests.ending or "abort", rows)
+            live.ends(mark, "limit" if mark.kind == "limit" else self._requests.ending or "abort", rows)
 
         def on_air(air: SlowAir) -> None:
             live.air(air)

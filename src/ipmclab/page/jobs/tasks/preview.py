@@ -59,7 +59,6 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         "units": list(columns.units) if columns.units else None,
         "rows": rows,
         "count": count,
-        "has_clock": bool(columns.clocks and any(columns.clocks)),
         "guesses": guess_channels(path, layout, columns),
     }
     return Frame(document, arrays)
