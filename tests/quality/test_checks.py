@@ -361,6 +361,65 @@ def test_only_what_is_read_before_the_voltage_turns_says_which_way_a_strip_goes(
         assert ("response-opposite" in codes) is (opposite and sign < 0.0)
 
 
+def goes_the_wrong_way(**answers: np.ndarray) -> bool:
+    """Of readings at 50 Hz with the voltage under its own name."""
+    run = Run.from_arrays(time=np.arange(2000) / 50.0, **answers)
+    return "response-opposite" in {finding.code for finding in check(run)}
+
+
+ONE_VOLT = np.where(np.arange(2000) >= EDGE, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("late", "noises", "pulse", "missing", "is_told"),
+    [
+        (0, -100.0, 1800, None, True),
+        (-3, -100.0, 1800, None, True),  # rows are read up to three too early or too late
+        (3, -100.0, 1800, None, True),
+        (-4, -100.0, 1800, None, False),
+        (4, -100.0, 1800, None, False),
+        (0, 100.0, 1800, None, False),
+        (0, -7.0, 1800, None, False),  # it must stand ten standard deviations clear
+        (0, -15.0, 1800, None, True),
+        (2, -100.0, 2, None, False),  # the voltage has gone down again: that is its inrush
+        (1, -100.0, 2, None, True),
+        (0, -100.0, 1800, 2, False),  # what a missing reading was like, nobody knows
+        (0, -100.0, 1800, -7, False),
+    ],
+)
+def test_a_current_is_judged_by_its_inrush(
+    late: int, noises: float, pulse: int, missing: int | None, is_told: bool
+) -> None:
+    voltage = np.where(np.arange(2000) < EDGE + pulse, ONE_VOLT, 0.0)
+    current = 2e-3 + np.random.default_rng(20261123).normal(0.0, 1e-5, 2000)  # its zero is off by 2 mA
+    current[EDGE + late] += noises * 1e-5
+    if missing is not None:
+        current[EDGE + missing] = np.nan
+    assert goes_the_wrong_way(voltage=voltage, current=current) is is_told
+
+
+@pytest.mark.parametrize(
+    ("noises", "pulse", "missing", "is_told"),
+    [
+        (-100.0, 1800, None, True),
+        (100.0, 1800, None, False),
+        (-100.0, 5, None, True),  # five rows are enough
+        (-100.0, 4, None, False),
+        (-5.5, 1800, None, True),  # of a mean of many rows and of the five at rest
+        (-3.5, 1800, None, False),
+        (-100.0, 1800, -7, False),
+    ],
+)
+def test_a_displacement_is_judged_by_its_mean_after_the_edge(
+    noises: float, pulse: int, missing: int | None, is_told: bool
+) -> None:
+    voltage = np.where(np.arange(2000) < EDGE + pulse, ONE_VOLT, 0.0)
+    displacement = 3e-4 + np.random.default_rng(20261123).normal(0.0, 1e-6, 2000) + noises * 1e-6 * voltage
+    if missing is not None:
+        displacement[EDGE + missing] = np.nan
+    assert goes_the_wrong_way(voltage=voltage, displacement=displacement) is is_told
+
+
 def test_a_reading_that_is_missing_at_the_edge_leaves_the_direction_open(read: Read) -> None:
     run = read(STEP)
     assert run.force is not None

@@ -80,6 +80,32 @@ def test_the_zero_is_what_at_least_five_rows_at_rest_read(edge: int, at_rest: in
     assert shows_zero(replace(run, metadata=RunMetadata(origin="simulated")), "force")
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "is_rest"),
+    [
+        (0.01, 0.5, True),  # up to 10 mV nothing is driven
+        (0.011, 0.5, False),
+        (0.029, 3.0, True),  # nor up to a hundredth of the voltage that follows
+        (0.031, 3.0, False),
+    ],
+)
+def test_little_voltage_is_rest(before: float, after: float, is_rest: bool) -> None:
+    voltage = np.where(TIME >= 2.0, after, before)
+    run = Run.from_arrays(time=TIME, voltage=voltage, force=1e-3 * voltage, metadata=RunMetadata(origin="measured"))
+    assert shows_zero(run, "force") is is_rest
+
+
+@pytest.mark.parametrize(("edge", "error"), [(0, 0.0), (8, 1.96 / math.sqrt(5.0)), (60, 1.96 / 5.0)])
+def test_the_error_of_the_zero_is_in_the_steady_value(edge: int, error: float) -> None:
+    """Two thousand rows after the edge know it much better, in standard deviations of the noise."""
+    rows = np.arange(2000)
+    noise = np.random.default_rng(20261123).normal(0.0, 1e-4, 2000)
+    force = np.where(rows >= edge, 5e-3, 0.0) + noise
+    run = Run.from_arrays(time=TIME, voltage=np.where(rows >= edge, 1.0, 0.0), force=force)
+    low, high = metrics(run, "force")["steady_value"].interval or (0.0, 0.0)
+    assert 0.5 * (high - low) / 1e-4 == pytest.approx(error, abs=0.15)
+
+
 def test_a_response_that_does_not_come_back_has_no_back_relaxation() -> None:
     noise = np.random.default_rng(20261121).normal(0.0, 1e-6, 2000)
     found = metrics(stepped(displacement=after(lambda t: 1e-3 * (1 - np.exp(-t))) + noise), "displacement")

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.profiles import costly
+from virtual_cdaq.attributes.task import TIMING
 from virtual_cdaq.model import transfer
 from virtual_cdaq.model.channels import VOLTS, Channel
 from virtual_cdaq.model.chassis import Chassis
@@ -15,7 +16,7 @@ from virtual_cdaq.model.clock import TICKS_PER_SECOND, LockStepClock, make_clock
 from virtual_cdaq.model.converters import choose_range
 from virtual_cdaq.model.errors import ChassisError
 from virtual_cdaq.model.plant import RcPlant
-from virtual_cdaq.model.task import CONTINUOUS, FINITE
+from virtual_cdaq.model.task import CONTINUOUS, FINITE, ON_DEMAND, SAMPLE_CLOCK
 
 RATE = 50.0
 
@@ -169,6 +170,24 @@ def test_a_reset_aborts_the_tasks_and_brings_the_outputs_to_zero():
         add(again, "cDAQ1Mod1/ai0")
         again.set_sample_clock(RATE, "", CONTINUOUS, 100)
         again.reserve()
+
+
+def test_a_task_without_a_clock_has_the_timing_of_ni_daqmx_and_a_reset_brings_it_back():
+    chassis = new_chassis()
+    task = chassis.new_task("in")
+    add(task, "cDAQ1Mod1/ai1", 5.0)
+    defaults = {"SAMP_QUANT_SAMP_MODE": CONTINUOUS, "SAMP_QUANT_SAMP_PER_CHAN": 1000, "SAMP_TIMING_TYPE": ON_DEMAND}
+    with chassis.lock:
+        assert {name: TIMING[name].get(task) for name in defaults} == defaults
+        task.set_sample_clock(RATE, "", FINITE, 20)
+        assert {name: TIMING[name].get(task) for name in defaults} == dict(
+            zip(defaults, (FINITE, 20, SAMPLE_CLOCK), strict=True)
+        )
+        for name in defaults:
+            TIMING[name].reset(task)
+        assert {name: TIMING[name].get(task) for name in defaults} == defaults
+        TIMING["SAMP_CLK_RATE"].reset(task)
+        assert TIMING["SAMP_CLK_RATE"].get(task) == 1000.0
 
 
 @given(st.floats(0.02, 250_000.0))

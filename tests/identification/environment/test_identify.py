@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ipmclab import Run, RunMetadata, identify, load_actuator, read_fit, read_run, simulate, write_fit
+from ipmclab import Actuator, Run, RunMetadata, identify, load_actuator, read_fit, read_run, simulate, write_fit
 from ipmclab.cli.identify import fit_document, print_fit
 from ipmclab.cli.simulate import simulate as simulate_verb
 from ipmclab.errors import InputError
@@ -27,11 +27,11 @@ LAW = "environment.permittivity.exponent"
 BRANCHES = ["circuit.branches.0.permittivity", "circuit.branches.1.permittivity"]
 
 
-def runs(humidities: tuple[float, ...]) -> list[Run]:
+def runs(humidities: tuple[float, ...], true: Actuator = TRUE) -> list[Run]:
     noise = np.random.default_rng(20261123)
     found = []
     for number, humidity in enumerate(humidities):
-        clean = simulate(TRUE.at(Environment(20.0, humidity)), "step 0.5 V", duration=12, rate=8)
+        clean = simulate(true.at(Environment(20.0, humidity)), "step 0.5 V", duration=12, rate=8)
         assert clean.current is not None
         about = RunMetadata(
             temperature=20.0, relative_humidity=humidity + 2.0 * noise.standard_normal(), run_number=number
@@ -103,6 +103,17 @@ def test_a_law_that_one_condition_leaves_open_is_named_with_the_condition_that_t
     assert LAW in said.message
     assert said.values["relative_humidity"] in (30.0, 45.0)
     assert not fit.parameters[LAW].determined
+
+
+def test_what_warmth_does_is_told_by_a_run_as_warm_as_common_chambers_make_it() -> None:
+    """From runs at 20 degC alone the energy is open, and 40 degC is farther than 15 degC."""
+    energy = "environment.dc_resistivity.energy"
+    strip = load_actuator("friend-2+environment.dc_resistivity")
+    fit = identify(strip, runs((80.0,), strip), free=["circuit.dc_resistivity", energy])
+    (said,) = [finding for finding in fit.findings if finding.code == "law-undetermined"]
+    assert said.values["temperature"] == 40.0
+    assert "a run at 40 degC, " in said.message
+    assert f"would tell most of {energy}, which runs at 20 degC and " in said.message
 
 
 def test_what_ages_is_named_by_scale_and_parameter() -> None:

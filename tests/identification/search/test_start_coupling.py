@@ -55,8 +55,10 @@ def test_series_know_their_output_and_their_run() -> None:
     assert [one.place for one, _ in pressing.labels] == [0, 1]
     assert pressing.output == "force"
     assert [any(one is other for other in seen.series[1:]) for one in pressing.series] == [True, True]
-    assert seen.of("displacement").series[0] is seen.series[0]
+    moving = seen.of("displacement")
+    assert moving.series[0] is seen.series[0]
+    assert moving.output == "displacement"
     # Both are d(s) of the node voltage: over their static factors they are one series.
     light = STRIP.replace(**{"beam.density": 1.0})
-    moving, pressed = motion_series(light, [record(light, ("displacement", "force"))], {}).series
-    np.testing.assert_allclose(moving.readings, pressed.readings, atol=2e-3 * np.abs(pressed.readings).max())
+    alike, pressed = motion_series(light, [record(light, ("displacement", "force"))], {}).series
+    np.testing.assert_allclose(alike.readings, pressed.readings, atol=2e-3 * np.abs(pressed.readings).max())
