@@ -163,11 +163,12 @@ def capture(
         try:
             rest = _rest_before(guarded, recording, request, attendants.listeners)
         except EndedEarly as ended:
-            return Outcome("aborted", str(ended), request.metadata, 0)
-        about = recording.prepare(rest, str(played))
-        recording.keep_in(journal, about)
-        with _brief_collections():
-            outcome = recording.run(played, rows, about, finish)
+            outcome = Outcome("aborted", str(ended), request.metadata, 0)
+        else:
+            about = recording.prepare(rest, str(played))
+            recording.keep_in(journal, about)
+            with _brief_collections():
+                outcome = recording.run(played, rows, about, finish)
     return outcome if outcome.error or not closed else replace(outcome, error=closed[0])
 
 

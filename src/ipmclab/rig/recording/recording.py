@@ -212,24 +212,24 @@ class Recording:
                     self._heartbeat.explain(failure)
                 if self._listeners.on_mark is not None:  # at once: a frozen chassis takes long to be brought to 0 V
                     self._listeners.on_mark(Mark(self._time, str(error), "bench"))
-            finally:
+            finally:  # also when the program is told to end: an output that is not at 0 V is told all the same
                 told, error = error, self._zero(error)
                 about = self._about.after(about)
-            if error is not None:
-                self._fail(str(error))
-                with suppress(IpmclabError):  # it may be the journal that failed
-                    self._keeper.mark(Mark(self._time, str(error), "bench"))
-                if told is None and self._listeners.on_mark is not None:
-                    self._listeners.on_mark(Mark(self._time, str(error), "bench"))
-            elif not self._hurried:
+                if error is not None:
+                    self._fail(str(error))
+                    with suppress(IpmclabError):  # it may be the journal that failed
+                        self._keeper.mark(Mark(self._time, str(error), "bench"))
+                    if error is not told and self._listeners.on_mark is not None:
+                        self._listeners.on_mark(Mark(self._time, str(error), "bench"))
+            if error is None and not self._hurried:
                 about = self._after(about, finish)
         except BaseException as fault:
             self._fail(_why(fault))
             self._end(about)
             with_run(fault, self._kept)
             raise
-        error = self._end(about) or error
-        return Outcome(self.state, self.reason, about, self.read, self.alarm, error, self._kept)
+        unkept = self._end(about)
+        return Outcome(self.state, self.reason, about, self.read, self.alarm, error or unkept, self._kept)
 
     def _apply(self, given: Iterator[Block], played: RowSource, rows: int) -> None:
         self._rows = rows
@@ -262,19 +262,20 @@ class Recording:
 
     def _take(self, block: Block) -> Rows | None:
         """A block: first the guard, then the rows are kept, then those who listen."""
-        missing = block.first_row - self._next_row
+        first_row = min(block.first_row, self._stop)
+        missing = first_row - self._next_row
         count = min(len(block), self._stop - block.first_row)
         if missing < 0:
             raise rows_out_of_order(block.first_row, self._next_row)
         if missing > 0:
-            self._mark(Mark(self._time, f"{missing} rows were lost before row {block.first_row}", "gap"))
-        self._next_row = block.first_row + len(block)
+            self._mark(Mark(self._time, f"{missing} rows were lost before row {first_row}", "gap"))
+        self._next_row = block.first_row + count
         if count <= 0:
             return None
         readings = {name: volts[:count] for name, volts in block.readings.items()}
         values = self._scaling.values(readings)
         flags = self._scaling.flags(readings)
-        self._about.saw(self._next_row, values)
+        self._about.saw(block.first_row + len(block), values)
         slow = self._slow(block.temperature)
         rows = Rows(
             block.first_row,
@@ -287,8 +288,11 @@ class Recording:
                 self._alarm(alarm)
             for request in self._control.take():
                 self._ask(request.kind, request.text)
-        finally:  # also when the output could not be brought to 0 V
-            self._keep(rows, slow, values)
+        except BaseException:  # such as an output that could not be brought to 0 V: that is told, not a full disk
+            with suppress(IpmclabError):
+                self._keep(rows, slow, values)
+            raise
+        self._keep(rows, slow, values)
         if self._listeners.on_block is not None:
             self._listeners.on_block(rows)
         return rows
@@ -332,20 +336,18 @@ class Recording:
         if kind == "mark":
             self._mark(Mark(self._time, text, "note"))
             return
-        self._hurried = self._hurried or kind in ("abort", "zero")
-        if kind == "abort":
-            self._fail(text)
-            self._zero_and_go_on(0)
-            self._last_row = self._next_row  # also while a discharge is being recorded
-        elif self._guard.is_zeroed:
-            return
-        elif kind == "zero":
+        if kind == "stop":
+            if self._guard.is_zeroed:
+                return
+            text = self.reason = f"stopped by the operator at {self._time:.6g} s"
+            self._zero_and_go_on(min(self._rest_rows, self._rows - self._next_row))
+        else:  # also while a rest or a discharge is being recorded
+            self._hurried = True
             self._fail(text)
             self._zero_and_go_on(self._discharge_rows)
-        else:
-            self.reason = f"stopped by the operator at {self._time:.6g} s"
-            self._zero_and_go_on(self._rest_rows)
-        self._mark(Mark(self._time, self.reason, "stop"), is_end=True)
+            if kind == "abort":
+                self._last_row = self._next_row
+        self._mark(Mark(self._time, text, "stop"), is_end=True)
 
     def _zero_and_go_on(self, more: int) -> None:
         """Bring the output to 0 V, and record so many rows more."""
@@ -353,7 +355,7 @@ class Recording:
         self._bench.zero()
         if not self._guard.is_zeroed:
             self._guard.zeroed(self._next_row)
-            self._last_row = min(self._next_row + more, self._rows + max(self._rest_rows, self._discharge_rows))
+            self._last_row = self._next_row + more
 
     def _fail(self, reason: str) -> None:
         """Keep the first reason."""

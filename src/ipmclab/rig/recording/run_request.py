@@ -51,7 +51,7 @@ class RunRequest:
     tares : sequence of ZeroReading
         Readings of the load cell with the tip clear of it.
     zero_time, zero_after : float [s]
-        How long the channels are read at rest before and after the record; 0 after it reads nothing.
+        How long the channels are read at rest before and after the record, 3 rows at least; 0 after it reads nothing.
     most_drift : float [N/s], optional
         The preload is read again until it drifts no faster.
     longest_wait : float [s]
@@ -65,7 +65,7 @@ class RunRequest:
     Raises
     ------
     InputError
-        A duration that is not above 0, or none for a signal; a rest below 0.
+        A duration that is not above 0, or none for a signal; another time that is below 0, or has no end.
 
     Examples
     --------
@@ -101,7 +101,8 @@ class RunRequest:
                 where="duration",
                 repair="say for how long, such as 40 s",
             )
-        for name, value in (("rest_before", self.rest_before), ("rest_after", self.rest_after)):
+        for name in ("rest_before", "rest_after", "zero_time", "zero_after", "longest_wait", "discharge"):
+            value = getattr(self, name)
             if not 0.0 <= value < math.inf:
                 raise InputError(f"{name} is {value:g}", code="out-of-range", where=name, repair="give 0 s or more")
 

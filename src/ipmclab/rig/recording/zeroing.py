@@ -36,6 +36,9 @@ ZERO_TIME: Final = 10.0
 LONGEST_WAIT: Final = 600.0
 """How long [s] a preload may take to settle."""
 
+LEAST_ROWS: Final = 3
+"""A reading at rest has so many rows at least: fewer tell neither its noise nor its drift."""
+
 NOISE_MARGIN: Final = 4.0
 """A reading within so many standard deviations of its noise above the tare is one without contact."""
 
@@ -83,6 +86,7 @@ def read_rest(
     when : "before" or "after"
         The signal.
     duration : float [s]
+        For ``LEAST_ROWS`` rows at least.
     force : "preload" or "tare"
         Whether the tip is on the load cell.
     on_block : callable, optional
@@ -91,7 +95,7 @@ def read_rest(
     Raises
     ------
     IpmclabError
-        A sensor that sees no strip.
+        A sensor that sees no strip; rows that were lost, so that too few are left.
     BenchError
         The output is not at 0 V, or the hardware failed.
     """
@@ -100,7 +104,7 @@ def read_rest(
     plain = Scaling([bench.rig[name] for name in names if name in ("voltage", "current")], {})
     blocks = []
     with own_pauses_told("while the channels were read at 0 V") as clock:
-        for block in bench.apply(Step(0.0), max(1, round(duration * rate))):
+        for block in bench.apply(Step(0.0), max(LEAST_ROWS, round(duration * rate))):
             clock.progress()
             alarms = guard.look(block.first_row, plain.values(block.readings)) if "voltage" in names else ()
             if alarms:
@@ -193,16 +197,17 @@ def wait_for_preload(
     IpmclabError
         It still drifts after the longest wait.
     """
-    waited = 0.0
+    waited, each = 0.0, max(duration, LEAST_ROWS / rate)
     while True:
         rest = read_rest(bench, names, rate, when="before", duration=duration, on_block=on_block)
-        waited += duration
+        waited += each
         preload = rest["force"]
         if on_reading is not None:
             on_reading(preload)
-        if preload.drift is None or abs(preload.drift) <= most_drift:
+        assert preload.drift is not None
+        if abs(preload.drift) <= most_drift:
             return rest
-        if waited + duration > longest_wait:
+        if waited + each > longest_wait * (1.0 + 1e-9):  # sums of times are rounded
             raise IpmclabError(
                 f"the preload still drifts by {1e6 * preload.drift:.3g} uN/s after {waited:g} s, "
                 f"{1e6 * most_drift:.3g} uN/s are allowed",
@@ -334,8 +339,13 @@ def _summary(channel: Channel, volts: FloatArray, rate: float, kind: Kind, when:
     value = channel.to_quantity(float(np.mean(volts)))
     told = channel.gain * volts + channel.offset
     count = len(volts)
-    if count < 3:
-        return ZeroReading(channel.name, kind, when, value, 0.0), 0.0
+    if count < LEAST_ROWS:
+        raise IpmclabError(
+            f"{count} rows were read at rest, {LEAST_ROWS} are needed",
+            code="too-short",
+            where=channel.name,
+            repair="rows were lost: give this computer less to do, then record again",
+        )
     time = (np.arange(count) - (count - 1) / 2.0) / rate
     slope = float(time @ told) / float(time @ time)
     left = told - told.mean() - slope * time
