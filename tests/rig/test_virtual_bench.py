@@ -320,7 +320,7 @@ def test_a_run_says_how_it_was_recorded(strip: Actuator) -> None:
         ({"measured": ("curent",)}, "measured: the bench has no channel 'curent'; did you mean 'current'?"),
         (
             {"signal": "sine 11 V 1 Hz"},
-            "signal: the signal asks for 10.4616 V at 0.2 s, the output gives -10 V to 10 V",
+            "signal: it commands 4.04937 V at 0.06 s, the limit is 3.5 V",
         ),
         (
             {"signal": "step 1 V for 5 s"},
