@@ -270,6 +270,47 @@ def test_a_strip_that_is_not_touched_reads_nothing_but_a_slip() -> None:
     assert (apart.place, apart.expected) == (4, 0.0)
 
 
+def test_the_end_of_the_travel_is_no_slip_of_the_displacement() -> None:
+    """A little beyond all others it lies by itself; a slip lies beyond them by more than all of their range."""
+    travel = np.arange(10.0) * 1e-4
+    force = K * travel
+    force[9] *= 0.1
+    apart = apart_in(travel, force)
+    assert apart is not None
+    assert (apart.place, apart.in_displacement) == (9, False)
+    travel[8] = 2.5 * travel[9]
+    apart = apart_in(travel, K * np.arange(10.0) * 1e-4)
+    assert apart is not None
+    assert (apart.place, apart.in_displacement) == (8, True)
+
+
+def test_a_force_that_is_read_with_the_other_sign_bends_where_it_is_touched_too() -> None:
+    force = -K * np.maximum(IN_AND_OUT - 0.2e-3, 0.0) + 5e-6 * np.random.default_rng(7).standard_normal(22)
+    expected, force[7] = -K * 0.15e-3, -K * 1.5e-3
+    apart = apart_in(IN_AND_OUT, force)
+    assert apart is not None
+    assert apart.place == 7
+    assert apart.expected == pytest.approx(expected, abs=2e-5)
+
+
+@pytest.mark.parametrize(("count", "is_told"), [(9, True), (8, False)])
+def test_where_a_push_bends_is_known_from_four_readings_on(count: int, is_told: bool) -> None:
+    travel = np.arange(float(count)) * 1e-4
+    force = K * np.maximum(travel - 3.5e-4, 0.0) + 1e-7 * np.random.default_rng(3).standard_normal(count)
+    force[6] += 2e-3
+    apart = apart_in(travel, force)
+    assert (None if apart is None else apart.place) == (6 if is_told else None)
+
+
+def test_a_straight_push_of_five_readings_in_and_out_tells_a_slip() -> None:
+    travel = np.array([0.0, 1e-4, 2e-4, 1e-4, 0.0])
+    force = K * travel + 1e-10 * np.array([1.0, 0.0, -2.0, 1.0, 3.0])
+    force[1] += 2e-3
+    apart = apart_in(travel, force)
+    assert apart is not None
+    assert apart.place == 1
+
+
 def test_how_many_readings_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ipmclab.measurement.push_slips._MOST", 7)
     for count, is_told in ((4, False), (5, True), (7, True), (8, False)):
