@@ -398,6 +398,13 @@ def test_a_current_is_judged_by_its_inrush(
     assert goes_the_wrong_way(voltage=voltage, current=current) is is_told
 
 
+@pytest.mark.parametrize(("row", "is_told"), [(0, True), (3, True), (4, False)])
+def test_a_record_that_begins_with_the_voltage_is_judged_from_its_first_row(row: int, is_told: bool) -> None:
+    current = np.random.default_rng(20261123).normal(0.0, 1e-5, 2000)
+    current[row] = -1e-3
+    assert goes_the_wrong_way(voltage=np.ones(2000), current=current) is is_told
+
+
 @pytest.mark.parametrize(
     ("noises", "pulse", "missing", "is_told"),
     [
@@ -407,7 +414,14 @@ def test_a_current_is_judged_by_its_inrush(
         (-100.0, 4, None, False),
         (-5.5, 1800, None, True),  # of a mean of many rows and of the five at rest
         (-3.5, 1800, None, False),
-        (-100.0, 1800, -7, False),
+        (-100.0, 1800, -9, True),
+        (-100.0, 1800, -8, False),  # five rows, of which the last is four before the edge
+        (-100.0, 1800, -4, False),
+        (-100.0, 1800, -3, True),
+        (-100.0, 1800, 0, True),
+        (-100.0, 1800, 1, False),
+        (-100.0, 1800, 5, False),
+        (-100.0, 1800, 6, True),
     ],
 )
 def test_a_displacement_is_judged_by_its_mean_after_the_edge(

@@ -141,23 +141,19 @@ def _sign(record: Record, channel: Channel) -> int:
 
 def _sign_at_edge(record: Record, channel: Channel) -> int:
     edge, end = int(record.edges[0]), int(record.ends[0])
-    start = max(edge - 8, 0)
-    rest = channel.readings[start : max(edge - 3, 1)]
+    # Where a reading is missing, what moved is NaN, which is beyond nothing.
+    rest = channel.readings[max(edge - 8, 0) : max(edge - 3, 1)]
     if channel.name == "current":
         window = channel.readings[max(edge - 3, 0) : min(edge + 4, end)]
-        if not (np.isfinite(window).all() and np.isfinite(rest).all()):
-            return 0
         before = 0.0 if edge == 0 else float(rest.mean())
         moved = float(window[np.abs(window - before).argmax()]) - before
         return int(np.sign(moved * record.heights[0])) if abs(moved) > 10.0 * channel.noise else 0
-    if not np.isfinite(rest).all():
-        return 0
     before = float(rest.mean())
     for rows in _WINDOWS:
         window = channel.readings[edge + 1 : edge + 1 + rows]
         if rows > end - edge:
             return 0
-        moved = float(window.mean()) - before  # NaN, which is beyond nothing, where a reading is missing
+        moved = float(window.mean()) - before
         error = channel.noise * math.sqrt(1.0 / rows + 1.0 / len(rest))
         if abs(moved) > 10.0 * error + channel.quantum:
             return int(np.sign(moved * record.heights[0]))

@@ -203,3 +203,28 @@ def test_equilibrium_takes_films_and_thickness_and_is_slower_upwards() -> None:
     for strip in (slow, thick):
         (said,) = doubtful(strip, waited, state(waited, strip), "run")
         assert said.code == "not-in-equilibrium"
+
+
+@pytest.mark.parametrize("asymmetry", [1.0, 10.0, 0.1])
+def test_three_time_constants_are_equilibrium(asymmetry: float) -> None:
+    """Of the slower way, upwards or downwards: nobody says from which side the strip came."""
+    strip = STRIP.replace(**{"hydration.asymmetry": asymmetry})
+    soon = run(minutes_in_environment=0.0)
+    (said,) = doubtful(strip, soon, state(soon, strip), "run")
+    slow = said.values["time_constant"]
+    assert isinstance(slow, float)
+    plain = doubtful(STRIP, soon, state(soon), "run")[0].values["time_constant"]
+    assert slow == pytest.approx(max(1.0, asymmetry / STRIP["hydration.asymmetry"]) * plain)
+    for part, settled in ((2.95, False), (3.05, True)):
+        waited = run(minutes_in_environment=part * slow / 60.0)
+        assert (doubtful(strip, waited, state(waited, strip), "run") == []) is settled
+
+
+@pytest.mark.parametrize(("part", "moves"), [(0.985, True), (0.995, False), (1.005, False), (1.015, True)])
+def test_water_moves_where_it_changes_by_more_than_a_hundredth(part: float, moves: bool) -> None:
+    """However well it was known: the strip has the content that is stated, and ends where its air has it."""
+    air = {"temperature": 20.0, "relative_humidity": 80.0}
+    at_rest = state(run(**air)).water_content or 0.0
+    long = Run.from_arrays(time=[0.0, 1e5, 2e5], voltage=[1.0] * 3, metadata=RunMetadata(**air))
+    known = RunState(part * at_rest, 0.0, "measured", 20.0, 80.0)
+    assert [one.code for one in doubtful(STRIP, long, known, "run")] == (["water-moves"] if moves else [])
