@@ -243,7 +243,7 @@ def _direction(record: Record, channel: Channel, values: FloatArray) -> float:
 def _steady(record: Record, response: _Response) -> list[Metric]:
     channel, values = response.channel, response.values
     edge = int(record.edges[-1])
-    tail = values[-max(1, len(record) // 10) :]
+    tail = values[-(len(record) // 10) :]
     start = edge + int(_SETTLING * (len(record) - edge))
     rows = start + np.flatnonzero(np.isfinite(values[start:]))
     if len(record) - edge <= len(tail) or len(rows) < _FEWEST or not np.isfinite(tail).any():
@@ -348,30 +348,31 @@ def _half_period_ends(record: Record, response: _Response, period: float, end: i
     edges, ends = record.edges, record.ends
     half = 0.5 * period / record.period
     whole = record.constant_after & (np.abs(ends - edges - half) <= 1.5) & (ends <= end + 1.5)
-    if np.count_nonzero(whole) < 2 or not whole[0]:
+    together = np.flatnonzero(whole[:-1] & whole[1:])
+    if not len(together) or not whole[0]:
         return []
     rows = max(1, round(0.02 * half))
-    stretches = [values[stop - rows : stop] for stop in ends[whole]]
+    stretches = [values[stop - rows : stop] for stop in ends[[0, together[-1], together[-1] + 1]]]
     read = [stretch[np.isfinite(stretch)] for stretch in stretches]
-    if any(len(stretch) == 0 for stretch in (read[0], *read[-2:])):
+    if not all(len(stretch) for stretch in read):
         return []
-    last = [float(np.median(stretch)) for stretch in (read[0], *read[-2:])]
-    error = channel.noise * math.sqrt(math.pi / 2.0 / rows)
+    first, before, last = (float(np.median(stretch)) for stretch in read)
+    errors = [channel.noise * math.sqrt(math.pi / 2.0 / len(stretch)) for stretch in read]
     words = f"median of the last {rows} row{'s' if rows > 1 else ''} of it"
     return [
         _metric(
             channel,
             "half_period_end",
-            last[0],
-            math.hypot(error, response.rest_error),
+            first,
+            math.hypot(errors[0], response.rest_error),
             f"The current at the end of the first half period of the square: {words}. " + _FROM_REST,
         ),
         _metric(
             channel,
             "half_period_end_last",
-            0.5 * abs(last[-1] - last[-2]),
-            error / math.sqrt(2.0),
+            0.5 * abs(last - before),
+            0.5 * math.hypot(errors[1], errors[2]),
             f"The current at the end of a half period of the square: {words}; half the difference between the last two "
-            "whole half periods.",
+            "whole half periods that follow each other.",
         ),
     ]
