@@ -91,6 +91,14 @@ def test_without_a_reading_in_the_last_tenth_nothing_is_said_of_the_end() -> Non
     assert not {"steady_value", "mean_of_last_tenth", "back_relaxation"} & found(stepped(moved)).keys()
 
 
+def test_a_voltage_that_does_not_stand_to_the_end_has_no_steady_value() -> None:
+    moved = np.where(np.arange(1000) >= 100, 1e-3, 0.0)
+    ramp = np.where(np.arange(1000) >= 100, 1.0 + np.arange(1000) / 1000.0, 0.0)
+    told = found(Run.from_arrays(time=TIME, voltage=ramp, displacement=moved))
+    assert not {"steady_value", "mean_of_last_tenth", "peak_at_first_edge"} & told.keys()
+    assert told["largest"].value == pytest.approx(1e-3)
+
+
 @pytest.mark.parametrize(("sign", "expected"), [(1.0, 1e-3), (-1.0, -1e-3)])
 def test_the_largest_has_the_sign_of_its_side(sign: float, expected: float) -> None:
     moved = np.zeros(1000)
