@@ -128,10 +128,106 @@ def test_a_wrong_entry_is_named_with_its_repair(path: str, value: Any, message: 
     assert str(caught.value).startswith("lab.toml: ")
 
 
-def test_points_and_factor_contradict() -> None:
+@pytest.mark.parametrize("key", ["factor", "offset"])
+def test_points_and_factor_contradict(key: str) -> None:
     table = copy.deepcopy(GOOD)
-    table["channels"]["voltage"] |= {"points": [[0, 0], [1, 2]], "offset": 1.0}
+    table["channels"]["voltage"] |= {"points": [[0, 0], [1, 2]], key: 1.0}
     with pytest.raises(InputError, match="points and factor or offset are both given; keep one of them"):
+        ImportMap.from_table(table)
+
+
+@pytest.mark.parametrize(
+    ("scaling", "line"),
+    [
+        ({}, (1.0, 0.0)),
+        ({"factor": -2.0}, (-2.0, 0.0)),
+        ({"offset": 3.0}, (1.0, 3.0)),
+        ({"factor": 2.0, "offset": -3.0}, (2.0, -3.0)),
+        ({"points": [[2, 5], [10, 29]]}, (3.0, -1.0)),
+        ({"points": [[10, 29], [2, 5]]}, (3.0, -1.0)),
+    ],
+)
+def test_a_scaled_number_has_a_line_and_needs_a_unit(scaling: dict[str, Any], line: tuple[float, float]) -> None:
+    channel = ImportMap.from_table({**GOOD, "channels": {"voltage": {"column": "U", **scaling}}}).channels["voltage"]
+    assert channel.line == line
+    assert channel.is_scaled == bool(scaling)
+
+
+def test_what_metadata_can_be_reaches_to_its_bounds() -> None:
+    bounds = {
+        "shunt_resistance": ("ohm", 0.0, 1e6),
+        "source_resistance": ("ohm", 0.0, 1e6),
+        "mass": ("kg", 0.0, 1.0),
+        "clamp_pressure": ("Pa", 0.0, 1e9),
+        "temperature": ("degC", -273.15, 1000.0),
+        "relative_humidity": ("percent", 0.0, 100.0),
+        "minutes_out_of_water": ("min", 0.0, None),
+        "minutes_in_environment": ("min", 0.0, None),
+    }
+    for key, (unit, low, high) in bounds.items():
+        for end, beyond in ((low, -0.01), (high, 1.01)):
+            if end is None:
+                continue
+            told = ImportMap.from_table({**GOOD, "metadata": {key: f"{end} {unit}"}}).run_metadata()
+            assert getattr(told, key) == pytest.approx(end)
+            with pytest.raises(InputError, match=f"metadata.{key}: .* is outside"):
+                ImportMap.from_table({**GOOD, "metadata": {key: f"{end * beyond if end > 0 else end - 0.01} {unit}"}})
+
+
+def test_a_sampling_period_reaches_to_its_bounds() -> None:
+    for period in (1e-9, 1e9):
+        assert ImportMap.from_table({**GOOD, "sampling_period": f"{period!r} s"}).period == period
+    for period in (0.9e-9, 1.1e9):
+        with pytest.raises(InputError, match=r"sampling_period: .* is outside 1e-09 s to"):
+            ImportMap.from_table({**GOOD, "sampling_period": f"{period!r} s"})
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "message"),
+    [
+        ("time", {"dates": "day-month-year"}, None),
+        ("time", {"dates": "day-month-year", "date_column": "D", "duplicates": "drop"}, None),
+        ("time", {"unit": "ms", "factor": 2.0, "index": "n", "duplicates": "drop"}, None),
+        ("current", {"unit": "A", "factor": 2.0, "index": "n"}, None),
+        ("current", {"dates": "day-month-year"}, "channels.current.dates: dates is a key of the time; move it"),
+        ("current", {"date_column": "D"}, "channels.current.date_column: date_column is a key of the time"),
+        ("current", {"duplicates": "drop"}, "channels.current.duplicates: duplicates is a key of the time"),
+        ("time", {"date_column": "D"}, "time.date_column: the order of the date is not stated; add dates, such as"),
+        ("time", {"date_column": "D", "dates": "time of day"}, "time.date_column: the order of the date is not"),
+        ("time", {"dates": "time of day", "unit": "s"}, "time.unit: dates and unit are both given; keep one"),
+        ("time", {"dates": "time of day", "factor": 1.0}, "time.factor: dates and factor are both given"),
+        ("time", {"dates": "time of day", "offset": 1.0}, "time.offset: dates and offset are both given"),
+        ("time", {"dates": "time of day", "points": [[0, 0], [1, 1]]}, "time.points: dates and points are both"),
+        ("time", {"dates": "time of day", "index": "n"}, "time.index: dates and index are both given"),
+    ],
+)
+def test_keys_of_the_time(name: str, keys: dict[str, Any], message: str | None) -> None:
+    channels = {"voltage": {"column": "U"}, name: {"column": "t", **keys}}
+    table = {"file": {"format": "csv"}, "channels": channels}
+    if message is None:
+        assert set(ImportMap.from_table(table).channels) == {"voltage", name}
+        return
+    with pytest.raises(InputError, match=message):
+        ImportMap.from_table(table)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("range", [1.0, 1.0], r"voltage.range: \[1.0, 1.0\] does not increase"),
+        ("range", ["0", 1.0], "voltage.range.0: '0' is not a number"),
+        ("range", [True, 2.0], "voltage.range.0: True is not a number"),
+        ("points", [[0, 0], [1, "2"]], "voltage.points.1.1: '2' is not a number"),
+        ("sentinels", ["-99.9"], "voltage.sentinels.0: '-99.9' is not a number"),
+        ("sentinels", -99.9, "voltage.sentinels: -99.9 is not a list"),
+        ("zero_rows", [0.0, 5.0], "voltage.zero_rows.0: 0.0 is not a whole number"),
+        ("zero_rows", [0, True], "voltage.zero_rows.1: True is not a whole number"),
+        ("column", True, "voltage.column: True is not a"),
+    ],
+)
+def test_a_value_of_another_kind_is_never_converted(key: str, value: Any, message: str) -> None:
+    table = {**GOOD, "channels": {"voltage": {"column": "U", key: value}}}
+    with pytest.raises(InputError, match=message):
         ImportMap.from_table(table)
 
 
