@@ -20,7 +20,7 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.run import QUALITY_FLAGS, Run, RunMetadata
 from ipmclab.sample import Sample
 from ipmclab.store import run_file
-from ipmclab.store.run_file import read_run, write_run
+from ipmclab.store.run_file import peek, read_run, write_run
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +85,16 @@ def test_people_read_the_attributes(file: Path, run: Run) -> None:
     assert document["hold"] == "zero-before"
     assert document["content_sha256"] == run.content_sha256
     assert document["metadata"]["sample"]["id"] == "2"
+
+
+def test_a_peek_tells_texts_that_are_there_and_of_no_run_nothing(file: Path, tmp_path: Path) -> None:
+    with h5py.File(file, "r+") as stored:
+        stored.attrs["number"] = 3.0
+    assert peek(file, ("signal", "hold", "purpose", "number")) == {"signal": "step 1 V", "hold": "zero-before"}
+    (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "text").write_text("time,voltage\n")
+    for name in ("nowhere", "empty", "text", "."):
+        assert peek(tmp_path / name, ("signal",)) == {}
 
 
 def test_old_readers_open_it_and_a_flipped_bit_is_caught(file: Path) -> None:

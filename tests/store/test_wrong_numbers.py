@@ -194,6 +194,22 @@ class TestReadTogether:
         with pytest.raises(InputError, match=r"voltage\.unit: no unit"):
             read(path, file={"format": "lvm"}, channels=channels)
 
+    def test_a_labview_file_says_itself_how_it_is_written(self, tmp_path: Path) -> None:
+        head = (
+            "LabVIEW Measurement\nSeparator,Comma\nX_Columns,One\n***End_of_Header***\nSamples,2,3\n"
+            "Y_Unit_Label,V,mA\nX_Dimension,Time,Time\n***End_of_Header***\nX_Value,U,I\n"
+        )
+        channels = {"time": {"column": 0, "unit": "s"}, "voltage": {"column": "U"}, "current": {"column": "I"}}
+        path = text(tmp_path, head + "0,0,1\n0.5,1,2\n1,1,3\n", "a.lvm")
+        run = read(path, file={"format": "lvm"}, period=None, channels=channels)
+        np.testing.assert_array_equal(run.current, [0.001, 0.002, 0.003])
+        for content, message in (
+            (head + "0,0,1\n0.5,1,2\n", "2 rows, the header promises 3"),  # as many as its longest channel has
+            (head.replace("Time,Time", "Time,Frequency") + "0,0,1\n0.5,1,2\n1,1,3\n", "not Time"),
+        ):
+            with pytest.raises(InputError, match=message):
+                read(text(tmp_path, content, "a.lvm"), file={"format": "lvm"}, period=None, channels=channels)
+
     def test_one_column_is_not_two_channels(self, tmp_path: Path) -> None:
         with pytest.raises(
             InputError, match=r"channels\.current\.column: column 0 of .* is mapped to voltage too; name the column"
