@@ -173,18 +173,21 @@ def test_the_documented_forms(text: str, signal: signals.Signal) -> None:
         ("random 1 V 1 s seed=1.5", "at 'seed=1.5' (character 16)", "the seed is 1.5; give a whole number"),
         ("multisine 1 V 1 Hz 5 Hz harmonics=even", "at 'harmonics=even' (character 25)", "known: 'all', 'odd'"),
         ("multisine 1 V 5 Hz 1 Hz", "at '1 Hz' (character 20)", "the highest frequency, 1 Hz, is 0.2 times the lowest"),
-        ("samples 0 s 1 V 0 s 2 V", "at 'samples 0 s 1 V 0 s 2 V'", "sample 1 is at 0 s, not after 0 s"),
+        ("samples 0 s 1 V 0 s 2 V", "at 'samples 0 s 1 V 0 s 2 V' (character 1)", "sample 1 is at 0 s, not after 0 s"),
         ("samples 0 s", "at its end", "the voltage is missing"),
         ("samples 0 s 1 V 1 s 1 V delay 1 s", "at 'delay' (character 25)", "'delay' is not a number"),
         ("file", "at its end", "the path of the file is missing"),
-        (f"file {'a' * 300}", f"at '{'a' * 300}' (character 6)", "there is no such file; check the path"),
+        (f"file {'a' * 300}", f"at '{'a' * 300}' (character 6), {'a' * 300}", "there is no such file; check the path"),
         ("file nowhere.csv", "at 'nowhere.csv' (character 6), nowhere.csv", "there is no such file"),
+        ("file aa", "at 'aa' (character 6), aa", "there is no such file"),
+        ("file 'aa", "at \"'aa\" (character 6), 'aa", "there is no such file"),
+        ("file '", "at \"'\" (character 6), '", "there is no such file"),
     ],
 )
 def test_errors_point_at_the_words_that_are_wrong(text: str, at: str, says: str) -> None:
     with pytest.raises(InputError) as caught:
         signals.parse(text)
-    assert str(caught.value).startswith(f"signal {text!r}, {at}")
+    assert caught.value.where == f"signal {text!r}, {at}"
     assert says in str(caught.value)
 
 
@@ -222,6 +225,9 @@ def test_a_heading_names_columns_and_units(tmp_path: Path) -> None:
     assert other.reversed() == signal
     assert signals.parse(f"{signal} gain=-0.5 delay=1 s").voltage([1.0, 1.02]).tolist() == [-0.25, 0.25]
     assert str(signal) == f"file {path}"
+    with pytest.raises(InputError, match="before row 0") as caught:
+        signals.parse(f"{signal} delay=-1 s")
+    assert caught.value.where == f"signal '{signal} delay=-1 s', at 'delay=-1 s' (character {len(str(signal)) + 2})"
 
 
 @pytest.mark.parametrize(
@@ -232,6 +238,12 @@ def test_every_path_reads_back(tmp_path: Path, name: str) -> None:
     path.write_text("0,1\n1,2\n", encoding="utf-8")
     signal = signals.Samples([0.0, 1.0], [1.0, 2.0], path=str(path))
     assert signals.parse(str(signal)) == signal
+
+
+def test_a_heading_may_have_a_number_among_its_names(tmp_path: Path) -> None:
+    path = tmp_path / "signal.csv"
+    path.write_text("1,voltage,time\n7,1,0\n7,2,1\n", encoding="utf-8")
+    assert signals.parse(f"file {path}").values.tolist() == [1.0, 2.0]  # type: ignore[attr-defined]
 
 
 def test_blank_cells_at_the_end_of_a_line_are_no_columns(tmp_path: Path) -> None:

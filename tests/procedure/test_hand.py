@@ -11,7 +11,7 @@ from ipmclab.measurement.amount import Amount, apart, beyond, how_sure
 from ipmclab.measurement.uncertain import Uncertain, exact, weighted_mean
 from ipmclab.procedure import follow
 from ipmclab.procedure.four_probe import FourProbes
-from ipmclab.procedure.hand import read_hand
+from ipmclab.procedure.hand import read_hand, taken
 from ipmclab.procedure.procedure_file import procedure_from_text
 from ipmclab.procedure.step import Step
 from ipmclab.units import FORCE, LENGTH
@@ -95,6 +95,13 @@ def test_what_is_no_measured_number(raw: object, code: str, where: str) -> None:
     assert (caught.value.code, caught.value.where) == (code, where)
 
 
+def test_what_is_taken_where_nobody_states_it() -> None:
+    """A ruler, contacts placed by hand, a balance, a micrometer; of a push test a part of its value."""
+    names = ("position", "geometry.free_length", "spacing", "mass", "geometry.thickness")
+    assert [taken(name, 0.2) for name in names] == [5e-4, 5e-4, 1e-4, 1e-6, 5e-6]
+    assert taken("beam.modulus", 2e9) == pytest.approx(2e8)
+
+
 def test_what_may_be_zero() -> None:
     assert read_hand("0 mm", LENGTH, name="zero", source="zero", where="w", positive=False, assume=False) == exact(0.0)
 
@@ -128,6 +135,7 @@ def test_how_far_two_amounts_are_apart() -> None:
     assert apart(Amount(1.0, 0.0, "V"), Amount(1.0, 0.0, "V")) == 0.0
     assert apart(Amount(1.0, 0.0, "V"), Amount(1.0 + 1e-12, 0.0, "V")) == 0.0
     assert apart(Amount(-1.0, 0.0, "V"), Amount(-1.1, 0.0, "V")) == math.inf
+    assert apart(Amount(1e-6, 0.0, "m"), Amount(1.001e-6, 0.0, "m")) == math.inf
     assert apart(one, Amount(3.0, math.inf, "V")) == 0.0
     assert how_sure(math.inf) == "no uncertainty is stated and they differ"
 

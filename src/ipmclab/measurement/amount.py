@@ -77,7 +77,7 @@ def apart(one: Amount, other: Amount) -> float:
     difference, scale = abs(one.value - other.value), math.hypot(one.uncertainty, other.uncertainty)
     if scale == 0.0:
         return math.inf if difference > 1e-9 * max(abs(one.value), abs(other.value)) else 0.0
-    return difference / scale if scale < math.inf else 0.0
+    return difference / scale
 
 
 def beyond(one: Amount, low: Amount, high: Amount) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -182,7 +183,7 @@ def _read_parameters(reader: _Reader, word: str) -> Signal:
         raise _pointed(error, reader) from error
 
 
-def _read_options(reader: _Reader, word: str, names: dict[str, bool], values: dict[str, float | int | str]) -> None:
+def _read_options(reader: _Reader, word: str, names: Collection[str], values: dict[str, float | int | str]) -> None:
     while (following := reader.peek()) is not None and following.endswith("=") and following != "=":
         reader.next()
         begin, name = reader.begin, following.removesuffix("=").rstrip()
@@ -247,7 +248,7 @@ def _read_file(reader: _Reader) -> Samples:
     try:
         time, voltage = read_samples(path)
         values: dict[str, float | int | str] = {}
-        _read_options(reader, "file", {"delay": False, "gain": False}, values)
+        _read_options(reader, "file", ("delay", "gain"), values)
         delay, gain = float(values.get("delay", 0.0)), float(values.get("gain", 1.0))
         return Samples(time, voltage, delay=delay, path=path, gain=gain)
     except InputError as error:
@@ -266,7 +267,7 @@ def _read_samples(reader: _Reader) -> Samples:
         voltages.append(_read_number(reader, "voltage", reader.at))
     end = reader.at
     values: dict[str, float | int | str] = {}
-    _read_options(reader, "samples", {"delay": False}, values)
+    _read_options(reader, "samples", ("delay",), values)
     try:
         return Samples(times, voltages, delay=float(values.get("delay", 0.0)))
     except InputError as error:
