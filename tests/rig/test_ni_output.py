@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ipmclab import signals
@@ -12,7 +13,7 @@ from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Channel
 from ipmclab.rig.daqmx.driver import Driver
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
-from ipmclab.rig.ni import NiBench, client
+from ipmclab.rig.ni import NiBench, Resetter, client, reset
 from tests.rig.conformance import joined
 from tests.rig.stand_in import StandIn, serve
 from virtual_cdaq.model.faults import Fault
@@ -132,3 +133,84 @@ def test_an_output_that_was_made_by_half_is_made_anew(chassis: StandIn, monkeypa
     demand.write(0.0)
     demand.close()
     driver.close()
+
+
+@pytest.mark.parametrize("unread", [1, 10])
+def test_a_signal_that_was_left_early_is_told_to_its_last_row_that_was_given_out(
+    opened: NiBench, monkeypatch: pytest.MonkeyPatch, unread: int
+) -> None:
+    signal = signals.parse("sine 1 V 1 Hz")
+    sampled = TimedTasks.sampled
+    monkeypatch.setattr(TimedTasks, "sampled", lambda self: sampled(self) + unread)
+    blocks = opened.apply(signal, 100)
+    next(blocks)
+    blocks.close()  # type: ignore[attr-defined]
+    # The next record begins with the voltage that the output has.
+    (block,) = opened.apply(signals.Step(0.0), 2)
+    assert block.output[0] == signal.voltage(np.array([(2 + unread - 1) / RATE]))[0]
+
+
+def test_a_guardian_resets_the_output_and_leaves_the_inputs_until_it_must_read(
+    chassis: StandIn, opened: NiBench
+) -> None:
+    opened.exchange(1.0)
+    held = [name for name in chassis.reserved if "_ai_" in name]
+    assert len(held) == 1
+    guardian = Resetter(chassis.rig)
+    guardian.reset()
+    assert chassis.level == 0.0
+    assert held[0] in chassis.reserved
+    assert abs(guardian.read()) < 0.01
+    assert not any("_ai_" in name for name in chassis.reserved)
+    guardian.close()
+
+
+def fail_to_write_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the output not be written to, the next time."""
+    write, failed = OnDemand.write, []
+
+    def fail_once(self: OnDemand, voltage: float) -> None:
+        if not failed:
+            failed.append(voltage)
+            raise BenchError("the module is busy", code="busy")
+        write(self, voltage)
+
+    monkeypatch.setattr(OnDemand, "write", fail_once)
+
+
+def test_an_output_that_cannot_be_written_to_is_reset(
+    chassis: StandIn, opened: NiBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened.exchange(1.0)
+    fail_to_write_once(monkeypatch)
+    opened.zero()
+    assert chassis.level == 0.0
+    assert opened.exchange(1.0)["voltage"] == pytest.approx(0.0, abs=2e-3)
+    assert opened.exchange(0.0)["voltage"] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_record_goes_on_while_its_output_is_reset(opened: NiBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    blocks = []
+    for block in opened.apply(signals.Step(1.0), 60):
+        blocks.append(block)
+        if block.first_row == 20:
+            fail_to_write_once(monkeypatch)
+            opened.zero()
+    assert joined(blocks, "output").tolist() == [0.0] + [1.0] * 21 + [0.0] * 38
+    assert joined(blocks, "voltage")[22:] == pytest.approx(np.zeros(38), abs=2e-3)
+
+
+def test_a_reset_that_leaves_a_voltage_is_no_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    with serve("lock-step") as chassis:
+        bench = NiBench(chassis.rig)
+        bench.open(NAMES, RATE)
+        bench.exchange(1.0)
+        stick(chassis)
+        fail_to_write_once(monkeypatch)
+        with pytest.raises(
+            BenchError, match="the output could not be brought to 0 V: the output was set to 0 V, but 1"
+        ):
+            bench.zero()
+        bench.close()  # which was told, and is not told twice
+        with pytest.raises(BenchError, match="the output was set to 0 V, but 1 V are still read"):
+            reset(chassis.rig)

@@ -40,16 +40,16 @@ def test_blocks_of_any_length_are_the_simulation(name: str, chunk: int) -> None:
 
 @pytest.mark.parametrize("name", STRIPS)
 def test_one_look_after_a_long_time_is_the_end_of_a_record(name: str) -> None:
-    """A program sets 3 V, looks after 0.3 s, then after a minute, then the next day."""
+    """A program sets 3 V, looks after 10 ms and 0.3 s, then after a minute, then the next day."""
     strip = actuator(name)
     plant = ExactSystem(strip.system)
-    looks = plant.advance(np.diff(to_ticks([0.0, 0.3, 60.0, 86400.0])), np.full(3, 3.0))
+    looks = plant.advance(np.diff(to_ticks([0.0, 0.01, 0.3, 60.0, 86400.0])), np.full(4, 3.0))
     record = simulate(strip, np.full(3001, 3.0), duration=60.02, rate=50.0, hold="zero")
-    for row, seconds in enumerate((0.3, 60.0)):
+    for row, seconds in enumerate((0.3, 60.0), start=1):
         index = round(50 * seconds)
         for place, output in enumerate(("current", "applied_voltage", "displacement", "force")):
             expected = record.channels[output][index]
             assert looks[place, row] == pytest.approx(expected, rel=2e-6)
     # The next day: the balance of currents at rest, which one more long look does not move.
     again = plant.advance(to_ticks([86400.0]), np.array([3.0]))
-    assert np.allclose(again[:, 0], looks[:, 2], rtol=1e-9)
+    assert np.allclose(again[:, 0], looks[:, 3], rtol=1e-9)

@@ -13,7 +13,7 @@ from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.keeping import Rows
 from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.run_request import RunRequest
-from ipmclab.rig.rows import ClampedRows, RestedRows, SignalRows
+from ipmclab.rig.rows import ClampedRows, Feed, RestedRows, SignalRows, as_rows
 from ipmclab.rig.safety.guarded_bench import GuardedBench
 from ipmclab.rig.safety.limits import Limit, Limits
 from ipmclab.rig.virtual import VirtualBench
@@ -160,6 +160,55 @@ def test_rest_and_limits_are_the_same_however_the_rows_are_cut(size: int) -> Non
     expected = np.zeros(100)
     expected[10:50] = np.clip(3.0 * np.sin(2.0 * np.pi * np.arange(40) / RATE), -2.0, 1.0)
     assert np.concatenate(pieces) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_source_without_an_end_has_none_with_its_rest_either_unless_it_is_cut() -> None:
+    source = Pull(1.0, 2.0)
+    rested = RestedRows(source, before=3, after=4)
+    assert rested.length is None
+    assert ClampedRows(source, -1.0, 1.0).length is None
+    assert rested.voltages(0, 6, RATE).tolist() == [0.0, 0.0, 0.0, 2.0, 2.0, 2.0]
+    assert source.asked == [(0, 3)]
+    cut = RestedRows(source, before=3, after=4, length=2)
+    assert cut.length == 9
+    assert cut.voltages(0, 9, RATE).tolist() == [0.0] * 3 + [2.0] * 2 + [0.0] * 4
+    assert ClampedRows(cut, -1.0, 1.5).length == 9
+    # A source is not asked for no rows.
+    cut.voltages(0, 3, RATE)
+    cut.voltages(5, 4, RATE)
+    assert source.asked == [(0, 3), (0, 2)]
+    assert (str(rested), str(ClampedRows(source, -1.0, 1.0))) == ("pull to 1 A", "pull to 1 A")
+
+
+def test_readings_are_handed_on_in_the_rows_of_the_source() -> None:
+    source = Pull(1.0, 2.0, length=2)
+    clamped = ClampedRows(RestedRows(source, before=3, after=4), -1.0, 1.0)
+    for row in (0, 3):
+        clamped.look(row, {"current": np.array([0.1 * row])})
+    assert source.seen == [(-3, 0.0), (0, pytest.approx(0.3))]
+
+
+def test_what_is_no_number_is_0_v_and_what_is_beyond_is_the_limit() -> None:
+    assert ClampedRows(Rogue(), -1.0, 2.0).voltages(29, 2, RATE).tolist() == [2.0, 0.0]
+
+
+def test_only_a_signal_needs_a_number_of_rows() -> None:
+    source = Rogue()
+    assert as_rows(source) is source
+    played = as_rows(signals.Step(1.0), 7)
+    assert (type(played), played.length) == (SignalRows, 7)
+    with pytest.raises(InputError, match="a signal is given out for a number of rows"):
+        as_rows(signals.Step(1.0))
+
+
+def test_a_feed_asks_for_each_row_once_and_no_earlier_than_it_must() -> None:
+    source = Pull(1.0, 2.0, length=9)
+    feed = Feed(source, RATE)
+    feed.prepare(5)
+    feed.take(3)
+    feed.prepare(2)
+    feed.take(4)
+    assert source.asked == [(0, 5), (5, 2)]
 
 
 class Short(Rogue):
