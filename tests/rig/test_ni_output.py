@@ -80,7 +80,9 @@ def test_an_output_that_is_told_0_v_again_and_again_is_found_stuck() -> None:
             bench.close()
 
 
-def test_an_output_that_settles_slowly_is_not_stuck(opened: NiBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_output_that_settles_slowly_is_not_stuck(
+    chassis: StandIn, opened: NiBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("ipmclab.rig.daqmx.look_back.SETTLED", 0.0)
     opened.exchange(1.0)
     read, still = OnDemand.read, [0.6]
@@ -92,6 +94,7 @@ def test_an_output_that_settles_slowly_is_not_stuck(opened: NiBench, monkeypatch
     monkeypatch.setattr(OnDemand, "read", slowly)
     opened.zero()
     assert not still
+    assert not any("_ai_" in name for name in chassis.reserved)  # others may read meanwhile
     assert opened.exchange(0.0)["voltage"] == pytest.approx(0.0, abs=2e-3)
 
 
@@ -135,7 +138,7 @@ def test_an_output_that_was_made_by_half_is_made_anew(chassis: StandIn, monkeypa
     driver.close()
 
 
-@pytest.mark.parametrize("unread", [1, 10])
+@pytest.mark.parametrize("unread", [0, 1, 10])
 def test_a_signal_that_was_left_early_is_told_to_its_last_row_that_was_given_out(
     opened: NiBench, monkeypatch: pytest.MonkeyPatch, unread: int
 ) -> None:
