@@ -73,6 +73,25 @@ def test_as_people_read_it() -> None:
     }
 
 
+def test_as_many_digits_as_its_uncertainty_has() -> None:
+    """Two of the uncertainty, of a number too that is smaller than it; a power of ten from the seventh place on."""
+    assert Uncertain(1e-4, {"a": 1.2e-5}).said("m") == "0.000100 ± 0.000012 m"
+    assert Uncertain(1e-4, {"a": 1.2e-6}).said("m") == "0.0001 ± 1.2e-06 m"
+    assert Uncertain(6.7912e-9, {"a": 1.2e-10}).said("m") == "6.79e-09 ± 1.2e-10 m"
+    assert Uncertain(1.2345e8, {"a": 3.4e9}).said("Pa") == "1.2e+08 ± 3.4e+09 Pa"
+    assert Uncertain(1.25, {"a": 0.0}).said("m") == exact(1.25).said("m") == "1.25 m"
+
+
+def test_shares_of_nothing_and_of_what_nobody_knows() -> None:
+    assert Uncertain(1.0, {"a": 0.0}).shares == {}
+    assert Uncertain(1.0, {"a": math.inf, "b": 1.0}).shares == {}
+
+
+def test_what_follows_from_a_number_that_is_zero() -> None:
+    found = derived(lambda x: 2.0 * x + 1.0, Uncertain(0.0, {"zero": 0.5}))
+    assert (found.value, found.uncertainty) == pytest.approx((1.0, 1.0))
+
+
 def test_readings_that_are_all_alike_have_no_scatter() -> None:
     assert mean_of([5e-3] * 3, "readings") == exact(5e-3)
     width = read_hand(

@@ -90,7 +90,7 @@ class Uncertain:
         value, error = self.value / factor, self.uncertainty / factor
         if math.isinf(error):
             return "not determined"
-        if not 0.0 < error < math.inf:
+        if not error > 0.0:
             return f"{shown(value, 5)} {unit}".rstrip()
         places = 1 - math.floor(math.log10(error))  # of the second digit of the error
         if 0 <= places <= _MOST_PLACES:
