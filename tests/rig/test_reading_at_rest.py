@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +13,7 @@ import pytest
 
 from ipmclab import IpmclabError
 from ipmclab.rig.channels import THESIS_RIG
+from ipmclab.rig.recording import zeroing
 from ipmclab.rig.recording.zeroing import (
     Rest,
     contact_levels,
@@ -58,6 +62,19 @@ def test_a_drift_is_told_apart_from_noise() -> None:
     assert deviation == pytest.approx(np.sqrt((0.02**2 + 0.01**2) / 2 / 40) * MN, rel=0.02)
 
 
+def test_each_block_at_rest_is_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A computer that paused before a block came did not hold up those that came after it."""
+    done: list[str] = []
+
+    @contextmanager
+    def told(when: str) -> Iterator[SimpleNamespace]:
+        yield SimpleNamespace(progress=lambda: done.append(when))
+
+    monkeypatch.setattr(zeroing, "own_pauses_told", told)
+    read_rest(opened(ToyBench()), NAMES, RATE, when="before", duration=0.2)
+    assert done == ["while the channels were read at 0 V"] * 5
+
+
 def test_the_offset_of_a_sensor_is_in_what_it_tells_at_rest() -> None:
     rest = read_rest(opened(ToyBench(), ("voltage", "displacement")), ["displacement"], RATE, when="before", duration=1)
     assert rest["displacement"].value == pytest.approx(12e-3)
@@ -71,7 +88,9 @@ def test_however_short_it_is_a_reading_tells_its_noise_and_drift(duration: float
     def bent(rows: FloatArray, _: FloatArray) -> FloatArray:
         return np.choose(rows.astype(int), [5 * MN, 6 * MN, 6 * MN])
 
-    force = read_rest(opened(ToyBench({"force": bent})), NAMES, RATE, when="before", duration=duration)["force"]
+    rest = read_rest(opened(ToyBench({"force": bent})), NAMES, RATE, when="before", duration=duration)
+    force = rest["force"]
+    assert rest.ends["force"] == pytest.approx((5 * MN, 6 * MN, 0.0))
     assert force.drift == pytest.approx(0.5 * MN * RATE)
     assert force.standard_uncertainty == pytest.approx(MN * np.sqrt(1 / 6 / 3))
 
@@ -171,7 +190,10 @@ def test_a_discharge_is_told_from_an_offset(
     sign: float, first: float, last: float, deviation: float, discharged: bool | None
 ) -> None:
     ends = {"current": (sign * first * STEP, sign * last * STEP, deviation * STEP)}
+    current = replace(THESIS_RIG["current"], gain=-0.5)
+    halved = {"current": (-0.5 * ends["current"][0], -0.5 * ends["current"][1], 0.5 * ends["current"][2])}
     assert is_discharged(THESIS_RIG, Rest((), {}, ends)) is discharged
+    assert is_discharged(replace(THESIS_RIG, channels=(current,)), Rest((), {}, halved)) is discharged
     assert is_discharged(THESIS_RIG, Rest((), {})) is None
 
 
@@ -182,6 +204,7 @@ def preload(value: float, noise: float) -> Rest:
 def test_contact_is_told_by_the_last_tare_of_the_load_cell() -> None:
     tares = [
         ZeroReading("force", "tare", "before", 9.0, 0.0),
+        ZeroReading("force", "tare", "before", 6.0, 0.0),
         ZeroReading("force", "tare", "before", 1.0, 0.0),
         ZeroReading("force", "preload", "before", 8.0, 0.0),
         ZeroReading("voltage", "tare", "before", 7.0, 0.0),
@@ -209,12 +232,14 @@ def test_only_the_reading_of_a_zeroed_channel_is_subtracted() -> None:
 def test_the_last_reading_of_each_kind_counts_in_an_uncertainty() -> None:
     zeros = [
         ZeroReading("force", "preload", "before", 9.0, 5.0),
+        ZeroReading("force", "preload", "before", 8.0, 5.0),
         ZeroReading("force", "preload", "before", 2.0, 0.3),
         ZeroReading("force", "preload", "after", 7.0, 4.0),
+        ZeroReading("force", "preload", "after", 6.0, 4.0),
         ZeroReading("force", "preload", "after", 3.0, 4.0),
         ZeroReading("displacement", "zero", "after", 3.0, 4.0),
     ]
     channels = [THESIS_RIG["force"], THESIS_RIG["displacement"]]
     assert uncertainties(channels, zeros) == pytest.approx({"force": np.sqrt(0.3**2 + 1.0 / 3.0)})
-    assert uncertainties(channels, zeros[:2]) == {"force": 0.3}
-    assert uncertainties(channels, zeros[2:]) == {}
+    assert uncertainties(channels, zeros[:3]) == {"force": 0.3}
+    assert uncertainties(channels, zeros[3:]) == {}

@@ -166,7 +166,5 @@ def _air_columns(air: Sequence[Air]) -> dict[str, FloatArray]:
     if not air:
         return {}
     names = [name for name in air[0].values if any(math.isfinite(one.values[name]) for one in air)]
-    if not names:
-        return {}
     columns = {name: np.array([one.values[name] for one in air]) for name in names}
     return {"time_environment": np.array([one.time for one in air]), **columns}
