@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from ipmclab import InputError, IpmclabError, RunMetadata
 from ipmclab.rig.bench import BenchError, Block
 from ipmclab.rig.channels import THESIS_RIG
+from ipmclab.rig.recording import recorder
 from ipmclab.rig.recording.control import Control
 from ipmclab.rig.recording.recorder import record
 from ipmclab.rig.recording.recording import Outcome
@@ -258,3 +260,27 @@ def record_ended_in_first_block() -> Run:
     bench = ToyBench()
     bench.change = lambda block: (control.abort() if block.first_row == 0 else None, block)[1]
     return record(bench, "step 1 V", duration=1.0, rate=10.0, zero_time=0.3, control=control)
+
+
+def test_a_computer_that_is_about_to_leave_zeroes_the_output_at_once_and_ends_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    acts: list[Callable[[str], None]] = []
+    monkeypatch.setattr(recorder, "told_of_the_end", lambda act: (acts.append(act), nullcontext())[1])
+    bench, said = ToyBench(), list[str]()
+
+    def leave() -> None:
+        bench.said.clear()
+        acts[0]("the session ends")
+        said.extend(bench.said)
+
+    outcome = done(bench, on_block=AtRow(20, leave))
+    assert said == ["zero"]
+    assert (outcome.state, outcome.reason, outcome.rows) == ("aborted", "the session ends", 22)
+
+
+def test_in_memory_nothing_is_read_at_rest_after_a_run_unless_it_is_asked_for() -> None:
+    asked: dict[str, Any] = {"duration": 1.0, "rate": RATE, "zero_time": 0.1}
+    for more, times in (({}, {"before"}), ({"zero_after": 0.1}, {"before", "after"})):
+        run = record(ToyBench(), "step 1 V", **asked, **more)
+        assert {zero.when for zero in run.metadata.zeros} == times
