@@ -240,6 +240,7 @@ class TestZeroAtRest:
             (["0", "0", "0", "1", "1"], [0, 5], None),
             (["0", "0", "0.01", "0.01", "0.01"], [0, 5], None),
             (["0", "0", "-0.011", "0", "0"], [0, 5], 2),
+            (["0", "0", "0"], [0, 3], None),
             (["0", "0", "0.051", "1", "1"], [0, 5], 2),
             (["0", "0", "0.05", "1", "1"], [0, 5], None),  # up to a twentieth of the largest change is noise
         ],
@@ -377,3 +378,20 @@ def test_a_waveform_may_begin_later_than_its_stamp(tmp_path: Path) -> None:
         writer.write_segment([nptdms.ChannelObject("r", "U", np.array([0.0, 1.0]), about)])
     run = read(path, file={"format": "tdms"}, period=None, channels={"voltage": {**VOLTAGE, "column": "r/U"}})
     np.testing.assert_array_equal(run.time, [2.5, 3.0])
+
+
+def test_a_cell_of_a_workbook_is_named_below_what_stands_before_it(tmp_path: Path) -> None:
+    path, book = tmp_path / "record.xlsx", openpyxl.Workbook()
+    assert book.active is not None
+    for row in (["Lab 3"], ["strip 7"], ["U", "n", "I"], ["[V]", None, "(mA)"], ["up"], [0, 0, 1.0], [1, 1, "x"]):
+        book.active.append(row)
+    book.save(path)
+    file = {"format": "xlsx", "skip_lines": 2, "units_row": True, "skip_rows": 1}
+    channels = {"voltage": {"column": "U"}, "current": {"column": "I"}}
+    with pytest.raises(InputError, match="cell C7: 'x' in column 'I'"):
+        read(path, file=file, channels=channels)
+    book.active["C7"] = 2.0
+    book.save(path)
+    np.testing.assert_array_equal(read(path, file=file, channels=channels).current, [0.001, 0.002])
+    with pytest.raises(InputError, match="no rows of numbers in sheet 'Sheet'"):
+        read(path, file={**file, "skip_lines": 7}, channels=channels)
