@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,8 @@ from ipmclab import (
     simulate,
 )
 from ipmclab.engine import Here, Pace, in_order, opened
-from ipmclab.engine.processes import processes
+from ipmclab.engine import processes as engine_processes
+from ipmclab.engine.processes import processes, share
 from ipmclab.platform import PROCESSORS, processors
 from ipmclab.workflows.many_strips import Asked, by_strip, fit_strips
 from tests.engine import tasks
@@ -46,6 +48,8 @@ def test_processes_that_die_are_replaced_and_their_tasks_done_again(tmp_path: Pa
         assert in_order(engine, tasks.power, 2, range(5)) == [1, 2, 4, 8, 16]  # and it goes on after an error
         assert in_order(engine, tasks.power, 3, iter([2, 0]), 2) == [9, 1]
         assert in_order(engine, tasks.processors_there, None, [0]) == [max(1, processors() // 2)]
+        # A program that ends without closing them takes them along.
+        assert [worker.daemon for worker in multiprocessing.active_children()] == [True, True]
         with pytest.raises(RuntimeError, match="cannot travel"):
             list(engine.map(tasks.no_way_back, None, [0]))
         with pytest.raises(InputError, match="4 workers died over the same task, the last with exit status 7"):
@@ -83,6 +87,11 @@ def test_how_many_processors_there_are_can_be_told(monkeypatch: pytest.MonkeyPat
     for told, expected in (("1", 1), ("0", 1), ("9999", every), ("many", every), ("", every)):
         monkeypatch.setenv(PROCESSORS, told)
         assert processors() == expected
+
+
+def test_workers_share_the_processors_and_none_goes_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine_processes, "processors", lambda: 8)
+    assert [share(workers) for workers in (1, 3, 4, 8, 9, 1000)] == [8, 2, 2, 1, 1, 1]
 
 
 def test_chunks_last_as_long_as_the_overhead_of_so_many_workers_asks() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from ipmclab.model.numerics.compiled import kernel
 from ipmclab.model.numerics.law_loop import law, solve_several
-from ipmclab.model.numerics.law_rows_loop import WORK_ROWS, law_rows, nearby
+from ipmclab.model.numerics.law_rows_loop import PAST_ROWS, WORK_ROWS, guess, law_rows, nearby, remember
 from ipmclab.model.numerics.vectors_loop import WIDTH, begin_of, exponential, load, store, turned
 
 
@@ -31,6 +31,12 @@ def solve_nearby(form: int, k: Any, laws: Any, q: Any, r: Any, at: Any, work: An
     return nearby(form, k.shape[0], rows[0], r.shape[0], rows[1], rows[2], rows[3], rows[4], rows[5])
 
 
+@kernel
+def look_back(past: Any, solution: Any, following: Any) -> None:
+    remember(begin_of(past), past.shape[1], begin_of(solution))
+    guess(begin_of(past), past.shape[1], begin_of(following))
+
+
 def test_exponentials_are_those_of_the_library() -> None:
     x = np.concatenate([np.linspace(-650.0, 650.0, 4096), np.linspace(-1e-3, 1e-3, 512), np.zeros(WIDTH)])
     found = np.empty_like(x)
@@ -47,6 +53,17 @@ def test_a_square_is_turned_and_what_is_around_it_stays() -> None:
     assert np.array_equal(found[:, 3:11], square[:, 4:12].T)
     assert not np.any(found[:, :3])
     assert not np.any(found[:, 11:])
+
+
+def test_the_last_four_solutions_point_to_the_next_of_every_cubic() -> None:
+    """The latest comes first, and what is older than four rows is forgotten."""
+    coefficients = np.random.default_rng(7).normal(size=(4, 2 * WIDTH))
+    rows = [np.polynomial.polynomial.polyval(float(row), coefficients) for row in range(7)]
+    past, following = np.zeros((PAST_ROWS, 2 * WIDTH)), np.empty(2 * WIDTH)
+    for row in rows[:-1]:
+        look_back(past, row, following)
+    assert np.array_equal(past, rows[-2:1:-1])
+    np.testing.assert_allclose(following, rows[-1], rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("count", [1, 10, 17, 40])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from fastapi import FastAPI, Request, WebSocket
+from fastapi.responses import HTMLResponse
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
@@ -109,13 +110,23 @@ def test_answers_may_not_be_framed_by_others_and_load_nothing_from_elsewhere() -
     assert not any("http" in allowed or "*" in allowed for allowed in policy.values())
 
 
+def test_an_answer_may_be_stricter_than_the_page() -> None:
+    app = application()
+
+    @app.get("/strict")
+    async def strict() -> HTMLResponse:
+        return HTMLResponse("", headers={"X-Frame-Options": "DENY"})
+
+    headers = TestClient(Guard(app, Settings(), 8000), base_url=HERE).get("/strict").headers
+    assert headers.get_list("x-frame-options") == ["DENY"]
+    assert headers.get_list("x-content-type-options") == ["nosniff"]
+
+
 def test_a_browser_gets_a_seat_of_its_own_which_scripts_cannot_read() -> None:
     app = application()
 
     @app.get("/html")
     async def html(request: Request):
-        from fastapi.responses import HTMLResponse
-
         return HTMLResponse(guard.seat_of(request.headers.get("cookie", "")))
 
     first, second = (TestClient(Guard(app, Settings(), 8000), base_url=HERE) for _ in range(2))
@@ -132,6 +143,8 @@ def test_a_request_is_bounded_whether_it_says_its_length_or_not(monkeypatch: pyt
     here = client()
     assert here.post("/bench/zero", content=b"x" * 1000, headers={"origin": HERE}).json()["bytes"] == 1000
     assert here.post("/bench/zero", content=b"x" * 1001, headers={"origin": HERE}).status_code == 413
+    for told in ("1001", "-1"):  # refused before anything is received
+        assert here.get("/page", headers={"content-length": told}).status_code == 413
     pieces = iter([b"x" * 600, b"x" * 600])  # no length is told
     assert here.post("/bench/zero", content=pieces, headers={"origin": HERE}).status_code == 413
 
@@ -143,7 +156,8 @@ def test_the_token_lets_in_whoever_knows_it() -> None:
     assert "inside" not in here.get("/page").text
     with pytest.raises(WebSocketDisconnect), here.websocket_connect("/live", headers={"origin": HERE}):
         pass
-    assert here.post("/bench/zero", headers={"origin": HERE}).status_code == 401
+    elsewhere = here.post("/bench/zero", data={"token": TOKEN}, headers={"origin": HERE})
+    assert (elsewhere.status_code, f"{PASS}-8000" in here.cookies) == (401, False)
     refused = here.post("/login", data={"token": "another"}, headers={"origin": HERE})
     assert (refused.status_code, f"{PASS}-8000" in here.cookies) == (401, False)
     answer = here.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
@@ -177,8 +191,6 @@ def test_tabs_that_a_browser_opens_at_once_have_one_seat() -> None:
 
     @app.get("/html")
     async def html(request: Request):
-        from fastapi.responses import HTMLResponse
-
         return HTMLResponse(guard.seat_of(request.headers.get("cookie", "")))
 
     here = Guard(app, Settings(), 8000)
@@ -189,6 +201,33 @@ def test_tabs_that_a_browser_opens_at_once_have_one_seat() -> None:
     assert other.get("/html").text != first
     assert tabs[0].get("/html").text == first
     assert tabs[2].get("/html").text not in (first, "")
+
+
+def test_only_a_page_gives_a_seat_and_only_to_a_browser_without_one() -> None:
+    """Who opens another page keeps the seat, and with it the bench; what a page loads brings none."""
+    app = application()
+
+    @app.get("/html", response_class=HTMLResponse)
+    async def html() -> str:
+        return "a page"
+
+    here = TestClient(Guard(app, Settings(), 8000), base_url=HERE)
+    assert "set-cookie" not in here.get("/page").headers
+    assert "set-cookie" not in here.post("/bench/zero", headers={"origin": HERE}).headers
+    assert f"{SEAT}-8000=" in here.get("/html").headers["set-cookie"]
+    seat = here.cookies[f"{SEAT}-8000"]
+    assert "set-cookie" not in here.get("/html").headers
+    assert here.cookies[f"{SEAT}-8000"] == seat
+    assert here.post("/bench/zero", headers={"origin": HERE}).json()["seat"] == seat
+
+
+def test_like_browsers_of_two_computers_have_two_seats() -> None:
+    """Also before either has its cookie; the connections of one computer have one."""
+    here = Guard(application(), Settings(), 8000)
+    computers = [("10.0.0.1", 50001), ("10.0.0.1", 50002), ("10.0.0.2", 50001)]
+    for computer in computers:
+        TestClient(here, base_url=HERE, client=computer).get("/page")
+    assert len(set(here._unclaimed.values())) == len(here._unclaimed) == 2
 
 
 def test_seats_that_nobody_comes_back_for_are_bounded() -> None:
@@ -255,3 +294,22 @@ def test_a_browser_that_leaves_before_its_answer_is_no_fault() -> None:
     kind = "http.request"
     with pytest.raises(RuntimeError):
         asyncio.run(Guard(impatient, Settings(), 8000)(scope, receive, send))
+
+
+def test_too_much_after_the_answer_began_is_no_second_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "MOST_BYTES", 3)
+    sent: list[str] = []
+
+    async def hasty(scope, receive, send) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await receive()
+
+    async def receive() -> dict[str, object]:
+        return {"type": "http.request", "body": b"four"}
+
+    async def send(message) -> None:
+        sent.append(message["type"])
+
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"host", b"127.0.0.1:8000")]}
+    asyncio.run(Guard(hasty, Settings(), 8000)(scope, receive, send))
+    assert sent == ["http.response.start"]

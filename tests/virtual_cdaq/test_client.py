@@ -17,6 +17,8 @@ from nidaqmx.constants import (
 from nidaqmx.stream_readers import AnalogMultiChannelReader, AnalogSingleChannelReader, AnalogUnscaledReader
 from nidaqmx.stream_writers import AnalogSingleChannelWriter
 
+from virtual_cdaq.model.chassis import Chassis
+
 RATE = 50.0
 FOUR_WIRES = {
     "resistance_config": ResistanceConfiguration.FOUR_WIRE,
@@ -141,8 +143,10 @@ def test_beside_a_fast_module_a_slow_one_repeats_itself(bench):
 def test_the_chassis_tells_what_it_is(bench):
     system = bench.system
     assert [device.product_type for device in system.devices] == ["cDAQ-9174", "NI 9205", "NI 9263", "NI 9217"]
+    assert [device.product_num for device in system.devices] == [Chassis.number, 29360, 28958, 29338]
+    assert len({device.serial_num for device in system.devices}) == 4
     module = system.devices["cDAQ1Mod1"]
-    assert module.compact_daq_slot_num == 1
+    assert [system.devices[f"cDAQ1Mod{number}"].compact_daq_slot_num for number in (1, 2, 3)] == [1, 2, 3]
     assert module.compact_daq_chassis_device.name == "cDAQ1"
     assert module.is_simulated
     assert module.ai_voltage_rngs == [-0.2, 0.2, -1.0, 1.0, -5.0, 5.0, -10.0, 10.0]

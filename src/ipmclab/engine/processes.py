@@ -109,7 +109,7 @@ class Processes:
     def _started(self) -> _Worker:
         context = multiprocessing.get_context("spawn")  # a copy of a process with threads may never wake up
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, max(1, processors() // self.workers)), daemon=True)
+        process = context.Process(target=_serve, args=(theirs, share(self.workers)), daemon=True)
         process.start()
         theirs.close()  # so that its end ends the pipe
         return _Worker(process, ours)
@@ -128,6 +128,11 @@ class Processes:
             worker.process.join()
             worker.pipe.close()
             self._all.remove(worker)
+
+
+def share(workers: int) -> int:
+    """How many processors each of so many workers may use; more workers than processors have one each."""
+    return max(1, processors() // workers)
 
 
 @contextmanager

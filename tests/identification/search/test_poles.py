@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ipmclab import Run, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
@@ -45,3 +46,25 @@ def test_the_edge_is_located_within_its_row() -> None:
     record = prepare(a_leaking_strip(), 0, ["current"], ())
     delay = find_circuit([record], 2, None).delays[0]
     assert -0.1 <= delay.value <= 0.0
+
+
+@pytest.mark.parametrize("signal", ["step 1 V delay=30 s", "sine 1 V 0.2 Hz delay=30 s"])
+def test_the_edge_is_located_after_a_long_rest(signal: str) -> None:
+    """Rows enough after the first edge are looked at, wherever it is; rest and noise at rest are no edge."""
+    clean = simulate(load_actuator("friend-2"), signal, duration=60.0, rate=100.0)
+    generator = np.random.default_rng(20261121)
+    assert clean.current is not None
+    record = prepare(
+        Run.from_arrays(
+            time=clean.time,
+            voltage=clean.voltage + 1e-4 * generator.standard_normal(len(clean)),
+            current=clean.current + 1e-4 * generator.standard_normal(len(clean)),
+            hold="unknown",
+        ),
+        0,
+        ["current"],
+        (),
+    )
+    delay = find_circuit([record], 2, None).delays[0]
+    assert abs(delay.value) < record.period
+    assert delay.error < 0.5 * record.period

@@ -109,7 +109,9 @@ def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, 
 def _beginning(record: PreparedRun) -> PreparedRun:
     """A record up to some rows after its first edge: all that is needed to locate it."""
     voltage = record.run.voltage
-    edge = int(np.argmax(np.abs(np.diff(voltage)) > 0.2 * np.max(np.abs(voltage))))
+    # Moved since the first row, not from row to row: a sine after a long rest makes no jump.
+    moved = np.abs(voltage - voltage[0])
+    edge = int(np.argmax(moved > 0.2 * np.max(moved))) - 1
     stop = edge + _ROWS_AFTER_EDGE
     if stop >= len(voltage):
         return record

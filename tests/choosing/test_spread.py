@@ -1,0 +1,45 @@
+"""How a fit's predictions move with its parameters, against the model and the definitions of the sensor's zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ipmclab import Run, identify, load_actuator
+from ipmclab.choosing.spread import slopes
+from ipmclab.identification.problem.record import prepare
+from ipmclab.model.outputs import simulate_outputs
+
+STRIP = load_actuator("friend-2+branches=1")
+DC = "circuit.dc_resistivity"
+ROW, LATE = 0.05, 0.02
+TIME = ROW * np.arange(160)
+VOLTAGE = np.sin(np.pi * TIME)
+
+
+def current(dc: float, later: float = LATE) -> npt.NDArray[np.float64]:
+    strip = STRIP.replace(**{DC: dc})
+    return np.asarray(simulate_outputs(strip, TIME, VOLTAGE, "zero", outputs=["current"], delay=later))[0]
+
+
+def test_slopes_are_those_of_the_model_and_of_the_sensor() -> None:
+    """Of a run that the fit saw; one that it did not see has a zero and an edge of its own, which are not the fit's."""
+    noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(TIME))
+    run = Run.from_arrays(time=TIME + 3.0, voltage=VOLTAGE, current=current(STRIP[DC]) + noise, hold="unknown")
+    zero = ["observation.drift.current", "observation.offset.current"]
+    fit = identify(STRIP, run, free=[DC, *zero])
+    record = prepare(run, 0, ["current"], ())
+    assert list(fit.parameters) == [DC, "observation.delay[0]", *(f"{name}[0]" for name in zero)]
+    seen = slopes(fit, record, ["current"], in_fit=0, delay=None)["current"]
+    here = fit.actuator[DC]
+    for column, moved in (
+        (0, (current(1.001 * here) - current(0.999 * here)) / 2e-3),  # of its own size
+        (1, (current(here, LATE + 1e-4) - current(here, LATE - 1e-4)) * ROW / 2e-4),  # of a row
+    ):
+        assert seen[:, column] == pytest.approx(moved, abs=0.02 * float(np.max(np.abs(moved))))
+    assert seen[:, 2] == pytest.approx(TIME)
+    assert np.all(seen[:, 3] == 1.0)
+    unseen = slopes(fit, record, ["current"], in_fit=None, delay=fit.observations[0].delay)["current"]
+    assert unseen[:, 0] == pytest.approx(seen[:, 0], abs=1e-9)
+    assert not np.any(unseen[:, 1:])
