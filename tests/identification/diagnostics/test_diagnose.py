@@ -260,9 +260,9 @@ def test_a_voltage_beyond_all_reason_asks_for_no_leak_that_is_no_number(voltage:
 def test_a_leak_is_tried_above_electrolysis_at_a_thousandth_of_the_current() -> None:
     """By laws of which one is nearly a multiple of any whose scale is 0.15 to 2 V."""
 
-    def tried(voltage: float, **more: float) -> list[dict[str, float]]:
+    def tried(voltage: float, name: str = "leak.exponential", **more: float) -> list[dict[str, float]]:
         asked = Excitation(outputs=("current",), lags=(1.0,), voltage=voltage, current_density=7.0)
-        (kind,) = (one for one in optional_kinds() if one.name == "leak.exponential")
+        (kind,) = (one for one in optional_kinds() if one.name == name)
         return [dict(trial.values) for trial in kind.trials({**FRIEND.parameter_values, **more}, asked)]
 
     voltage = np.linspace(0.0, 2.5, 200)
@@ -279,5 +279,7 @@ def test_a_leak_is_tried_above_electrolysis_at_a_thousandth_of_the_current() -> 
     for scale in np.geomspace(0.15, 2.0, 10):
         found = law(scale)
         assert max(shape @ found for shape in shapes) > 0.96 * np.linalg.norm(found)
+    assert tried(2.0, "leak.cubic") == [{"leak.cubic.cubic": pytest.approx(7.0e-3 / 8.0)}]
+    assert not tried(2.0, "leak.cubic", **{"leak.exponential.current_density": 1.0})
     assert not tried(1.23)
     assert not tried(2.5, **{"leak.cubic.cubic": 1.0})

@@ -7,8 +7,10 @@ import pytest
 
 from ipmclab import Run, load_actuator, simulate
 from ipmclab.identification.problem.record import prepare
+from ipmclab.identification.search.starts import start_circuit
 from ipmclab.identification.search.starts.start_circuit import current_series, find_circuit
 from ipmclab.identification.search.varpro import search_poles
+from ipmclab.model.outputs import simulate_outputs
 
 LEAKS = load_actuator("friend-2+leak.cubic").replace(
     **{
@@ -68,3 +70,26 @@ def test_the_edge_is_located_after_a_long_rest(signal: str) -> None:
     delay = find_circuit([record], 2, None).delays[0]
     assert abs(delay.value) < record.period
     assert delay.error < 0.5 * record.period
+
+
+@pytest.mark.parametrize("late", [-1.4, 0.3, 1.85])
+def test_an_edge_is_located_where_it_lies_between_rows(late: float) -> None:
+    """Between which two: the range of one row holds it, and no less is said to be known."""
+    time = 0.05 * np.arange(300)
+    voltage = np.where(time < 1.0, 0.0, np.sin(np.pi * (time - 1.0)))
+    strip = load_actuator("friend-2+branches=1")
+    clean = np.asarray(simulate_outputs(strip, time, voltage, "zero", outputs=["current"], delay=0.05 * late))[0]
+    noise = 1e-4 * np.random.default_rng(20261121).standard_normal(300)
+    run = Run.from_arrays(time=time, voltage=voltage, current=clean + noise, hold="unknown")
+    delay = find_circuit([prepare(run, 0, ["current"], ())], 1, None).delays[0]
+    assert abs(delay.value / 0.05 - late) < 0.5
+    assert delay.error == pytest.approx(0.05 / np.sqrt(12.0))
+
+
+def test_rows_after_the_first_move_are_looked_at_wherever_the_voltage_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start_circuit, "_ROWS_AFTER_EDGE", 10)
+    time = np.arange(100.0)
+    for voltage in (np.where(time < 50.0, 1.0, 1.1), np.where(time < 50.0, 0.0, 1.0), np.where(time < 50.0, -1.0, 0.0)):
+        run = Run.from_arrays(time=time, voltage=voltage, current=voltage, hold="unknown")
+        short = start_circuit._beginning(prepare(run, 0, ["current"], ()))
+        assert len(short.run) == len(short.readings["current"].values) == 59
