@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ipmclab import Run, identify, load_actuator
+from ipmclab import Actuator, InputError, Run, identify, load_actuator
+from ipmclab.choosing import spread
 from ipmclab.choosing.spread import slopes
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model.outputs import simulate_outputs
@@ -23,7 +26,7 @@ def current(dc: float, later: float = LATE) -> npt.NDArray[np.float64]:
     return np.asarray(simulate_outputs(strip, TIME, VOLTAGE, "zero", outputs=["current"], delay=later))[0]
 
 
-def test_slopes_are_those_of_the_model_and_of_the_sensor() -> None:
+def test_slopes_are_those_of_the_model_and_of_the_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a run that the fit saw; one that it did not see has a zero and an edge of its own, which are not the fit's."""
     noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(TIME))
     run = Run.from_arrays(time=TIME + 3.0, voltage=VOLTAGE, current=current(STRIP[DC]) + noise, hold="unknown")
@@ -43,3 +46,12 @@ def test_slopes_are_those_of_the_model_and_of_the_sensor() -> None:
     unseen = slopes(fit, record, ["current"], in_fit=None, delay=fit.observations[0].delay)["current"]
     assert unseen[:, 0] == pytest.approx(seen[:, 0], abs=1e-9)
     assert not np.any(unseen[:, 1:])
+
+    def bounded(strip: Actuator, *given: Any, **more: Any) -> npt.NDArray[np.float64]:
+        if strip[DC] > here:
+            raise InputError("beyond its bound", code="out-of-range", where=DC, repair="give less")
+        return simulate_outputs(strip, *given, **more)
+
+    monkeypatch.setattr(spread, "simulate_outputs", bounded)
+    at_bound = slopes(fit, record, ["current"], in_fit=0, delay=None)["current"]
+    assert at_bound[:, 0] == pytest.approx(seen[:, 0], abs=0.01 * float(np.max(np.abs(seen[:, 0]))))
