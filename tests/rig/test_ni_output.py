@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ipmclab import signals
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Channel
 from ipmclab.rig.daqmx.driver import Driver
+from ipmclab.rig.daqmx.look_back import read_output
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
 from ipmclab.rig.ni import NiBench, Resetter, client, reset
 from tests.rig.conformance import joined
@@ -179,6 +181,42 @@ def fail_to_write_once(monkeypatch: pytest.MonkeyPatch) -> None:
         write(self, voltage)
 
     monkeypatch.setattr(OnDemand, "write", fail_once)
+
+
+@pytest.mark.parametrize("looks", [1, 3])
+def test_a_reset_waits_for_the_guardian_of_another_program_to_read_the_output(
+    chassis: StandIn, monkeypatch: pytest.MonkeyPatch, looks: int
+) -> None:
+    """It holds the inputs meanwhile, for one look or for ever."""
+    chassis.rest()
+    guardian = Driver(client(), chassis.rig, wait=10.0, patience=10.0)
+    inputs = OnDemand(guardian, NAMES)
+    asked: list[Driver] = []
+
+    def read(driver: Driver) -> float:
+        if not asked:
+            inputs.read()
+        asked.append(driver)
+        return read_output(driver)
+
+    def sleep(_: float) -> None:
+        if len(asked) == looks:
+            inputs.release_inputs()
+
+    times = iter([0.0, 0.5, 1.0])
+    clock = SimpleNamespace(monotonic=lambda: next(times) if looks > 1 else 0.0, sleep=sleep)
+    monkeypatch.setattr("ipmclab.rig.ni.read_output", read)
+    monkeypatch.setattr("ipmclab.rig.ni.time", clock)
+    try:
+        if looks == 1:
+            reset(chassis.rig)
+            assert len(asked) == 2
+        else:
+            with pytest.raises(BenchError, match="could not be read back: another program holds it"):
+                reset(chassis.rig)
+    finally:
+        inputs.close()
+        guardian.close()
 
 
 def test_an_output_that_cannot_be_written_to_is_reset(

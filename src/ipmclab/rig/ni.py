@@ -7,6 +7,7 @@ it behind the driver of this computer; everything else is the same.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -43,6 +44,9 @@ _ANSWER_AFTER_FAILURE: Final = 1.5
 
 _RESET_TIME: Final = 5.0
 """Time [s] for the reset of a module."""
+
+_OTHERS_READ: Final = 1.0
+"""So long [s] an output that another program reads is waited for: the guardian of one that has just died does so."""
 
 _LONGEST_RESET: Final = 1.2
 """What a guardian allows a reset at most [s]: it leaves behind what takes 1.5 s."""
@@ -479,7 +483,7 @@ def _see_zero(driver: Driver) -> None:
     if not channels_at_output(driver.rig):
         return
     try:
-        volts = read_output(driver)
+        volts = _read_back(driver)
     except IpmclabError as error:
         raise BenchError(
             f"the output was reset, but it could not be read back: {error.message}",
@@ -489,6 +493,17 @@ def _see_zero(driver: Driver) -> None:
         ) from error
     if abs(volts) > TOLERANCE:
         raise _stuck_error(volts)
+
+
+def _read_back(driver: Driver) -> float:
+    end = time.monotonic() + _OTHERS_READ
+    while True:
+        try:
+            return read_output(driver)
+        except IpmclabError as error:
+            if error.code != "bench-in-use" or time.monotonic() >= end:
+                raise
+        time.sleep(SETTLED)
 
 
 def _stuck_error(volts: float) -> BenchError:

@@ -51,8 +51,8 @@ def test_runs_are_found_looked_at_compared_and_taken_along(address: str, open_pa
     page.get_by_text("1 of 3 runs").wait_for()
     page.get_by_role("button", name="runs/square.nc").click()
     page.get_by_text("4 readings cut at 150 mA").wait_for(timeout=LONG)
-    ink = page.evaluate(COUNT_BANDS)
-    assert ink["current"] > ink["displacement"], "the finding is marked on the plot of its channel"
+    # The finding is marked on the plot of its channel; the words may stand before the plots are drawn.
+    page.wait_for_function(f"() => {{ const ink = ({COUNT_BANDS})(); return ink.current > ink.displacement; }}")
     page.get_by_text("About this run").wait_for(timeout=LONG)
     assert serious(page) == []
     with page.expect_download() as saved:
