@@ -17,6 +17,8 @@ from ipmclab.rig.recording.keeping import Rows
 HANGS: Final = 180.0
 """After so long [s] it is taken to hang, on whatever machine. How long something may take is a test of its own."""
 
+Started = Callable[[str], list[threading.Thread]]
+
 
 def until(condition: Callable[[], object], seconds: float = HANGS) -> None:
     """Wait until something is so.
@@ -39,6 +41,13 @@ def patient_calls(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
     if not request.node.get_closest_marker("real_time"):
         monkeypatch.setattr(link, "MARGIN", HANGS)
         monkeypatch.setattr(driver.Driver, "be_patient", lambda *_: None)  # as patient as while a bench is opened
+
+
+@pytest.fixture
+def threads_of() -> Started:
+    """The living threads of a name that started in this test: a thread of a test before may still be about to end."""
+    before = set(threading.enumerate())
+    return lambda name: [one for one in threading.enumerate() if name in one.name and one not in before]
 
 
 def in_background(action: Callable[[], Any]) -> Future[Any]:

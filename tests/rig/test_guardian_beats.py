@@ -16,15 +16,12 @@ from tests.rig.guardian_stand_in import Clock, Process
 from tests.rig.guardian_stand_in import clock as clock
 from tests.rig.guardian_stand_in import guardian as guardian
 from tests.rig.guardian_stand_in import process as process
-from tests.waiting import HANGS, in_background, until
+from tests.waiting import HANGS, Started, in_background, until
+from tests.waiting import threads_of as threads_of
 
 
 def beats(process: Process) -> int:
     return process.heard.count("beat")
-
-
-def alive(name: str) -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread.name == name]
 
 
 def has_ended(thread: threading.Thread) -> bool:
@@ -90,10 +87,12 @@ def test_what_was_never_armed_is_neither_disarmed_nor_beaten_for(guardian: Guard
         guardian.beat()
 
 
-def test_it_is_let_go_of_once_it_says_so(guardian: Guardian, process: Process, clock: Clock) -> None:
+def test_it_is_let_go_of_once_it_says_so(
+    threads_of: Started, guardian: Guardian, process: Process, clock: Clock
+) -> None:
     """A beat between its word and its answer would be one to a guardian that still watches."""
     guardian.arm()
-    [thread] = alive("heartbeat")
+    [thread] = threads_of("heartbeat")
     assert thread.daemon  # a program that ends is not kept by it
     del process.answers["disarm"]
     clock.meanwhile = lambda: process.say("disarmed")
@@ -104,13 +103,15 @@ def test_it_is_let_go_of_once_it_says_so(guardian: Guardian, process: Process, c
     assert has_ended(thread)
 
 
-def test_of_two_runs_the_second_alone_is_beaten_for(guardian: Guardian, process: Process, clock: Clock) -> None:
+def test_of_two_runs_the_second_alone_is_beaten_for(
+    threads_of: Started, guardian: Guardian, process: Process, clock: Clock
+) -> None:
     """The first ended with an output that could not be brought to 0 V: it was not let go of."""
     guardian.arm(20.0)
-    [first] = alive("heartbeat")
+    [first] = threads_of("heartbeat")
     guardian.arm()
     assert has_ended(first)
-    assert len(alive("heartbeat")) == 1
+    assert len(threads_of("heartbeat")) == 1
     clock.let_it_wake()
     assert beats(process) == 0
 
@@ -207,10 +208,10 @@ def test_unless_it_is_told_otherwise_it_writes_nothing_and_acts_after_half_a_sec
 
 
 def test_one_that_is_let_go_of_while_it_is_armed_is_heard_to_its_end(
-    guardian: Guardian, process: Process, clock: Clock
+    threads_of: Started, guardian: Guardian, process: Process, clock: Clock
 ) -> None:
     guardian.arm()
-    [beating], [listener] = alive("heartbeat"), alive("guardian")
+    [beating], [listener] = threads_of("heartbeat"), threads_of("guardian")
     assert listener.daemon
     guardian.close()
     assert guardian.outcome == "zero"
@@ -221,12 +222,14 @@ def test_one_that_is_let_go_of_while_it_is_armed_is_heard_to_its_end(
     guardian.close()  # a second time is no error
 
 
-def test_one_that_still_tries_is_not_waited_for_but_its_end_is_taken_note_of(process: Process, clock: Clock) -> None:
+def test_one_that_still_tries_is_not_waited_for_but_its_end_is_taken_note_of(
+    threads_of: Started, process: Process, clock: Clock
+) -> None:
     process.ends = False
     with Guardian(Target("file", "output.txt"), silence=1.0) as guardian:
         process.say("ready")
         guardian.arm()
-    [taking_note] = alive("guardian's end")
+    [taking_note] = threads_of("guardian's end")
     assert taking_note.daemon
     process.say("acted the recorder is gone", "failed the output could not be brought to 0 V")
     until(lambda: guardian.outcome or process.stdout.closed)

@@ -24,7 +24,8 @@ from ipmclab.rig.safety import guardian_process
 from ipmclab.rig.safety.guarded_output import Target
 from ipmclab.rig.safety.guardian_process import Watch, main
 from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP
-from tests.waiting import HANGS, in_background, until
+from tests.waiting import HANGS, Started, in_background, until
+from tests.waiting import threads_of as threads_of
 
 
 class Told(io.StringIO):
@@ -114,14 +115,14 @@ def test_a_closing_terminal_and_its_keys_do_not_end_it(process: Starting, ignore
     assert not guardian.output.exists()
 
 
-def test_asked_to_end_it_acts_as_if_the_recorder_were_gone(process: Starting) -> None:
+def test_asked_to_end_it_acts_as_if_the_recorder_were_gone(threads_of: Started, process: Starting) -> None:
     guardian = process("SIGTERM", "SIGINT")
     assert json.loads(guardian.status.read_text())["state"] == "armed"
     guardian.handlers[signal.SIGTERM](signal.SIGTERM, None)
     assert guardian.ended() == 0
     assert guardian.said[3:] == ["acted the recorder is gone", "zero"]
     # What waits for the words of a recorder that is still there does not keep the process.
-    assert [thread.daemon for thread in threading.enumerate() if "_read" in thread.name] == [True]
+    assert [thread.daemon for thread in threads_of("_read")] == [True]
 
 
 def test_before_the_session_ends_the_output_is_at_0_v(process: Starting, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,8 @@ from ipmclab.rig.safety import session_end
 from ipmclab.rig.safety.guarded_output import Target, connect
 from ipmclab.rig.safety.guardian_process import Watch
 from ipmclab.rig.safety.session_end import SESSION_ENDS, SLEEP, answer, told_of_the_end
-from tests.waiting import HANGS
+from tests.waiting import HANGS, Started
+from tests.waiting import threads_of as threads_of
 
 WM_PAINT, WM_CLOSE, WM_QUERYENDSESSION, WM_ENDSESSION, WM_POWERBROADCAST = 0x000F, 0x0010, 0x0011, 0x0016, 0x0218
 PBT_APMSUSPEND, PBT_APMRESUMEAUTOMATIC = 0x0004, 0x0012
@@ -143,14 +144,14 @@ def waited(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, bool]]:
 
 @pytest.mark.parametrize("options", [{}, {"last": True}])
 def test_windows_tells_a_window_of_its_own_and_stays_awake_as_long_as_it_is_there(
-    monkeypatch: pytest.MonkeyPatch, waited: list[tuple[str, bool]], options: dict[str, bool]
+    threads_of: Started, monkeypatch: pytest.MonkeyPatch, waited: list[tuple[str, bool]], options: dict[str, bool]
 ) -> None:
     windows = Windows()
     monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
     acted: list[tuple[str, str]] = []
     with told_of_the_end(lambda why: acted.append((why, threading.current_thread().name)), **options):
         assert waited == [("window", True)]
-        [thread] = [one for one in threading.enumerate() if one.name == "end of session"]
+        [thread] = threads_of("end of session")
         assert thread.daemon  # were Windows not to let go of it, the program would end all the same
         # Windows lets a computer sleep again when the thread that asked it not to has ended.
         awake = ("SetThreadExecutionState", 0x80000001, thread.name)
@@ -174,14 +175,14 @@ def test_windows_tells_a_window_of_its_own_and_stays_awake_as_long_as_it_is_ther
 
 
 def test_without_a_window_a_run_is_recorded_all_the_same(
-    monkeypatch: pytest.MonkeyPatch, waited: list[tuple[str, bool]]
+    threads_of: Started, monkeypatch: pytest.MonkeyPatch, waited: list[tuple[str, bool]]
 ) -> None:
     windows = Windows(window=None)
     windows.messages.put((WM_PAINT, 0))
     windows.messages.put(None)
     monkeypatch.setattr(ctypes, "WinDLL", lambda _: windows, raising=False)
     with told_of_the_end(lambda why: None):
-        threads = [one for one in threading.enumerate() if one.name == "end of session"]
+        threads = threads_of("end of session")
     for thread in threads:
         thread.join(HANGS)
     assert waited[0] == ("window", True)
