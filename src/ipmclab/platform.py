@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import stat
 import subprocess
@@ -13,6 +14,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final
+
+
+def as_typed(word: str | os.PathLike[str]) -> str:
+    """A word of a command, such as a path with a blank in it, as a terminal of this system takes it.
+
+    Examples
+    --------
+    >>> as_typed("runs"), as_typed("my runs") in ("'my runs'", '"my runs"')
+    ('runs', True)
+    """
+    text = os.fspath(word)
+    return subprocess.list2cmdline([text]) if os.name == "nt" else shlex.quote(text)
 
 
 def detached() -> dict[str, Any]:

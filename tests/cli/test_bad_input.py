@@ -190,8 +190,11 @@ def test_a_run_in_which_nothing_can_be_scored_gets_a_reason_and_no_empty_table(c
     )
 
 
-def test_a_foreign_record_gets_the_command_that_imports_it(command) -> None:
-    expect(command("check", "record.csv"), 2, "ipmclab import record.csv --map MAP.toml --out record.nc")
+def test_a_foreign_record_gets_the_command_that_imports_it(command, tmp_path: Path) -> None:
+    expect(command("check", "record.csv"), 2, "ipmclab import record.csv --out record.nc")
+    (tmp_path / "my record.csv").write_text("1,2")
+    told = command("check", "my record.csv").err  # as a terminal takes it
+    assert "import 'my record.csv' --out 'my record.nc'" in told.replace('"', "'")
 
 
 @pytest.mark.parametrize(

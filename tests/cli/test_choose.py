@@ -29,7 +29,7 @@ def step(tmp_path: Path) -> Path:
 
 def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Path) -> None:
     files = ("--out", "best.toml", "--report", "choice.html", "--plot", "choice.svg")
-    models = ("--actuator", "friend-2", "--models", "branches=1,2", "--folds", "3")
+    models = ("--actuator", "friend-2", "--models", "branches=1,2", "--folds", "3", "--free", "electrical")
     outcome = command("choose", NAME, *models, *files, "--json")
     assert outcome.status == 0, outcome.err
     assert outcome.err == ""
@@ -43,6 +43,8 @@ def test_one_document_and_every_file(command: Command, step: Path, tmp_path: Pat
     page = (tmp_path / "choice.html").read_text("utf-8")
     assert "branches=2 predicts best" in page
     assert "step &amp; one.nc" in page
+    assert "--free electrical" in page  # the command is the one that was given
+    assert "--folds 3" in page
     assert "http" not in page.replace("http://www.w3.org", "")
     assert (tmp_path / "choice.svg").stat().st_size > 1000
 

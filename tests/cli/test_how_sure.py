@@ -48,6 +48,27 @@ def test_profile_and_bootstrap_free_what_the_fit_had_freed(command, fitted: Path
     assert "nothing is free" in bare.err
 
 
+@pytest.mark.parametrize("own", ["per_run", "per_mounting"])
+def test_profile_asks_of_each_run_and_mounting_what_its_fit_had_asked(command, tmp_path: Path, own: str) -> None:
+    """What each had for itself stays its own, also the zero of the current; else the answer is of another question."""
+    strip, draws = ipmclab.load_actuator("friend-2"), np.random.default_rng(20261124)
+    for place, signal in enumerate(("step 1 V", "sine 1 V 0.5 Hz")):
+        clean = ipmclab.simulate(strip, signal, duration=8.0, rate=15.0)
+        noisy = clean.current + 1e-4 * draws.standard_normal(len(clean))
+        about = ipmclab.RunMetadata(mounting_id=f"m{place}")
+        run = ipmclab.Run.from_arrays(time=clean.time, voltage=clean.voltage, current=noisy, metadata=about)
+        ipmclab.write_run(run, tmp_path / f"{place}.nc")
+    runs = [ipmclab.read_run(tmp_path / f"{place}.nc") for place in (0, 1)]
+    free = ["circuit.sheet_resistance", "observation.offset.current"]
+    fit = ipmclab.identify(strip, runs, free=free, **{own: "circuit.dc_resistivity"})
+    ipmclab.write_fit(fit, tmp_path / "fitted.toml")
+    told = command("profile", "fitted.toml", "0.nc", "1.nc", "--json").document["profiles"]
+    assert set(told) == set(fit.parameters) - {f"observation.offset.current[{place}]" for place in (0, 1)}
+    shown = command("profile", "fitted.toml", "0.nc", "1.nc", "--per-run", "circuit.sheet_resistance")
+    assert "circuit.sheet_resistance[1]" in shown.out
+    assert "circuit.dc_resistivity " in shown.out
+
+
 def test_forecast_is_that_of_python(command, tmp_path: Path) -> None:
     strip = ipmclab.load_actuator("friend-2+relaxation.displacement")
     run = ipmclab.simulate(strip, "step 1 V", duration=40.0, rate=25.0)

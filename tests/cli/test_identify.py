@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import ipmclab
 from tests.cli.conftest import Command
@@ -102,3 +103,36 @@ def test_each_strip_of_many_runs_has_a_fit_of_its_own(command: Command, tmp_path
     assert (refused.status, "add --each-strip" in refused.err) == (2, True)
     ipmclab.write_run(clean, tmp_path / "3.nc")
     assert "does not say which strip" in command(*words[:3], "3.nc", *words[5:], "--each-strip").err
+
+
+def strip_runs(folder: Path, strips: tuple[str, ...], volts: float = 1.0) -> list[str]:
+    """Steps, one of each strip, without noise; their files."""
+    clean = ipmclab.simulate(ipmclab.load_actuator("friend-2"), "step 1 V", duration=2.0, rate=10.0)
+    for place, strip in enumerate(strips):
+        about = ipmclab.RunMetadata(sample=ipmclab.Sample(strip))
+        run = ipmclab.Run.from_arrays(
+            time=clean.time, voltage=volts * clean.voltage, current=clean.current, metadata=about
+        )
+        ipmclab.write_run(run, folder / f"{place}.nc", overwrite=True)
+    return [f"{place}.nc" for place in range(len(strips))]
+
+
+@pytest.mark.parametrize(
+    ("strips", "told"), [(("A", "a"), "'A' and 'a' would have one file"), (("1", "Com1"), "cannot be the name")]
+)
+def test_a_strip_whose_file_another_system_cannot_keep_is_refused(command, tmp_path: Path, strips, told: str) -> None:
+    """Where capitals do not count, the fit of one strip would take the place of the other's."""
+    runs = strip_runs(tmp_path, strips)
+    refused = command("identify", "friend-2", *runs, "--each-strip", "--out", "fits")
+    assert (refused.status, told in refused.err) == (2, True)
+    assert not (tmp_path / "fits").exists()
+
+
+def test_strips_that_cannot_be_fitted_leave_one_document(command, tmp_path: Path) -> None:
+    runs = strip_runs(tmp_path, ("1", "2"), volts=0.0)
+    words = ("identify", "friend-2", *runs, "--each-strip", "--out", "fits")
+    failed = command(*words, "--json")
+    assert failed.status == 1
+    assert set(failed.document["failed"]) == {"1", "2"}
+    assert "2 of 2 strips could not be fitted" in failed.err
+    assert command(*words).err.count("error:") == 1

@@ -43,6 +43,15 @@ def test_the_table_has_the_period_and_counts_what_was_not_read(command, tmp_path
     assert "No reading of" not in text
 
 
+def test_an_answer_beside_a_map_is_refused(command, tmp_path: Path) -> None:
+    """It would count for nothing, and every time constant scales with the period that it says."""
+    write(tmp_path, "-99.9999")
+    words = ("import", "record.csv", "--map", "map.toml", "--out", "run.nc")
+    refused = command(*words, "--answer", "sampling_period=20 ms")
+    assert (refused.status, "write it into the map" in refused.err) == (2, True)
+    assert not (tmp_path / "run.nc").exists()
+
+
 def test_sentinels_that_met_nothing_are_said(command, tmp_path: Path) -> None:
     write(tmp_path, "-99,9999")  # a decimal comma makes two numbers of one
     done = command("import", "record.csv", "--map", "map.toml", "--out", "run.nc")

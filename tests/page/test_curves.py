@@ -46,6 +46,14 @@ def test_runs_over_each_other_are_told_apart() -> None:
     assert looks_of(current) == [looks[24]]
 
 
+def test_slow_readings_stand_at_their_own_times_also_where_they_are_as_many_as_the_rows() -> None:
+    time, slow = np.arange(3.0), np.array([0.0, 10.0, 20.0])
+    run = Run.from_arrays(time=time, voltage=time, temperature=20.0 + time, time_environment=slow)
+    voltage, temperature = run_panels({"a": run})
+    assert np.array_equal(voltage.series[0].time, time)
+    assert np.array_equal(temperature.series[0].time, slow)
+
+
 def test_models_over_each_other_are_told_apart_and_from_what_was_measured() -> None:
     models = {f"m{k}": f"model {k}" for k in range(9)}
     row = np.arange(4.0)

@@ -101,6 +101,31 @@ def test_a_server_at_another_port_neither_takes_nor_gives_a_seat() -> None:
     )
 
 
+@pytest.mark.parametrize("odd", ['settings={"zoom": 1}', "list[0]=1", "no-value", "a b=1", "name=caf\u00e9", 'half="'])
+def test_an_odd_cookie_of_another_server_hides_none_of_ours(odd: str) -> None:
+    here = client()
+    for told in (f"{odd}; {SEAT}-8000=ours", f"{SEAT}-8000=ours; {odd}"):
+        cookie = told.encode("latin-1")
+        assert here.post("/bench/zero", headers={b"origin": HERE.encode(), b"cookie": cookie}).json()["seat"] == "ours"
+
+
+@pytest.mark.parametrize(
+    "stated", ["https://Lab.Example.ORG", "https://lab.example.org:443", "https://lab.example.org/"]
+)
+def test_an_origin_is_known_however_it_was_written(stated: str) -> None:
+    """Browsers say it in small letters, and leave out the port of HTTPS."""
+    said = "https://lab.example.org"
+    here = client(Settings(host="0.0.0.0", origin=stated), base=said)
+    assert here.post("/bench/zero", headers={"origin": said}).status_code == 200
+
+
+def test_at_the_usual_port_browsers_do_not_say_it(tmp_path: Path) -> None:
+    secure = Settings(certificate=tmp_path, key=tmp_path)
+    for port, settings, said in ((80, Settings(), "http://localhost"), (443, secure, "https://127.0.0.1")):
+        here = TestClient(Guard(application(), settings, port), base_url=said)
+        assert here.post("/bench/zero", headers={"origin": said}).status_code == 200
+
+
 def test_answers_may_not_be_framed_by_others_and_load_nothing_from_elsewhere() -> None:
     headers = client().get("/page").headers
     assert headers["x-frame-options"] == "SAMEORIGIN"

@@ -49,10 +49,15 @@ def test_a_link_that_leads_outside_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in lab.tables()] == ["mine.toml"]
 
 
-@pytest.mark.parametrize("name", ["CON", "nul.toml", "com1.x"])
+@pytest.mark.parametrize("name", ["CON", "nul.toml", "com1.x", "aux .x"])
 def test_a_file_has_no_name_of_a_device(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="plain file name"):
         Lab.open(tmp_path).new_file(name, ".toml")
+
+
+def test_a_name_that_only_begins_like_a_device_is_one(tmp_path: Path) -> None:
+    for name in ("con-leak", "Aux power", "com1-step", "nul_2"):
+        assert Lab.open(tmp_path).new_file(name, ".toml").name == f"{name}.toml"
 
 
 @pytest.mark.parametrize("letter", ["a", "é", "字", "𝒜"])

@@ -21,7 +21,15 @@ from hypothesis import strategies as st
 from ipmclab import Allowance, Run, load_actuator, propose_runs, read_fit, read_run, simulate, write_run
 from ipmclab.errors import InputError
 from ipmclab.page import curves
-from ipmclab.page.commands import identify_step, import_step, next_step, report_step, simulate_step, validate_step
+from ipmclab.page.commands import (
+    identify_step,
+    import_step,
+    next_step,
+    report_step,
+    simulate_step,
+    smooth_step,
+    validate_step,
+)
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
 from ipmclab.page.elements.column_map import Said, channel_tables
 from ipmclab.page.jobs.tasks import find_task
@@ -106,6 +114,8 @@ def test_the_table_filters_by_what_is_known_of_a_run() -> None:
     assert found(state="aborted") == [3]
     assert found(text="m7") == [4]
     assert found(text="nothing has this") == []
+    assert found(text="none") == [2]  # not what is left empty
+    assert found(text="4") == []  # nor what nobody sees
     shown = {one["id"]: one for one in table_rows(rows, RunFilter())[0]}
     assert shown[1]["findings"] == "clipped, spike"
     assert shown[2]["findings"] == "none"
@@ -224,6 +234,23 @@ def test_a_figure_has_as_many_runs_as_can_be_told_apart(client: Client) -> None:
         assert told in answer.text
 
 
+def test_a_figure_tells_runs_apart_that_are_called_alike(client: Client, workshop: Workshop, monkeypatch) -> None:
+    """Its legend has the folder of each, as the plot of the page has."""
+    copy = workshop.lab.root / "step.nc"
+    copy.write_bytes((workshop.lab.root / "runs" / "step.nc").read_bytes())
+    asked: list[dict[str, Any]] = []
+
+    def submit(task: str, arguments: dict[str, Any], **_: object) -> SimpleNamespace:
+        asked.append(arguments)
+        return SimpleNamespace(future=Future(), number=0)
+
+    monkeypatch.setattr(workshop.jobs, "submit", submit)
+    monkeypatch.setattr(workshop.jobs, "cancel", lambda _: None)
+    monkeypatch.setattr("ipmclab.page.routes._PATIENCE", 0.0)
+    client.get("/runs/figure", params={"run": ["runs/step.nc", "step.nc", "runs/sine.nc"]})
+    assert asked[0]["labels"] == ["runs/step", "step", "sine"]
+
+
 def test_a_name_that_no_file_can_have_is_none_of_the_folder(client: Client) -> None:
     for key in (300 * "a" + ".nc", 5000 * "a" + ".nc", 3000 * "a/" + "b.nc"):
         for address in ("/runs/file", "/runs/export", "/runs/figure"):
@@ -276,6 +303,26 @@ def test_an_upload_is_bounded(client: Client, workshop: Workshop, monkeypatch: p
     refused = client.post("/uploads", params={"name": "large.csv"}, content=b"x" * 2000)
     assert refused.status_code == 413
     assert list(workshop.scratch.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"), [("данные.xlsx", "data.xlsx"), (f"{'x' * 150}.mat", f"{'x' * 80}.mat"), ("测量", "data")]
+)
+def test_a_record_keeps_its_ending_whatever_it_is_called(client: Client, name: str, kept: str) -> None:
+    """By its ending a workbook is known."""
+    told = client.post("/uploads", params={"name": name}, content=b"1;2").json()
+    assert told["key"].partition("-")[2] == kept
+    assert told["name"] == name
+
+
+def test_a_run_says_from_which_file_it_was_imported(tmp_path: Path) -> None:
+    """As its owner called it, not as the server did while it was here."""
+    kept = tmp_path / "0123456789abcdef-data.csv"
+    kept.write_text("t,U\n0,0\n1,1\n2,1\n")
+    channels = {"time": {"column": "t", "unit": "s"}, "voltage": {"column": "U", "unit": "V"}}
+    asked = {"path": str(kept), "map": {"channels": channels, "file": {"format": "csv"}}, "out": str(tmp_path / "a.nc")}
+    find_task("import")({**asked, "name": "данные.csv"}, lambda *_: None)
+    assert read_run(tmp_path / "a.nc").metadata.source_file == "данные.csv"
 
 
 def test_a_report_is_shown_without_anything_that_runs(client: Client, workshop: Workshop) -> None:
@@ -454,7 +501,8 @@ def test_each_step_is_one_command_and_its_python_runs(workshop: Workshop, monkey
 @pytest.mark.parametrize("number", [33.3333333, 1.0 / 3.0, 50.0, 1e-7])
 def test_a_command_says_the_very_number(number: float) -> None:
     told = shlex.split(simulate_step("friend-2", {}, signal="step 1 V", duration=number, rate=number).command)
-    for option in ("--duration", "--rate"):
+    told += shlex.split(smooth_step("a.nc", number, "b.nc").command)
+    for option in ("--duration", "--rate", "--below"):
         assert float(told[told.index(option) + 1].split()[0]) == number
 
 

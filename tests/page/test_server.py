@@ -15,6 +15,7 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from ipmclab.cli.app import run
+from ipmclab.cli.page import _token
 from ipmclab.errors import InputError
 from ipmclab.page.faults import add_faults
 from ipmclab.page.lab import Lab
@@ -67,6 +68,12 @@ def test_a_fault_of_the_server_says_what_happened_and_what_is_safe(capsys) -> No
     assert client.get("/odd").text == "Internal Server Error"
     refused = client.post("/odd", headers={"accept": "text/html"})
     assert (refused.status_code, refused.json()) == (405, {"detail": "Method Not Allowed"})
+
+
+def test_a_token_is_what_stands_in_its_file_whatever_wrote_it(tmp_path: Path) -> None:
+    """Some editors put a mark before the text, and a line's end behind it."""
+    (tmp_path / "token.txt").write_bytes(b"\xef\xbb\xbfa-token-that-nobody-guesses\r\n")
+    assert _token(tmp_path / "token.txt") == "a-token-that-nobody-guesses"
 
 
 def test_the_script_of_the_plots_is_there_without_its_package() -> None:

@@ -24,7 +24,7 @@ Free = Annotated[
         metavar="NAMES",
         default_factory=list,
         show_default=False,
-        help="As in identify; of a fitted file, without it, what its fit had freed.",
+        help="As in identify; of a fitted file, without it, what its fit had freed, also of each run and mounting.",
     ),
 ]
 
@@ -127,19 +127,23 @@ def _fitted(actuator: str, runs: list[Path], names: Lists, ask: Callable[[Fit, T
     given = fit_or_actuator(actuator)
     model = given.actuator if isinstance(given, AnyFit) else given
     if not free and isinstance(given, AnyFit):
-        known = model.parameters()
-        free = sorted({name.partition("[")[0] for name in given.parameters} & known.keys())
-    if not free:
-        raise InputError(
-            "nothing is free",
-            code="nothing-free",
-            where="--free",
-            repair="add --free electrical, or give a fitted file",
-        )
+        free, of_runs, of_mountings = _freed(given)
+        if not per_run and not per_mounting:
+            per_run, per_mounting = of_runs, of_mountings
     loaded = read_runs(runs)
     with progress(f"fitting {model.name}") as tell:
         fit = identify(model, loaded, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, progress=tell)
         return ask(fit, tell)
+
+
+def _freed(fit: Fit) -> tuple[list[str], list[str], list[str]]:
+    """What a fit had freed, and of that what each run and each mounting had for itself."""
+    places = [name.partition("[")[::2] for name in fit.parameters]
+    return (
+        list(dict.fromkeys(name for name, _ in places)),
+        list(dict.fromkeys(name for name, place in places if place and not place.startswith("mounting "))),
+        list(dict.fromkeys(name for name, place in places if place.startswith("mounting "))),
+    )
 
 
 def _print(fit: Fit, found: Mapping[str, tuple[float, float]], title: str) -> None:

@@ -105,8 +105,12 @@ def choose(
     if report is not None:
         from ipmclab.reporting.choice import report_choice
 
-        words = ["ipmclab", "choose", *map(str, runs), "--models", ",".join(models)]
+        asked = {"--models": models, "--free": free, "--per-run": per_run}
+        words = ["ipmclab", "choose", *map(str, runs)]
+        words += [word for option, names in asked.items() if names for word in (option, ",".join(names))]
         words += ["--actuator", actuator] if actuator else []
+        words += ["--hold-out", hold_out] if hold_out else []
+        words += ["--blocks", str(blocks), "--folds", str(folds)]
         report_choice(choice, report, runs=loaded, command=shlex.join(words), overwrite=force)
     if plot is not None:
         from ipmclab.reporting.choice import plot_choice

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ipmclab.destination import keep_what_is_read, target_of
 from ipmclab.errors import InputError
+from ipmclab.platform import as_typed
 from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def write_template(
             f"a template is written with --out, it reads no {verb}",
             code="usage",
             where=str(file),
-            repair=f"ipmclab {verb} --template --out {file}",
+            repair=f"ipmclab {verb} --template --out {as_typed(file)}",
         )
     if out is not None:
         check_output(out, force=force, suffixes=(".toml",), reads=())
@@ -136,14 +137,14 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
     runs = []
     for path, label in zip(paths, labels(paths), strict=True):
         if path.suffix.lower() != ".nc" and path.is_file():
-            name = path.name.partition(".")[0]
+            run = path.with_name(f"{path.name.partition('.')[0] or 'run'}.nc")
             if path.suffix.lower() == ".toml":
                 raise _toml_for_a_run(path)
             raise InputError(
                 f"this is not a run: a run ends in .nc, this file in {path.suffix!r}",
                 code="not-a-run",
                 where=str(path),
-                repair=f"import it first: ipmclab import {path} --map MAP.toml --out {path.with_name(name)}.nc",
+                repair=f"import it first: ipmclab import {as_typed(path)} --out {as_typed(run)}",
             )
         runs.append(replace(read_run(path), file=label))
     return runs
@@ -169,7 +170,7 @@ def _toml_for_a_run(path: Path) -> InputError:
     elif "channels" in table:
         kind, repair = (
             "this is an import map, not a run",
-            f"ipmclab import RECORD --map {path} --out RUN.nc makes a run",
+            f"ipmclab import RECORD --map {as_typed(path)} --out RUN.nc makes a run",
         )
     else:
         kind, repair = "this is a TOML file, not a run", "give a run, which ends in .nc"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import typer
 
 from ipmclab.cli.files import check_output
 from ipmclab.cli.output import print_json, print_table, progress, significant
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
     from ipmclab.run import Run
     from ipmclab.workflows.many_strips import Asked
 
-_UNSAFE = re.compile(r'[\x00-\x1f<>:"/\\|?*]|^\.+$|[. ]$')
+_UNSAFE = re.compile(r'[\x00-\x1f<>:"/\\|?*]|^\.+$|[. ]$|^(con|prn|aux|nul|com\d|lpt\d) *(\.|$)', re.IGNORECASE)
 
 
 def identify_each(
@@ -44,6 +47,7 @@ def identify_each(
 
     strips = by_strip(runs)
     paths = {name: _path(out, name) for name in strips}
+    _refuse_alike(strips, out)
     _make(out)
     for path in paths.values():
         check_output(path, force=force, suffixes=(".toml",), reads=reads)
@@ -62,12 +66,16 @@ def identify_each(
         _print(fits, paths)
     if failed:
         name, error = next(iter(failed.items()))
-        raise IpmclabError(
+        told = IpmclabError(
             f"{len(failed)} of {len(strips)} strips could not be fitted, the first is {name}: {error.message}",
             code=error.code,
             where=error.where,
             repair=error.repair,
         )
+        if not as_json:
+            raise told
+        print(f"error: {told}", file=sys.stderr)  # stdout has its one document
+        raise typer.Exit(told.exit_status)
 
 
 def _print(fits: dict[str, Fit], paths: dict[str, Path]) -> None:
@@ -96,6 +104,20 @@ def _path(out: Path, name: str) -> Path:
             repair="give its sample an id of letters and digits, or fit its runs without --each-strip",
         )
     return out / f"{name}.toml"
+
+
+def _refuse_alike(names: Iterable[str], out: Path) -> None:
+    """Refuse strips whose files would be one where capitals do not count."""
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(name.casefold(), name)
+        if other != name:
+            raise InputError(
+                f"the strips {other!r} and {name!r} would have one file",
+                code="bad-path",
+                where=str(out),
+                repair="give one sample one id in all runs, or two samples ids that differ not in capitals alone",
+            )
 
 
 def _make(out: Path) -> None:

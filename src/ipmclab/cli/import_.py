@@ -52,6 +52,13 @@ def import_(
     from ipmclab.store.import_map import load_import_map
 
     answers = answers_in(answer or [], example="sampling_period='20 ms'")
+    if answers and map_file is not None:
+        raise InputError(
+            "a map says all of a file, so that no answer counts beside it",
+            code="usage",
+            where=f"--answer {next(iter(answers))}",
+            repair="write it into the map, or leave --map out",
+        )
     if template is not None:
         _write_template(file, template, answers, force=force, as_json=as_json)
         return

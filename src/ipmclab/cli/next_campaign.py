@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ipmclab.cli.expected import print_expected
 from ipmclab.cli.output import print_json, print_paragraph, print_remarks, print_table, progress, significant
 from ipmclab.errors import InputError
+from ipmclab.platform import as_typed
 from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
@@ -104,8 +105,8 @@ def print_next(of: OfCampaign, wishes: Mapping[str, Any], asked: Mapping[str, An
             }
         )
     elif written:
-        where = f" --out {folder}" if folder is not None else ""
-        print(f"wrote {of.file}: ipmclab characterise {of.file}{where} records them")
+        where = f" --out {as_typed(folder)}" if folder is not None else ""
+        print(f"wrote {of.file}: ipmclab characterise {as_typed(of.file)}{where} records them")
     elif not of.append:
         print_paragraph(
             f"These lines at the end of {of.file} make them part of the campaign; --append writes them there, and "

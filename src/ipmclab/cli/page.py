@@ -85,7 +85,7 @@ def page(
 
 def _token(file: Path) -> str:
     try:
-        return file.read_text(encoding="utf-8").strip()
+        return file.read_text(encoding="utf-8-sig").strip()
     except (OSError, ValueError) as error:
         raise InputError(
             "the token cannot be read", code="bad-token", where=f"--token-file {file}", repair="write it as plain text"

@@ -24,6 +24,7 @@ from ipmclab.cli.output import (
     progress,
 )
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import as_typed
 
 if TYPE_CHECKING:
     from ipmclab.procedure.follow import Characterisation
@@ -52,7 +53,7 @@ def procedure(
     if template:
         from ipmclab.procedure.template import TEMPLATE
 
-        then = f"ipmclab procedure {out}"
+        then = f"ipmclab procedure {as_typed(out)}" if out is not None else ""
         write_template(TEMPLATE, file, out, verb="procedure", then=then, force=force, as_json=as_json)
         return
     if file is None:

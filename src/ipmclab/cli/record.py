@@ -17,6 +17,7 @@ from ipmclab.cli.options import Answer, Json, Yes, answers_in
 from ipmclab.cli.output import print_json
 from ipmclab.cli.record_view import View, print_plan, print_results, short
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import as_typed
 from ipmclab.toml_file import parse_table, read_text
 
 if TYPE_CHECKING:
@@ -88,7 +89,8 @@ def record(
             about = recorder.about
             print(f"joined the newest: sample {about.get('sample')} on {about.get('rig')}", file=sys.stderr)
             for file, text in also:
-                print(f"also recording here: {text}: ipmclab record --attach {short(str(file))}", file=sys.stderr)
+                place = as_typed(short(str(file)))
+                print(f"also recording here: {text}: ipmclab record --attach {place}", file=sys.stderr)
     elif experiment is None:
         raise InputError(
             "no experiment is named",
@@ -234,8 +236,9 @@ class Terminal:
         """Say that an open question is for another client: here is nobody to type an answer."""
         self._unanswerable = None
         self._view.close()
+        folder = as_typed(self._recorder.file.parent.parent)
         text = f"{question['step']}: {question['text']}: this question cannot be answered here (no terminal)"
-        print(f"{text}; ipmclab record --attach {self._recorder.file.parent.parent} in a terminal can", file=sys.stderr)
+        print(f"{text}; ipmclab record --attach {folder} in a terminal can", file=sys.stderr)
 
     def _key(self, key: str) -> None:
         """What a key means: typed for a prompt, or a letter that steers.
@@ -362,7 +365,7 @@ def _finish(terminal: Terminal, last: Message, as_json: bool) -> None:
             raise typer.Exit(error.exit_status)
         raise error
     if not as_json and values["runs"]:
-        kept = [short(run["path"]) for run in values["runs"] if run["purpose"] != "fingerprint"]
+        kept = [as_typed(short(run["path"])) for run in values["runs"] if run["purpose"] != "fingerprint"]
         print(f"next: ipmclab check {' '.join(kept)}")
     if terminal.interrupted:
         raise SystemExit(INTERRUPTED)

@@ -14,6 +14,7 @@ from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import TEXT_WIDTH, counting, print_json, print_paragraph
 from ipmclab.cli.plot import SUFFIXES
 from ipmclab.errors import InputError, suggest
+from ipmclab.platform import as_typed
 
 if TYPE_CHECKING:
     from ipmclab.store.catalogue.catalogue import Catalogue, CatalogueRow, Problem, RunQuery, Sweep
@@ -206,7 +207,7 @@ def _print_table(catalogue: Catalogue, query: RunQuery, rows: list[CatalogueRow]
     if any(row.state == "recording" for row in rows):
         print_paragraph(
             "A run that says 'recording' although nobody records it was left by a crash: "
-            f"ipmclab recover {catalogue.root}"
+            f"ipmclab recover {as_typed(catalogue.root)}"
         )
     unknown = [code for code in query.findings if code not in catalogue.codes()] if query.findings else []
     if unknown and not rows:

@@ -13,6 +13,7 @@ from ipmclab.cli.options import Json, Scheduler, Workers
 from ipmclab.cli.output import print_json, print_table, progress, significant
 from ipmclab.cli.plot import SUFFIXES
 from ipmclab.errors import InputError
+from ipmclab.platform import as_typed
 
 if TYPE_CHECKING:
     from ipmclab.sweep import Swept
@@ -52,7 +53,7 @@ def sweep(
     if template:
         from ipmclab.sweep.template import TEMPLATE
 
-        then = f"ipmclab sweep {out} --out {out.parent / out.stem if out else None}"
+        then = f"ipmclab sweep {as_typed(out)} --out {as_typed(out.parent / out.stem)}" if out is not None else ""
         write_template(TEMPLATE, file, out, verb="sweep", then=then, force=force, as_json=as_json)
         return
     if file is None or out is None:

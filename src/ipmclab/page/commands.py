@@ -227,7 +227,7 @@ def smooth_step(run: str, below: float, out: str) -> Step:
     >>> smooth_step("run.nc", 5.0, "quiet.nc").command
     "ipmclab smooth run.nc --below '5 Hz' --out quiet.nc"
     """
-    command = ["ipmclab", "smooth", run, "--below", f"{below:g} Hz", "--out", out]
+    command = ["ipmclab", "smooth", run, "--below", f"{_exact(below)} Hz", "--out", out]
     python = (
         f"import ipmclab\nfrom ipmclab.measurement.smooth import smooth\n\n"
         f"smoothed, taken_out = smooth(ipmclab.read_run({run!r}), {below!r})\n"

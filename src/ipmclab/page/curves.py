@@ -13,6 +13,7 @@ import numpy as np
 
 from ipmclab.page.thin import POINTS, thin, within
 from ipmclab.page.wire import MEDIA, FloatArray, pack
+from ipmclab.run import SLOW_CHANNELS
 from ipmclab.units import CHANNELS, Quantity
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ def _curve(arrays: Mapping[str, FloatArray], prefix: str, output: str, what: str
 
 def _times(run: Run, channel: str) -> FloatArray:
     slow = run.time_environment
-    return run.time if slow is None or len(run.channels[channel]) == len(run.time) else slow
+    return slow if slow is not None and channel in SLOW_CHANNELS else run.time
 
 
 class CurveStore:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -74,15 +73,16 @@ class Guard:
         self._door = None if settings.token is None else Door(settings.token)
         self._unclaimed: dict[tuple[str, str], str] = {}
         self._seat, self._pass = f"{SEAT}-{port}", f"{PASS}-{port}"
-        scheme = "http" if settings.certificate is None else "https"
+        scheme, usual = ("http", 80) if settings.certificate is None else ("https", 443)
         names = {"127.0.0.1", "localhost", "[::1]", bracketed(settings.host)} if settings.is_local else set()
-        hosts = {f"{name}:{port}" for name in names}
+        hosts = {name if port == usual else f"{name}:{port}" for name in names}
         self._origins = {f"{scheme}://{host}" for host in hosts}
         self._hosts = hosts
         if settings.origin is not None:
             parts = urlsplit(settings.origin)
-            self._hosts.add(parts.netloc)
-            self._origins.add(f"{parts.scheme}://{parts.netloc}")
+            host = parts.netloc.lower().removesuffix(":443")  # as browsers say it, who leave the port of HTTPS out
+            self._hosts.add(host)
+            self._origins.add(f"{parts.scheme}://{host}")
         self._secure = "; Secure" if settings.origin is not None or settings.certificate is not None else ""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -241,10 +241,9 @@ def _without(headers: Iterable[tuple[bytes, bytes]], name: bytes) -> list[tuple[
 
 
 def _cookies(text: str) -> dict[str, str]:
-    try:
-        return {name: one.value for name, one in SimpleCookie(text).items()}
-    except CookieError:
-        return {}
+    """Cookies by their names: what another server of this host calls its own, however odd, hides none of ours."""
+    pairs = (one.partition("=") for one in text.split(";"))
+    return {name.strip(): value.strip() for name, _, value in pairs}
 
 
 def seat_of(cookies: str) -> str:

@@ -32,7 +32,7 @@ _MOST_BYTES: Final = 200
 _MOST_TOLD: Final = 80
 """Letters of a name that an error repeats."""
 
-_DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\b", re.IGNORECASE)  # no files to Windows
+_DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)  # no files to Windows
 _MOST_LETTERS: Final = 80
 _NAME = re.compile(rf"[\w][\w .+-]{{0,{_MOST_LETTERS - 1}}}")
 

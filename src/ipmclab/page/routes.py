@@ -69,10 +69,11 @@ def _add_uploads(router: APIRouter, workshop: Workshop) -> None:
 
     @router.post("/uploads", response_model=None)
     async def upload(request: Request, name: str = "record") -> Response:
-        stem = header_name(name)
+        stem, dot, ending = name.rpartition(".")
+        kept = f"{header_name(stem)}.{header_name(ending)}" if dot else header_name(name)  # by its ending it is read
         size = 0
         try:
-            with workshop.uploads.receive(stem) as path, path.open("wb") as stream:
+            with workshop.uploads.receive(kept) as path, path.open("wb") as stream:
                 async for piece in request.stream():
                     size += len(piece)
                     if size > MOST_BYTES:
@@ -85,7 +86,7 @@ def _add_uploads(router: APIRouter, workshop: Workshop) -> None:
         except InputError as error:
             return JSONResponse({"message": str(error)}, 413 if error.code == "too-large" else 503)
         called = name.replace("\\", "/").rpartition("/")[2][:200]  # by its owner
-        return JSONResponse({"key": path.name, "name": called or stem})
+        return JSONResponse({"key": path.name, "name": called or kept})
 
 
 def _add_runs(router: APIRouter, workshop: Workshop) -> None:
@@ -180,7 +181,8 @@ async def _made(
         paths = [str(workshop.run_path(key)) for key in keys]
         out = workshop.new_scratch(f".{kind}")
         given: Any = paths[0] if name == "run" else paths
-        job = workshop.jobs.submit(task, {name: given, "out": str(out)}, title="preparing a download")
+        asked = {name: given, "labels": labels(keys), "out": str(out)}
+        job = workshop.jobs.submit(task, asked, title="preparing a download")
         await asyncio.wait_for(asyncio.wrap_future(job.future), _PATIENCE)
     except IpmclabError as error:
         raise HTTPException(404 if error.code == "no-such-file" else 422, str(error)) from error

@@ -16,6 +16,7 @@ from ipmclab.errors import IpmclabError
 from ipmclab.page.live.columns import Columns, FloatArray
 from ipmclab.page.live.guardians import left_by_others
 from ipmclab.page.live.state import State
+from ipmclab.platform import as_typed
 from ipmclab.rig.bench import block_rows
 from ipmclab.rig.process import aftermath
 from ipmclab.rig.process.client import Recorder, forget_dead_recorders, launch, recorders
@@ -191,7 +192,7 @@ class Follower:
             return False
         aftermath.fate(recorder.file, within=_ACTS)  # what it says later is seen as well
         self._look(at_once=True)
-        repair = f"ipmclab recover {recorder.file.parent.parent} keeps what it had recorded"
+        repair = f"ipmclab recover {as_typed(recorder.file.parent.parent)} keeps what it had recorded"
         self.state.lost(f"the recorder's process is gone: {repair}", is_gone=True)
         return True
 

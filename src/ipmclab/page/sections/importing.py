@@ -289,25 +289,27 @@ class _Import:
             table["metadata"] = {"mounting_id": plain_name(self._mounting.value, _MOUNTING)}
         return table
 
-    async def _try(self) -> Frame | None:
+    async def _try(self) -> None:
         """Import without writing; what is wrong is said where it is."""
-        return await self._import(None)
+        await self._import(None)
 
-    async def _import(self, out: Path | None) -> Frame | None:
+    async def _import(self, out: Path | None) -> dict[str, Any] | None:
+        """The map by which it was imported: what the form says may be another when the worker is done."""
         self._clear_errors()
         if self._misread is not None:
             self._complain_of_layout(self._misread)
             return None
         try:
             table = self._table()
-            frame = await self._do("import", {"path": str(self._path), "map": table, "out": out and str(out)})
+            asked = {"path": str(self._path), "name": self._name, "map": table, "out": out and str(out)}
+            frame = await self._do("import", asked)
         except JobCancelled:
             return None
         except IpmclabError as error:
             self._complain(error)
             return None
         self._show(frame)
-        return frame
+        return table
 
     def _show(self, frame: Frame) -> None:
         told, time = frame.document, frame.arrays["time"]
@@ -341,9 +343,10 @@ class _Import:
         except InputError as error:
             fail_at(self._save_as, error)
             return
-        if await self._import(out) is None:
+        table = await self._import(out)
+        if table is None:
             return
-        map_file.write_text(tomli_w.dumps(self._table()), encoding="utf-8")
+        map_file.write_text(tomli_w.dumps(table), encoding="utf-8")
         with self._result:
             step_view()(import_step(self._name, lab.below(map_file), lab.below(out)))
         ui.notify(f"wrote {lab.below(out)} and its map", type="positive")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import as_typed
 from ipmclab.quality import pair
 from ipmclab.rig.experiments.earlier import PATIENCE
 from ipmclab.rig.experiments.fingerprint import Fingerprint, read_fingerprint
@@ -130,7 +131,7 @@ class Archive:
 
     def _look_at(self, path: Path, rows: int) -> tuple[Run | None, list[Finding]]:
         """A run that was kept, and what is wrong with it; what fails here ends no experiment."""
-        later = f"it was not looked at; ipmclab check {path} does that"
+        later = f"it was not looked at; ipmclab check {as_typed(path)} does that"
         if rows > _MOST_CHECKED:
             self._note(f"{rows} rows are more than the {_MOST_CHECKED} that are read back at once: {later}")
             return None, []

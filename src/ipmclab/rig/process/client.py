@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import detached, python_child
+from ipmclab.platform import as_typed, detached, python_child
 from ipmclab.rig.process.aftermath import PATIENCE, fate
 from ipmclab.rig.process.hub import SUFFIX, hang_up
 from ipmclab.rig.process.messages import Message, decode, encode
@@ -59,18 +59,19 @@ class Recorder:
         try:
             self._connection = _log_in((host, int(port)), token)
         except TimeoutError as error:
+            folder = as_typed(file.parent.parent)
             raise IpmclabError(
                 f"the recorder does not answer: its process {self.process} hangs; {fate(file)}",
                 code="recorder-hangs",
                 where=str(file),
-                repair=f"end that process, then ipmclab recover {file.parent.parent} keeps what it had recorded",
+                repair=f"end that process, then ipmclab recover {folder} keeps what it had recorded",
             ) from error
         except (OSError, EOFError, AuthenticationError, AssertionError) as error:
             raise IpmclabError(
                 "no recorder answers: its process was ended",
                 code="no-recorder",
                 where=str(file),
-                repair=f"ipmclab recover {file.parent.parent} keeps what it had recorded",
+                repair=f"ipmclab recover {as_typed(file.parent.parent)} keeps what it had recorded",
             ) from error
 
     def request(self, kind: str, **values: Any) -> bool:
@@ -109,7 +110,7 @@ class Recorder:
                 f"the recorder's process is gone; {fate(self.file, patience)}",
                 code="recorder-lost",
                 where=str(self.file.parent.parent),
-                repair=f"ipmclab recover {self.file.parent.parent} keeps what it had recorded",
+                repair=f"ipmclab recover {as_typed(self.file.parent.parent)} keeps what it had recorded",
             ) from error
 
     def close(self) -> None:
@@ -230,7 +231,7 @@ def attach(folder: Path) -> Recorder:
         "no recorder is running here",
         code="no-recorder",
         where=str(folder),
-        repair=f"ipmclab recover {folder} keeps what an interrupted one had recorded",
+        repair=f"ipmclab recover {as_typed(folder)} keeps what an interrupted one had recorded",
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ipmclab.page.jobs.frames import Frame
@@ -12,11 +11,10 @@ if TYPE_CHECKING:
 
 
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
-    """Draw the files ``runs`` to ``out`` (.svg, .png or .pdf)."""
+    """Draw the files ``runs`` with their ``labels`` to ``out`` (.svg, .png or .pdf)."""
     from ipmclab.page.jobs.tasks.given import read_runs
     from ipmclab.reporting import plot
 
     progress("drawing")
-    labels = [Path(path).stem for path in arguments["runs"]]
-    written = plot(read_runs(arguments["runs"]), arguments["out"], labels=labels, overwrite=True)
+    written = plot(read_runs(arguments["runs"]), arguments["out"], labels=arguments["labels"], overwrite=True)
     return Frame({"out": str(written)}, {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Import the file ``path`` with the table ``map``; written to ``out`` where that is given, else only tried.
 
+    ``name`` is what its owner calls the file, where it was sent and is kept under another name.
+
     Raises
     ------
     InputError
@@ -22,6 +25,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """
     from ipmclab.page.jobs.tasks.given import finding_row
     from ipmclab.quality import check
+    from ipmclab.run import SLOW_CHANNELS
     from ipmclab.store.import_map import ImportMap
     from ipmclab.store.importing import import_run
     from ipmclab.store.run_file import write_run
@@ -30,6 +34,8 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     refuse_large_here(Path(arguments["path"]))
     table = arguments["map"]
     imported = import_run(arguments["path"], ImportMap.from_table(table, where="map") if table else None)
+    if table and arguments.get("name"):
+        imported = replace(imported, metadata=replace(imported.metadata, source_file=arguments["name"]))
     if arguments.get("out"):
         write_run(imported, arguments["out"], overwrite=bool(arguments.get("overwrite")))
     progress("checking the run")
@@ -40,5 +46,6 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         "findings": [finding_row(one, imported) for one in check(imported)],
         "out": arguments.get("out"),
     }
-    at_rows = {name: values for name, values in imported.channels.items() if len(values) == len(imported)}
+    slow = SLOW_CHANNELS if imported.time_environment is not None else ()
+    at_rows = {name: values for name, values in imported.channels.items() if name not in slow}
     return Frame(document, {"time": imported.time, **at_rows})

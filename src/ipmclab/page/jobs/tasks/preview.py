@@ -7,24 +7,20 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ipmclab.errors import InputError
 from ipmclab.page.jobs.frames import Frame
 from ipmclab.page.jobs.tasks.room import refuse_large_here
-from ipmclab.page.wire import FloatArray
 
 if TYPE_CHECKING:
     from ipmclab.page.jobs.tasks import Progress
-    from ipmclab.store.importers.columns import Columns
 
 _SHOWN: Final = 12
-_POINTS: Final = 400
 
 
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Read the file ``path`` as the table ``file`` of an import map says, or as it seems to be.
 
     The document has the layout that was used, the names, the first rows as text, and for each column what it seems to
-    be; arrays ``0``, ``1`` ... hold up to some hundred numbers of each column that has numbers.
+    be.
 
     Raises
     ------
@@ -46,29 +42,16 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     except ValidationError as error:
         raise as_input_error(error, layout, where="file.") from error
     columns = read_columns(path, file)
-    arrays: dict[str, FloatArray] = {}
-    for place in range(len(columns.cells)):
-        numbers = _numbers(columns, place)
-        if numbers is not None and len(numbers):
-            arrays[str(place)] = numbers[np.unique(np.linspace(0, len(numbers) - 1, _POINTS).astype(int))]
     count = max(len(cells) for cells in columns.cells)
     rows = [[_cell(cells, row) for cells in columns.cells] for row in range(min(_SHOWN, count))]
     document = {
         "file": layout,
         "names": list(columns.names),
-        "units": list(columns.units) if columns.units else None,
         "rows": rows,
         "count": count,
         "guesses": guess_channels(path, layout, columns),
     }
-    return Frame(document, arrays)
-
-
-def _numbers(columns: Columns, place: int) -> FloatArray | None:
-    try:
-        return columns.numbers(place)
-    except InputError:
-        return None
+    return Frame(document, {})
 
 
 def _cell(cells: Any, row: int) -> str:
