@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from ipmclab import Run, identify, load_actuator, simulate
 from ipmclab.consistency import CHECKS, Fact, cross_check, facts_of_runs, published_facts
-from ipmclab.consistency.facts import _applied
 from ipmclab.consistency.flick import flicks, ring_of
 from ipmclab.consistency.known import Known
 from ipmclab.consistency.polymers import MEMBRANES, PLATINUM
@@ -22,7 +21,6 @@ from ipmclab.consistency.push import pushes
 from ipmclab.consistency.stiffness import ring_of_step, stiffness
 from ipmclab.data import published_sample
 from ipmclab.model import Actuator, write_actuator
-from ipmclab.quality.record import Record
 from ipmclab.run import Finding, RunMetadata
 from ipmclab.sample import Sample
 
@@ -336,17 +334,6 @@ def test_a_run_of_another_sample_is_left_out(strip: Strip) -> None:
     found = the(strip.findings(runs=[first, *runs])[:1], "motion-against-stiffness")
     assert "in run 4 (step 1 V)" in found.message
     assert "in run 1 (step 1 V)" in found.message
-
-
-@pytest.mark.parametrize(("before", "expected"), [(0.0, ("step", 1.0, None)), (0.5, (None, None, None))])
-def test_a_run_has_the_amplitude_of_a_step_where_it_steps_from_rest(
-    before: float, expected: tuple[object, ...]
-) -> None:
-    """From 0.5 V on, a strip answers to a step of 0.5 V and to what was before."""
-    time = np.arange(500) / 50.0
-    voltage = np.where(time < 2.0, before, 1.0)
-    run = Run.from_arrays(time=time, voltage=voltage, current=1e-2 * voltage)
-    assert _applied(Record.of(run)) == expected
 
 
 def test_a_channel_that_holds_only_noise_has_no_number(strip: Strip) -> None:

@@ -118,7 +118,7 @@ def _worst(
     found = []
     for fact in measured:
         for one in motions:
-            if fact.conditions != one.force.conditions:
+            if not fact.beside_conditions_of(one.force):
                 continue
             first, second = both(fact, one)
             sigmas = apart(first, second)

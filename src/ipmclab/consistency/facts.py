@@ -7,15 +7,16 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, Literal
+from typing import Final, Literal, Protocol
 
 import numpy as np
 
 from ipmclab.data import measured_contacts, published_measurements
 from ipmclab.measurement.uncertain import REPEATS
-from ipmclab.quality import measure, period_of, shows_zero
+from ipmclab.quality import measure, shows_zero
 from ipmclab.quality.check import check_record
 from ipmclab.quality.kept import kept
+from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import Record
 from ipmclab.quality.scale import CODE as UNIT_OFF
 from ipmclab.run import Run
@@ -40,6 +41,28 @@ _FROM_REST: Final = frozenset({"peak_at_first_edge", "largest", "half_period_end
 
 _SAME: Final = 0.02
 _STEADY: Final = 0.1
+
+_WARMER: Final = 1.0
+_WETTER: Final = 1.0
+"""Differences of temperature [K] and relative humidity [percent] that a strip does not show."""
+
+
+class InAir(Protocol):
+    """What may state its temperature [degC] and relative humidity [percent]."""
+
+    @property
+    def temperature(self) -> float | None: ...
+    @property
+    def relative_humidity(self) -> float | None: ...
+
+
+def in_one_air(one: InAir, other: InAir) -> bool:
+    """Whether two runs state no different environments: elsewhere a strip answers otherwise."""
+    pairs = (
+        (one.temperature, other.temperature, _WARMER),
+        (one.relative_humidity, other.relative_humidity, _WETTER),
+    )
+    return all(first is None or second is None or abs(first - second) <= most for first, second, most in pairs)
 
 
 @dataclass(frozen=True)
@@ -69,7 +92,7 @@ class Fact:
     conditions : str
         Facts of other conditions are not compared.
     time : float [s], optional
-        When the number was read; the length of the record for a sine or a square.
+        When the number was read; for a sine or a square how long it lasted.
     at_least : bool
         Whether the instrument clipped, so that the truth may be larger.
     place : int, optional
@@ -78,6 +101,8 @@ class Fact:
         What is wrong with how it was measured.
     zero_taken : bool
         Whether it was counted from a reading of zero, as the record does not say what the sensor reads at rest.
+    temperature, relative_humidity : float [degC], [percent], optional
+        Of the run. Facts that state different ones are not compared.
     """
 
     sample: str | None
@@ -95,6 +120,8 @@ class Fact:
     place: int | None = None
     doubts: str = ""
     zero_taken: bool = False
+    temperature: float | None = None
+    relative_humidity: float | None = None
 
     @property
     def signal(self) -> str:
@@ -107,11 +134,15 @@ class Fact:
         """Largest voltage [V] that can stand across the series resistance: a square reverses a charged strip."""
         return abs(self.amplitude or 0.0) * (1.0 if self.waveform == "step" else 2.0)
 
+    def beside_conditions_of(self, other: Fact) -> bool:
+        """Whether nothing says that they were measured in different conditions."""
+        return self.conditions == other.conditions and in_one_air(self, other)
+
     def like(self, other: Fact) -> bool:
         """Whether the same voltage was applied in the same conditions."""
         return (
             self.waveform == other.waveform
-            and self.conditions == other.conditions
+            and self.beside_conditions_of(other)
             and _near(self.amplitude, other.amplitude)
             and _near(self.frequency, other.frequency)
         )
@@ -260,9 +291,10 @@ def _all_facts_of(run: Run, place: int) -> tuple[Fact, ...]:
 
 def _facts_of(run: Run, place: int) -> Iterable[Fact]:
     record = Record.of(run)
-    waveform, amplitude, frequency = _applied(record)
-    if waveform is None:
+    applied = _applied(record)
+    if applied is None:
         return
+    waveform, amplitude, frequency, lasted = applied
     findings = check_record(record)
     clipped = {finding.channel for finding in findings if finding.effect == "lower_bound"}
     noise = {finding.channel for finding in findings if finding.code == "noise-only"}
@@ -303,31 +335,36 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
             frequency=frequency,
             where=label_of(run, place),
             beside=mechanical[0] if len(mechanical) == 1 else "",
-            time=times.get(metric.channel) if waveform == "step" else len(run) * record.period,
+            time=times.get(metric.channel) if waveform == "step" else lasted,
             at_least=metric.channel in clipped,
             place=place,
             zero_taken=metric.name in _FROM_REST and not shows_zero(run, metric.channel),
+            temperature=run.metadata.temperature,
+            relative_humidity=run.metadata.relative_humidity,
         )
 
 
-def _applied(record: Record) -> tuple[Waveform | None, float | None, float | None]:
-    """What voltage a run has: waveform, amplitude and frequency."""
-    nothing = (None, None, None)
+def _applied(record: Record) -> tuple[Waveform, float, float | None, float | None] | None:
+    """What voltage a run has: waveform, amplitude [V], frequency [Hz], and how long [s] a wave lasts."""
     voltage = record.run.voltage
     if not record.excited or (len(record.edges) and not record.steps_from_rest):
-        return nothing
-    period = period_of(record.run)
-    if period is None:
+        return None
+    periodic = periodic_part(record.run)
+    if periodic is None:
         one_step = len(record.edges) == 1 and bool(record.constant_after[0])
-        return ("step", abs(float(np.median(voltage[record.edges[0] :]))), None) if one_step else nothing
-    rows = round(period / record.period)
-    last = voltage[-rows:] - float(np.mean(voltage[-rows:]))
-    if rows < 8 or len(voltage) < rows or abs(float(np.mean(voltage[-rows:]))) > _STEADY * float(np.ptp(last)):
-        return nothing
-    waves = np.abs(np.fft.rfft(last)) * 2.0 / rows
+        return ("step", abs(float(np.median(voltage[record.edges[0] :]))), None, None) if one_step else None
+    period, end = periodic  # a rest after the wave is none of it
+    rows, lasted = round(period / record.period), end * record.period
+    if rows < 8 or end < rows:
+        return None
+    last = voltage[end - rows : end]
+    mean, height = float(np.mean(last)), float(np.ptp(last))
+    if abs(mean) > _STEADY * height:
+        return None
+    waves = np.abs(np.fft.rfft(last - mean)) * 2.0 / rows
     amplitude, rest = float(waves[1]), float(np.sqrt(np.sum(waves[2:] ** 2)))
     if rest < _SAME * amplitude:
-        return "sine", amplitude, 1.0 / period
+        return "sine", amplitude, 1.0 / period, lasted
     if len(record.edges) > 1 and bool(record.constant_after.all()):
-        return "square", 0.5 * float(np.ptp(last)), 1.0 / period
-    return nothing
+        return "square", 0.5 * height, 1.0 / period, lasted
+    return None

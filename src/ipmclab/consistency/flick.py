@@ -51,7 +51,17 @@ def flicks(runs: Sequence[Run]) -> tuple[Fact, ...]:
             sample = run.metadata.sample.id if run.metadata.sample else None
             uncertainty = math.hypot(ring[1], _CLAMP * ring[0])
             found.append(
-                Fact(sample, "flick", "resonance", ring[0], uncertainty, where=label_of(run, place), place=place)
+                Fact(
+                    sample,
+                    "flick",
+                    "resonance",
+                    ring[0],
+                    uncertainty,
+                    where=label_of(run, place),
+                    place=place,
+                    temperature=run.metadata.temperature,
+                    relative_humidity=run.metadata.relative_humidity,
+                )
             )
     return tuple(found)
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from ipmclab.consistency.facts import READ_BY, Fact
 from ipmclab.model import Actuator, simulate
-from ipmclab.run import FloatArray
 
 _PERIODS = 4
 _ROWS_OF_A_PERIOD = 500
@@ -23,17 +22,14 @@ def predicted(actuator: Actuator, fact: Fact) -> float:
     fact : Fact
         With metric ``max_displacement`` or ``max_force`` under a step, a sine or a square.
     """
-    channel = fact.metric.removeprefix("max_")
-    if fact.frequency is None:
-        duration = max(fact.time or READ_BY, 0.1)
-        return float(np.max(np.abs(_response(actuator, fact.signal, duration, 50.0, channel))))
-    duration = fact.time or _PERIODS / fact.frequency
-    values = _response(actuator, fact.signal, duration, _ROWS_OF_A_PERIOD * fact.frequency, channel)
-    return float(np.ptp(values[-_ROWS_OF_A_PERIOD:]) / 2.0)
+    return _size(actuator, fact.signal, fact.frequency, fact.time, fact.metric.removeprefix("max_"))
 
 
 @lru_cache(maxsize=32)
-def _response(actuator: Actuator, signal: str, duration: float, rate: float, channel: str) -> FloatArray:
-    # At least two rows: a step whose peak is at once.
-    run = simulate(actuator, signal, duration=max(duration, 2.0 / rate), rate=rate)
-    return run.channels[channel]
+def _size(actuator: Actuator, signal: str, frequency: float | None, time: float | None, channel: str) -> float:
+    if frequency is None:
+        run = simulate(actuator, signal, duration=max(time or READ_BY, 0.1), rate=50.0)
+        return float(np.max(np.abs(run.channels[channel])))
+    rate = _ROWS_OF_A_PERIOD * frequency
+    run = simulate(actuator, signal, duration=max(time or _PERIODS / frequency, 2.0 / rate), rate=rate)
+    return float(np.ptp(run.channels[channel][-_ROWS_OF_A_PERIOD:]) / 2.0)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from dataclasses import replace
 
-from ipmclab.consistency.facts import Fact
+from ipmclab.consistency.facts import Fact, in_one_air
 from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.quality import check_together
 from ipmclab.run import Finding, Run
 from ipmclab.units import CURRENT
 
 CODE = "prefix-disagrees"
-_WARMER = 1.0
-_WETTER = 1.0
-"""Differences of temperature [K] and relative humidity [percent] that a strip does not show."""
 
 _EXPERIMENT = (
     "repeat the first of the two runs after the second, in the same mounting: if it repeats itself the strip has "
@@ -29,11 +26,7 @@ def compared_runs(runs: Sequence[Run]) -> tuple[Finding, ...]:
 
 def in_one_environment(finding: Finding, runs: Sequence[Run]) -> bool:
     """Whether the two runs of a finding state no different environments: elsewhere a strip answers otherwise."""
-    one, other = (runs[int(finding.values[key] or 0)].metadata for key in ("first", "second"))
-    warmer = abs((one.temperature or 0.0) - (other.temperature or 0.0))
-    wetter = abs((one.relative_humidity or 0.0) - (other.relative_humidity or 0.0))
-    stated = None not in (one.temperature, other.temperature, one.relative_humidity, other.relative_humidity)
-    return not stated or (warmer <= _WARMER and wetter <= _WETTER)
+    return in_one_air(*(runs[int(finding.values[key] or 0)].metadata for key in ("first", "second")))
 
 
 def prefix_of_runs(together: Sequence[Finding], runs: Sequence[Run], outputs: Set[str]) -> list[Finding]:

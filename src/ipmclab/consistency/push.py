@@ -63,6 +63,8 @@ def pushes(runs: Sequence[Run]) -> tuple[Fact, ...]:
                     where=where,
                     place=place,
                     doubts=doubts,
+                    temperature=run.metadata.temperature,
+                    relative_humidity=run.metadata.relative_humidity,
                 )
             )
     return tuple(found)

@@ -32,7 +32,7 @@ def sine_against_step(known: Known, facts: Sequence[Fact]) -> list[Finding]:
             continue
         for step in facts:
             same = sine.amplitude is not None and step.amplitude is not None
-            if step.waveform != "step" or step.metric != sine.metric or step.conditions != sine.conditions or not same:
+            if step.waveform != "step" or step.metric != sine.metric or not same or not step.beside_conditions_of(sine):
                 continue
             if step.at_least or abs((sine.amplitude or 0.0) / (step.amplitude or 1.0) - 1.0) > 0.02:
                 continue
