@@ -38,6 +38,20 @@ def test_files_are_read_once_and_what_is_no_run_is_named(tmp_path: Path, sines: 
     assert len(found.sine_responses) == 3
 
 
+def test_a_run_counts_once_whatever_files_hold_it(tmp_path: Path, sines: list[Run]) -> None:
+    """A file that is named twice, or was copied, is no repeat: it would make the scatter of repeats too small."""
+    (tmp_path / "copies").mkdir()
+    first, copy, again = tmp_path / "first.nc", tmp_path / "copies" / "copy.nc", tmp_path / "again.nc"
+    write_run(sines[0], first)
+    write_run(sines[0], copy)
+    write_run(replace(sines[0], metadata=replace(sines[0].metadata, recorded_at="2026-11-24T01:00:00+00:00")), again)
+    found = compare([first, again, first, copy])
+    assert [row.run for row in found.rows] == [first.as_posix(), "again.nc"]
+    told = f"{first.as_posix()} holds the same run, and each run counts once"
+    assert [(one.run, one.message) for one in found.unread] == [(first.as_posix(), told), ("copy.nc", told)]
+    assert len(compare([sines[0], sines[0]]).rows) == 2  # of what is no file, who asks knows what it is
+
+
 def test_runs_of_one_name_keep_apart(sines: list[Run]) -> None:
     nameless = [replace(run, metadata=replace(run.metadata, signal=None)) for run in sines]
     assert [row.run for row in compare([*nameless]).rows] == ["(1)", "(2)", "(3)"]

@@ -116,6 +116,28 @@ def test_a_rest_before_the_multisine_is_no_period() -> None:
     assert np.max(np.abs(found.response - alone.response)) < 1e-9 * np.max(np.abs(alone.response))
 
 
+def test_readings_of_a_lost_laser_are_no_answer_of_the_strip(clean: Run) -> None:
+    """40 rows at the end of the laser's range made a gain four times as large."""
+    displacement = noisy(clean).displacement
+    assert displacement is not None
+    lost = displacement.copy()
+    lost[5000:5040] = 25e-3
+    with pytest.raises(InputError, match="40 readings of the displacement are missing, or are no values"):
+        frequency_response(replace(noisy(clean), displacement=lost))
+    before = displacement.copy()
+    before[:3] = np.nan
+    rest = np.zeros(500)  # a gap before the first period is none of it
+    time = np.arange(len(before) + 500) / RATE
+    about = RunMetadata(signal=f"step 0 V for {500 / RATE:g} s then {SIGNAL}")
+    run = Run.from_arrays(
+        time=time,
+        voltage=np.concatenate([rest, clean.voltage]),
+        displacement=np.concatenate([rest * np.nan, displacement]),
+        metadata=about,
+    )
+    assert frequency_response(run).periods >= 2
+
+
 def test_what_cannot_be_read_is_refused() -> None:
     time = np.arange(100) / 10.0
     wave = np.sin(2.0 * math.pi * 0.5 * time)
@@ -124,7 +146,10 @@ def test_what_cannot_be_read_is_refused() -> None:
     for run, message in [
         (Run.from_arrays(time=time, voltage=np.ones(100), displacement=wave), "the voltage is not periodic"),
         (Run.from_arrays(time=time, voltage=wave, current=wave), "the run has no displacement"),
-        (Run.from_arrays(time=time, voltage=wave, displacement=gap), "1 readings of the displacement are missing"),
+        (
+            Run.from_arrays(time=time, voltage=wave, displacement=gap),
+            "1 readings of the displacement are missing, or are no values",
+        ),
         (Run.from_arrays(time=time[:35], voltage=wave[:35], displacement=wave[:35]), "not periodic"),
         (Run.from_arrays(time=time, voltage=wave, displacement=wave, metadata=named), "has 33.3333 rows at 10 Hz"),
     ]:

@@ -15,6 +15,7 @@ from ipmclab.comparison.performance import performances
 from ipmclab.comparison.run_metrics import metrics_of_run, surface_strain
 from ipmclab.comparison.sine_response import bandwidth_of, sine_responses
 from ipmclab.comparison.table import row_of, table_csv
+from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric
 from ipmclab.run import Run, RunMetadata
 from ipmclab.sample import Sample
@@ -45,6 +46,20 @@ def test_mean_power_and_charge_of_half_a_period_of_a_sine() -> None:
     gain = metric(run, "gain")
     assert gain.value == pytest.approx(0.02, rel=1e-9)
     assert gain.unit == "A/V"
+
+
+def test_a_charge_counts_without_the_rows_that_check_masks() -> None:
+    """Three rows of a spike made a tenth of the charge."""
+    angle = math.tau * 0.1 * TIME
+    rng = np.random.default_rng(20261124)
+    current = 0.02 * np.sin(angle + 1.0) + 0.01 + 1e-5 * rng.standard_normal(len(TIME))
+    run = Run.from_arrays(time=TIME, voltage=np.sin(angle), current=current)
+    spiked = current.copy()
+    spiked[500:503] = 0.4
+    lost = Run.from_arrays(time=TIME, voltage=np.sin(angle), current=spiked)
+    assert {one.effect for one in check(lost) if one.channel == "current"} >= {"mask"}
+    for name in ("charge", "energy"):
+        assert metric(lost, name).value == pytest.approx(metric(run, name).value, rel=1e-3)
 
 
 @pytest.mark.parametrize(("missing", "there"), [(20, True), (21, False)])

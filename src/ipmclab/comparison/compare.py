@@ -64,7 +64,7 @@ _RESPONSES: Final = 40
 
 @dataclass(frozen=True)
 class Unread:
-    """A file that could not be compared, and why."""
+    """A file that was left out, and why."""
 
     run: str
     message: str
@@ -192,7 +192,8 @@ def compare(
     Raises
     ------
     InputError
-        No runs, an unknown factor, a metric that no run has. A file that cannot be read is noted and left out.
+        No runs, an unknown factor, a metric that no run has. A file that cannot be read, or holds the run of
+        another one, is noted and left out.
 
     Examples
     --------
@@ -234,6 +235,7 @@ class _Reader:
         self.responses: dict[str, tuple[FrequencyResponse, ...]] = {}
         self.doubtful: dict[str, tuple[str, ...]] = {}
         self.unread: list[Unread] = []
+        self._files: dict[str, list[tuple[str, RunMetadata]]] = {}  # by what they hold
         self._drifts: list[Drift] = []
         self._taken: dict[str, tuple[RunMetadata, Air, Drift | None]] = {}  # from each run that has a voltage
 
@@ -244,7 +246,7 @@ class _Reader:
         rows: dict[int, RunRow] = {}
         for done, place in enumerate(order, start=1):
             run = self._run(runs[place], names[place])
-            if run is not None:
+            if run is not None and (isinstance(runs[place], Run) or not self._is_again(run)):
                 rows[place] = self._add(run)
             tell(done, len(runs))
         for place in rows:
@@ -261,6 +263,16 @@ class _Reader:
         except InputError as error:
             self.unread.append(Unread(name, f"{error.message}; {error.repair}" if error.repair else error.message))
             return None
+
+    def _is_again(self, run: Run) -> bool:
+        """Whether another file held the same run: counted twice, it would make the scatter of repeats too small."""
+        same = self._files.setdefault(run.content_sha256, [])
+        for name, about in same:
+            if about == run.metadata:
+                self.unread.append(Unread(run.name, f"{name} holds the same run, and each run counts once"))
+                return True
+        same.append((run.name, run.metadata))
+        return False
 
     def _add(self, run: Run) -> RunRow:
         if is_baseline(run):

@@ -154,15 +154,12 @@ def _strip_of(fit: Fit) -> str:
 def _one(
     name: str, fits: Sequence[Fit], strips: Sequence[str], *, posterior: bool, seed: int
 ) -> ParameterOfStrips | None:
-    known = [
-        (strip, fit.parameters[name])
-        for strip, fit in zip(strips, fits, strict=True)
-        if name in fit.parameters and fit.parameters[name].determined
-    ]
-    known = [(strip, one) for strip, one in known if math.isfinite(one.standard_error)]
+    having = [(strip, fit) for strip, fit in zip(strips, fits, strict=True) if name in fit.parameters]
+    known = [(strip, fit.parameters[name]) for strip, fit in having]
+    known = [(strip, one) for strip, one in known if one.determined and math.isfinite(one.standard_error)]
     if len(known) < 2:
         return None
-    entry = actuator_unknown(fits[0].actuator.parameters()[name], None)
+    entry = actuator_unknown(having[0][1].actuator.parameters()[name], None)
     values = np.array([entry.entry(one.value) for _, one in known])
     errors = np.array([one.standard_error / abs(entry.chain(one.value)) for _, one in known])
     told = random_effect(values, errors)

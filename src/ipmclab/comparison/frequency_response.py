@@ -18,7 +18,9 @@ from ipmclab.errors import InputError
 from ipmclab.model.assemble import System
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import choose_outputs
+from ipmclab.quality.check import check
 from ipmclab.quality.period import periodic_part
+from ipmclab.quality.usable import usable
 from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -126,7 +128,7 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
     Raises
     ------
     InputError
-        A channel that the run does not have; readings that are missing; a voltage without a period, a period that is
+        A channel that the run does not have; readings that are missing, or that ``check`` masks; a voltage without a period, a period that is
         no whole number of rows, fewer than two of them.
 
     Examples
@@ -156,14 +158,15 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
             where=run.name or "run",
             repair="two periods must remain; record three or more",
         )
-    if not np.isfinite(values).all():
+    last = slice(end - count * rows, end)
+    gaps = np.count_nonzero(~usable(run, check(run)).get(channel, np.isfinite(values))[last])
+    if gaps:
         raise InputError(
-            f"{np.count_nonzero(~np.isfinite(values))} readings of the {CHANNELS[channel].name} are missing",
+            f"{gaps} readings of the {CHANNELS[channel].name} are missing, or are no values",
             code="missing-readings",
             where=run.name or "run",
-            repair="take a run without gaps, or cut it",
+            repair="see what ipmclab check says of them; take a run without gaps, or cut it",
         )
-    last = slice(end - count * rows, end)
     voltages, readings = (series[last].reshape(count, rows) for series in (run.voltage, values))
     drive = np.abs(_spectra(voltages, 0.0).mean(axis=0))
     drive[0] = 0.0  # an offset drives nothing that repeats

@@ -86,7 +86,7 @@ def _response(sample: str, channel: str, conditions: dict[str, float], rows: Seq
         return None
     frequency = np.array(sorted(by))
     both = [
-        [_mean([row.metrics[f"{channel}.{name}"] for row in by[one]]) for one in sorted(by)]
+        [_mean([row.metrics[f"{channel}.{name}"] for row in by[one]], turns=name == "phase") for one in sorted(by)]
         for name in ("gain", "phase")
     ]
     gain, gain_error = (np.array(column) for column in zip(*both[0], strict=True))
@@ -104,11 +104,11 @@ def _response(sample: str, channel: str, conditions: dict[str, float], rows: Seq
     )
 
 
-def _mean(metrics: Sequence[Metric]) -> tuple[float, float]:
+def _mean(metrics: Sequence[Metric], *, turns: bool) -> tuple[float, float]:
     values = np.array([one.value for one in metrics])
     if len(values) > 1:
         # Phases of repeats may lie on both sides of half a turn.
-        values = np.unwrap(values)
+        values = np.unwrap(values) if turns else values
         return float(values.mean()), float(values.std(ddof=1)) / math.sqrt(len(values))
     interval = metrics[0].interval
     return float(values[0]), 0.0 if interval is None else (interval[1] - interval[0]) / (2.0 * NORMAL_95)
