@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,11 +83,32 @@ def test_the_mat_file_has_the_covariance_of_a_fit(tmp_path: Path) -> None:
     assert found["Lt"].item() == 0.025
 
 
+def test_a_strip_before_a_laser_passes_its_own_check(octave: str, tmp_path: Path) -> None:
+    """What the laser reads is not linear: the script said of itself that its numbers are wrong."""
+    actuator = replace(load_actuator("friend-2+laser+environment.modulus"), name="mine\nerror('read as code')")
+    export_actuator(actuator, tmp_path / f"{63 * 's'}.m")
+    command = [octave, "--no-gui", "--no-init-file", "--norc", f"{63 * 's'}.m"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    told = [line for line in (tmp_path / f"{63 * 's'}.m").read_text().splitlines()[:5] if line]
+    assert told[0].startswith("% mine error('read as code'): an IPMC strip")
+    assert any("what a laser reads of one that bends far is another" in line for line in told)
+    assert any("do not follow water and temperature" in line for line in told)
+
+
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     actuator = load_actuator("friend-2")
     for name, to, code in (
         ("a b.m", "matlab", "bad-suffix"),
         ("a.c", "matlab", "bad-suffix"),
+        ("a.M", "matlab", "bad-suffix"),  # MATLAB does not find it
+        ("\u00e9.m", "matlab", "bad-suffix"),
+        ("_a.m", "matlab", "bad-suffix"),
+        ("end.m", "matlab", "bad-suffix"),
+        ("zeros.m", "matlab", "bad-suffix"),  # the script calls it, and would call itself
+        ("A.m", "matlab", "bad-suffix"),  # from the second time on it would be the matrix
+        ("R1.m", "matlab", "bad-suffix"),
+        (f"{64 * 'a'}.m", "matlab", "bad-suffix"),
         ("a.m", "mathlab", "unknown-target"),
     ):
         with pytest.raises(InputError) as caught:

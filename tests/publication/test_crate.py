@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import json
+import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -173,13 +174,22 @@ def test_the_same_folder_gives_the_same_bytes_and_a_crate_a_crate(folder: Path, 
         ({"licence": "CC-BY"}, "no licence is called 'CC-BY' here"),
         ({"people": ["<0000>"]}, "is not the name of a person"),
         ({"people": ["Ada <https://example.org>"]}, "is not the name of a person"),
+        ({"people": ["Ada <0000-0002-1825-0079>"]}, "0000-0002-1825-0079 is no ORCID, one of its digits is wrong"),
+        ({"people": ["Ada <https://example.org/0000-0002-1825-0097>"]}, "is not the name of a person"),
+        ({"organisation": "Example <1234-5678>"}, "not the name of an organisation.*'Example University <https:"),
         ({"title": " "}, "the title is empty"),
     ],
 )
 def test_what_is_refused(folder: Path, tmp_path: Path, asked: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError) as caught:
         export_crate(folder, tmp_path / "crate.zip", **{"title": "A strip", **asked})
+    assert re.search(message, f"{caught.value.message}; {caught.value.repair}")
     assert not list(tmp_path.iterdir())
+    # What the message asks for is taken.
+    if caught.value.code == "bad-name":
+        told = caught.value.repair.split("'")[1].replace("...", "example")
+        asked = {name: [told] if isinstance(value, list) else told for name, value in asked.items()}
+        export_crate(folder, tmp_path / "crate.zip", title="A strip", **asked)
 
 
 def test_places_that_are_refused(folder: Path, tmp_path: Path) -> None:

@@ -13,10 +13,13 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model import Actuator
 
 Covariance = Mapping[str, Mapping[str, float]]
+Named = Callable[[str, Actuator], bool]
 Writer = Callable[[Actuator, Path, Covariance], tuple[Path, ...]]
 
-TARGETS: Final[dict[str, tuple[str, Writer]]] = {"matlab": (".m", matlab.write)}
-"""The tools, each with the ending of its file and what writes it: a new one is a file beside ``matlab.py``."""
+TARGETS: Final[dict[str, tuple[str, Named, Writer]]] = {"matlab": (".m", matlab.is_name, matlab.write)}
+"""The tools, each with the ending of its file, what may be its name, and what writes it.
+
+A new one is a file beside ``matlab.py``."""
 
 
 def export_actuator(
@@ -32,7 +35,7 @@ def export_actuator(
     Parameters
     ----------
     actuator : Actuator
-        A leak is in it with its slope at 0 V, as for small voltages.
+        A leak is in it with its slope at 0 V, as for small voltages; a laser is not: the displacement is the strip's.
     path : str or path
         For MATLAB and GNU Octave a ``.m`` file; a ``.mat`` file of the same name comes beside it.
     to : "matlab"
@@ -59,11 +62,12 @@ def export_actuator(
     """
     if to not in TARGETS:
         raise InputError(f"unknown tool {to!r}", code="unknown-target", where="to", repair=suggest(to, TARGETS))
-    ending, write = TARGETS[to]
+    ending, may_be_called, write = TARGETS[to]
     target = Path(path)
-    if target.suffix.lower() != ending or not target.stem.isidentifier():
+    if target.suffix != ending or not may_be_called(target.stem, actuator):
         raise InputError(
-            f"the file is {target.name!r}; for {to} its name is letters, digits and underscores, and ends in {ending}",
+            f"the file is {target.name!r}; for {to} its name is a letter, then letters, digits and underscores, and no "
+            f"word that {to} or the script uses; it ends in {ending}",
             code="bad-suffix",
             where=str(target),
             repair=f"write for example strip{ending}",

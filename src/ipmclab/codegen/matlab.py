@@ -5,7 +5,9 @@ The script uses core functions alone (``expm``), so that it needs no toolbox.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +24,32 @@ _GAMMA: Final = 1.875  # of the clamped-free beam, as the thesis rounds it
 _RATE: Final = 1.0  # Hz, of the check: each row is 1 s after the one before
 _ROWS: Final = 20
 _UNITS: Final = {"current": "A", "applied_voltage": "V", "displacement": "m", "force": "N"}
+
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+_KEYWORDS: Final = (
+    "break",
+    "case",
+    "catch",
+    "classdef",
+    "continue",
+    "else",
+    "elseif",
+    "end",
+    "for",
+    "function",
+    "global",
+    "if",
+    "otherwise",
+    "parfor",
+    "persistent",
+    "return",
+    "spmd",
+    "switch",
+    "try",
+    "while",
+)
+_CALLED: Final = ("abs", "assert", "clear", "expm", "max", "size", "zeros")
+"""What no script can be called: words of the language, and what it calls itself."""
 
 _GEOMETRY: Final = {
     "Lt": ("geometry.free_length", "m, free length"),
@@ -41,6 +69,18 @@ _REST: Final = {
     "P2d": ("coupling.p2", "1/s^2"),
 }
 """The thesis's names of parameters, with ours and what they are."""
+
+
+def is_name(text: str, actuator: Actuator) -> bool:
+    """Whether a script of an actuator can be called so: by a name that neither the language nor the script has.
+
+    Examples
+    --------
+    >>> from ipmclab import load_actuator
+    >>> [is_name(name, load_actuator("friend-2")) for name in ("strip_2", "2_strips", "strip-2", "end", "max", "Lt")]
+    [True, False, False, False, False, False]
+    """
+    return bool(_NAME.fullmatch(text)) and text not in {*_KEYWORDS, *_CALLED, *_parameters(actuator), *"ABCD"}
 
 
 def write(actuator: Actuator, path: Path, covariance: Mapping[str, Mapping[str, float]]) -> tuple[Path, ...]:
@@ -64,6 +104,15 @@ def write(actuator: Actuator, path: Path, covariance: Mapping[str, Mapping[str, 
     with replacing(path, overwrite=True) as target:
         target.write_text(_script(actuator, named, (a, b, c, d)), encoding="ascii", errors="replace", newline="\n")
     return path, beside
+
+
+def _without_laser(actuator: Actuator) -> Actuator:
+    """The strip itself: what a laser reads of one that bends far is no linear answer."""
+    values, known = (
+        {name: value for name, value in of.items() if not name.startswith("laser.")}
+        for of in (actuator.parameter_values, actuator.standard_uncertainties)
+    )
+    return replace(actuator, parameter_values=values, standard_uncertainties=known)
 
 
 def _parameters(actuator: Actuator) -> dict[str, tuple[float, str]]:
@@ -112,17 +161,23 @@ def _script(
     system: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> str:
     lines = [
-        f"% {actuator.name}: an IPMC strip, written by ipmclab {__version__}. Units are SI.",
+        f"% {' '.join(actuator.name.split())}: an IPMC strip, written by ipmclab {__version__}. Units are SI.",
         "% The names are those of appendix A.1 of the thesis of Friend, whose Simulink model runs on them.",
     ]
     if actuator.system.law_ports is not None:
         lines.append("% Its leak is in A, B, C, D with its slope at 0 V: they hold for small voltages.")
+    if actuator.structure.environment:
+        lines.append(
+            "% Its numbers are those of the state of reference: they do not follow water and temperature here."
+        )
+    if actuator.structure.laser:
+        lines.append("% The displacement is that of the strip: what a laser reads of one that bends far is another.")
     lines += ["", *(f"{name} = {value:.17g};  % {told}" for name, (value, told) in named.items())]
     lines += ["", "% State space: input voltage [V]; states are scaled to order 1; outputs:"]
     lines += [f"%   {k}. {name.replace('_', ' ')} [{_UNITS[name]}]" for k, name in enumerate(OUTPUTS, start=1)]
     lines += [f"{name} = {_matrix(values)};" for name, values in zip("ABCD", system, strict=True)]
-    run = simulate(actuator, "step 1 V", duration=_ROWS / _RATE, rate=_RATE)
     if actuator.system.law_ports is None:
+        run = simulate(_without_laser(actuator), "step 1 V", duration=_ROWS / _RATE, rate=_RATE)
         expected = np.column_stack([run.channels[name] for name in OUTPUTS])
         lines += [
             "",

@@ -38,7 +38,7 @@ _VERSION: Final = "1.1"
 _TERMS: Final = {"sha256": "https://schema.org/sha256"}
 _SOFTWARE: Final = "#ipmclab"
 _NAMED: Final = re.compile(r"^(?P<name>[^<>]*[^<>\s])\s*(?:<(?P<address>https?://[^<>\s]+|\d{4}-[\dX-]+)>)?$")
-_ORCID: Final = re.compile(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]$")
+_ORCID: Final = re.compile(r"(?:https?://orcid\.org/)?(\d{4}-\d{4}-\d{4}-\d{3}[\dX])")
 _EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 """The date of every file in the archive: the same folder gives the same bytes."""
 
@@ -285,18 +285,39 @@ def _software() -> dict[str, Any]:
 
 def _identified(text: str, kind: str) -> dict[str, Any]:
     """A person or an organisation: a name, and its address in angle brackets where it has one."""
-    match = _NAMED.match(text.strip())
-    if match is None or (kind == "Person" and match["address"] and not _ORCID.search(match["address"])):
+    is_person, match = kind == "Person", _NAMED.match(text.strip())
+    address = match["address"] if match else None
+    number = _ORCID.fullmatch(address or "")
+    known = bool(number and _is_orcid(number[1])) if is_person else "://" in (address or "")
+    if match is None or (address and not known):
+        what, example = ("a person", "Ada Example <0000-0002-1825-0097>', the number being an ORCID")
+        if not is_person:
+            what, example = ("an organisation", "Example University <https://ror.org/...>'")
+        why = f": {number[1]} is no ORCID, one of its digits is wrong" if number and is_person else ""
         raise InputError(
-            f"{text!r} is not the name of a person or an organisation",
+            f"{text!r} is not the name of {what}{why}",
             code="bad-name",
-            where="people" if kind == "Person" else "organisation",
-            repair="write 'Ada Example <0000-0002-1825-0097>', the number being an ORCID, or the name alone",
+            where="people" if is_person else "organisation",
+            repair=f"write '{example}, or the name alone",
         )
-    name, address = match["name"].strip(), match["address"]
-    if address and not address.startswith("http"):
-        address = f"https://orcid.org/{address}"
+    name = match["name"].strip()
+    if number:
+        address = f"https://orcid.org/{number[1]}"
     return _named(name, kind) if address is None else {"@id": address, "@type": kind, "name": name, "url": address}
+
+
+def _is_orcid(number: str) -> bool:
+    """Whether the last digit is that of the others (ISO 7064, 11-2): a slip of the pen would name somebody else.
+
+    Examples
+    --------
+    >>> _is_orcid("0000-0002-1825-0097"), _is_orcid("0000-0002-1825-0079")
+    (True, False)
+    """
+    total = 0
+    for digit in number.replace("-", ""):
+        total = 2 * total + (10 if digit == "X" else int(digit))
+    return total % 11 == 1
 
 
 def _named(name: str, kind: str) -> dict[str, Any]:

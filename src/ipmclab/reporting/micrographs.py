@@ -52,7 +52,7 @@ def micrographs(sample: Sample | None) -> Iterator[Micrograph]:
         kind = _KINDS.get(path.suffix.lower())
         if kind is None:
             yield Micrograph(name, "", f"only {', '.join(_KINDS)} are shown")
-        elif path.is_absolute() or ".." in path.parts:
+        elif path.anchor or ".." in path.parts:  # on Windows \\a.png and C:a.png are not absolute, and elsewhere
             yield Micrograph(name, "", "only pictures below the folder of the program are shown")
         elif not path.is_file():
             yield Micrograph(name, "", "the file is not here")
