@@ -128,8 +128,8 @@ def frequency_response(run: Run, channel: str = "displacement", *, skip: int | N
     Raises
     ------
     InputError
-        A channel that the run does not have; readings that are missing, or that ``check`` masks; a voltage without a period, a period that is
-        no whole number of rows, fewer than two of them.
+        A channel that the run does not have; readings that are missing, or that ``check`` masks; a voltage
+        without a period, a period that is no whole number of rows, fewer than two of them.
 
     Examples
     --------
