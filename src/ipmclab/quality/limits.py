@@ -22,16 +22,17 @@ def clipping(record: Record) -> list[Finding]:
     A flat top is a run of at least three rows (four where stale readings repeat) at exactly the
     largest or smallest reading that noise would not repeat, or that is entered and left more
     abruptly than a smooth top of rounded readings. An end at an edge of the voltage or of the
-    record says nothing.
+    record says nothing. The voltage is flat by its nature: of it only flagged rows are told.
     """
     found = []
-    for channel in record.channels.values():
+    for channel in (*record.channels.values(), record.voltage):
         flags = record.run.quality.get(channel.name)
-        known = None if flags is None or not flags.any() else (flags & QUALITY_FLAGS["clipped"]) != 0
+        # A row without a reading bounds nothing.
+        known = None if flags is None else ((flags & QUALITY_FLAGS["clipped"]) != 0) & np.isfinite(channel.readings)
         for top in (True, False):
-            rows = _flat_rows(record, channel, top=top)
+            rows = _flat_rows(record, channel, top=top) if channel is not record.voltage else np.zeros(0, dtype=np.intp)
             if known is not None and known.any():
-                upper = channel.readings >= 0.5 * (channel.high + channel.low)
+                upper = channel.readings >= (0.5 * (channel.high + channel.low) if channel.span else 0.0)
                 rows = np.union1d(rows, np.flatnonzero(known & (upper if top else ~upper)))
             if len(rows):
                 found.append(_clipped(record, channel, rows, top=top))
@@ -42,7 +43,7 @@ def range_limits(record: Record) -> list[Finding]:
     """``range-limit``: readings within 2 % of a limit that the run states for the channel."""
     found = []
     for name, limits in record.run.metadata.ranges.items():
-        channel = record.channels.get(name)
+        channel = record.voltage if name == record.voltage.name else record.channels.get(name)
         if channel is None:
             continue
         for limit, top in ((limits[1], True), (limits[0], False)):
@@ -60,9 +61,9 @@ def range_limits(record: Record) -> list[Finding]:
                         f"{counted(len(rows), 'reading')} within 2 % of the {'upper' if top else 'lower'} limit "
                         f"of the range, {channel.show(limit)}; the first is {record.at(rows[0])}"
                     ),
-                    repair="they count as bounds, not as values; record again with a larger range",
+                    repair=_repair(channel),
                     samples=ranges_of(rows),
-                    effect=_bound(top),
+                    effect=_bound(channel, top=top),
                     values={"limit": float(limit), "count": len(rows), "first_row": int(rows[0])},
                 )
             )
@@ -165,15 +166,26 @@ def _clipped(record: Record, channel: Channel, rows: IntArray, *, top: bool) -> 
             f"{counted(len(rows), 'reading')} cut at {channel.show(level)}, the first at {record.at(rows[0])}: "
             f"the true values are {'at least' if top else 'at most'} that"
         ),
-        repair="they count as bounds, not as values; record again with a larger range",
+        repair=_repair(channel),
         samples=ranges_of(rows),
-        effect=_bound(top),
+        effect=_bound(channel, top=top),
         values={"level": level, "count": len(rows), "first_row": int(rows[0])},
     )
 
 
-def _bound(top: bool) -> Effect:
+def _bound(channel: Channel, *, top: bool) -> Effect:
+    if channel.name == "voltage":
+        return "none"  # it drives the model, which no bound can do
     return "lower_bound" if top else "upper_bound"
+
+
+def _repair(channel: Channel) -> str:
+    what = (
+        "the strip may have had more voltage than the record says, and the model is driven with the record"
+        if channel.name == "voltage"
+        else "they count as bounds, not as values"
+    )
+    return f"{what}; record again with a larger range"
 
 
 def _suspicious_limit(peak: float, quantum: float) -> str | None:

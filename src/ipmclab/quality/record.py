@@ -169,6 +169,11 @@ class Record:
         return float(np.partition(steps, (middle, middle))[middle])
 
     @cached_property
+    def voltage(self) -> Channel:
+        """The voltage as a channel."""
+        return Channel("voltage", self.run.voltage, edges=self.edges)
+
+    @cached_property
     def excited(self) -> bool:
         """Whether there is any voltage."""
         return bool(np.abs(self.run.voltage).max() > NO_VOLTAGE)

@@ -38,7 +38,7 @@ def usable(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.bo
     for finding in findings:
         if finding.effect == "none":
             continue
-        whole = finding.channel is None or finding.code in _WHOLE_STRIP
+        whole = finding.channel in (None, "voltage") or finding.code in _WHOLE_STRIP
         for name in masks if whole else masks.keys() & {finding.channel}:
             for start, stop in finding.samples:
                 masks[name][start:stop] = False

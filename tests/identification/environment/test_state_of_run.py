@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from datetime import datetime
 
+import numpy as np
 import pytest
 
 from ipmclab import Run, RunMetadata, Sample, load_actuator
 from ipmclab.errors import InputError
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment import dose
 from ipmclab.identification.environment.dose import dose_now, doses_of
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
 from ipmclab.identification.environment.state_of_run import states_of, with_states
@@ -44,6 +48,14 @@ def test_a_mass_measures_the_water() -> None:
     heavier = state(replace(wet, metadata=replace(wet.metadata, mass=1.3e-4)))
     assert heavier.water_content == pytest.approx(2.0 * (found.water_content or 0.0))
     assert state(run(mass=1.2e-4)).how == "assumed"  # nobody says what it weighs dry
+
+
+@pytest.mark.parametrize("mass", [1.1e-4, 1.0e-4])
+def test_a_strip_that_is_not_heavier_than_dry_is_refused_and_its_run_named(mass: float) -> None:
+    heavy = run(mass=1.2e-4, sample=Sample(id="a", dry_mass=1.1e-4))
+    light = replace(heavy, metadata=replace(heavy.metadata, mass=mass))
+    with pytest.raises(InputError, match="second: the strip weighs .* and 110 mg when dry; correct the mass"):
+        states_of(STRIP, [heavy, light], ["first", "second"])
 
 
 def test_out_of_water_the_strip_dries_towards_the_air() -> None:
@@ -133,6 +145,28 @@ def test_doses_are_counted_in_the_order_of_the_runs() -> None:
     assert doses_of(runs, "charge") == [6.0, 0.0, 3.0]
     with pytest.raises(InputError, match="does not say when it was recorded"):
         doses_of([run()], "hours")
+
+
+def test_a_current_that_is_read_again_has_flowed_meanwhile() -> None:
+    """Readings that are missing counted as no current."""
+    known = [run(run_number=number) for number in (1, 2)]
+    current = np.full(3, 2.0)
+    gap = replace(known[0], current=np.where([False, True, False], np.nan, current))
+    assert doses_of([gap, known[1]], "charge") == [0.0, 4.0]
+    nothing = replace(known[0], current=np.full(3, np.nan))
+    with pytest.raises(InputError, match=r"runs\[0\]: .* this run has no current"):
+        doses_of([nothing, known[1]], "charge")
+
+
+def test_a_time_that_the_computer_does_not_know_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows gives an OSError for a local time before 1970, such as that of a clock that counts from 1904."""
+
+    class Clock(datetime):
+        def timestamp(self) -> float:
+            raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr(dose, "datetime", Clock)
+    assert math.isnan(dose.recorded(run(recorded_at="1904-01-01T00:00:00")))
 
 
 def test_runs_that_are_not_given_count_where_all_are_numbered() -> None:

@@ -178,6 +178,7 @@ def test_some_profiles_can_be_asked_for_and_their_progress_heard(fit: Fit) -> No
     some = profile(fit, [DC], progress=lambda sentence, done: said.append((sentence, done)))
     assert list(some.profiles) == [DC]
     assert said[0][0] == f"profile of {DC}"
+    assert list(profile(fit, DC).profiles) == [DC]  # one name is no sequence of letters
     with pytest.raises(InputError, match="no parameter of this fit") as caught:
         profile(fit, ["circuit.dc"])
     assert DC in caught.value.repair

@@ -108,18 +108,19 @@ def recorded(run: Run) -> float:
     """When a run began [s]; NaN where it does not say."""
     try:
         return datetime.fromisoformat(run.metadata.recorded_at or "").timestamp()
-    except ValueError:
+    except (ValueError, OverflowError, OSError):  # Windows knows no local time before 1970
         return math.nan
 
 
 def _charge(run: Run, place: int) -> float:
-    """What flowed in either direction [C]."""
-    if run.current is None:
+    """What flowed in either direction [C]; between readings that are missing, along a straight line."""
+    there = np.zeros(0, dtype=bool) if run.current is None else np.isfinite(run.current)
+    if run.current is None or not there.any():
         raise InputError(
             "a dose in charge is asked for, and this run has no current",
             code="no-readings",
             where=f"runs[{place}]",
             repair="count the dose in runs or hours",
         )
-    size = np.abs(np.nan_to_num(run.current))
-    return float(np.sum(0.5 * (size[1:] + size[:-1]) * np.diff(run.time)))
+    size = np.abs(run.current[there])
+    return float(np.sum(0.5 * (size[1:] + size[:-1]) * np.diff(run.time[there])))

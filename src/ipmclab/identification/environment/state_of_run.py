@@ -147,7 +147,7 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     if about.water_content is not None and (about.origin == "simulated" or how != "assumed"):
         spread = about.uncertainties.get("water_content", 0.0)
         return RunState(about.water_content, spread, how, temperature, humidity)
-    weighed = _weighed(actuator, run)
+    weighed = _weighed(actuator, run, label)
     if weighed is not None:
         return RunState(*weighed[:2], "measured", temperature, humidity, shared_uncertainty=weighed[2])
     start = _start(actuator, run, before)
@@ -158,7 +158,7 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     return RunState(equilibrium(values, air).water_content, spread, "assumed", temperature, humidity, error)
 
 
-def _weighed(actuator: Actuator, run: Run) -> tuple[float, float, float] | None:
+def _weighed(actuator: Actuator, run: Run, label: str) -> tuple[float, float, float] | None:
     """The water content by mass, its standard uncertainty, and the part of that which all weighed runs share.
 
     None where nothing was weighed.
@@ -169,6 +169,13 @@ def _weighed(actuator: Actuator, run: Run) -> tuple[float, float, float] | None:
     wet, dry = run.metadata.mass, None if sample is None else sample.dry_mass
     if wet is None or dry is None:
         return None
+    if not wet > dry:
+        raise InputError(
+            f"the strip weighs {1e6 * wet:g} mg in this run, and {1e6 * dry:g} mg when dry",
+            code="bad-mass",
+            where=label,
+            repair="correct the mass of the run or the dry_mass of its sample, or leave one of them out",
+        )
     values = actuator.parameter_values
     area = values["geometry.width"] * (values["geometry.free_length"] + values["geometry.clamped_length"])
     stated = [one.nominal_membrane_thickness for one in (sample, actuator.sample) if one is not None]

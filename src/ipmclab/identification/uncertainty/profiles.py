@@ -33,7 +33,7 @@ WHY_NOT_PROFILE: Final = (
 _BEYOND: Final = 1.2  # times the way: where a curve ends
 
 
-def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | None = None) -> Fit:
+def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: Tell | None = None) -> Fit:
     """Follow the likelihood's profile of every parameter of a fit to where its 95 % interval ends.
 
     A parameter is held at one value after the other, and all others are fitted again, under the noise that the fit
@@ -45,8 +45,8 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
     ----------
     fit : Fit
         What ``identify`` returned.
-    names : iterable of str, optional
-        Some of its parameters; all of the actuator's where left out. What belongs to one run (a delay, a zero) is
+    names : str or iterable of str, optional
+        One or some of its parameters; all of the actuator's where left out. What belongs to one run (a delay, a zero) is
         followed where it is named.
     progress : function of (str, float), optional
         Told what is being done, and the fraction that is done.
@@ -71,8 +71,9 @@ def profile(fit: Fit, names: Iterable[str] | None = None, *, progress: Tell | No
     >>> fit.profiles["circuit.dc_resistivity"].is_open
     (False, False)
     """
-
-    wanted = [name for name in fit.parameters if not name.startswith("observation.")] if names is None else list(names)
+    if names is None:
+        names = [name for name in fit.parameters if not name.startswith("observation.")]
+    wanted = [names] if isinstance(names, str) else list(names)
     for name in wanted:
         if name not in fit.parameters:
             raise InputError(
@@ -95,7 +96,6 @@ def _ended(fit: Fit, found: Mapping[str, Profile]) -> dict[str, FittedParameter]
     readings are no longer explained. Only the profile sees that. It does not see stages that do not show: where there
     are such, the interval stays open. The other fits as good that are known lie along the direction, or widen it.
     """
-
     estimate = solved(fit)
     problem, theta = estimate.problem, estimate.solution.theta
     moved = {n for d in fit.undetermined if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
@@ -132,7 +132,6 @@ def flat_within(fit: Fit, name: str) -> bool:
 
 @on_one_thread
 def _profiles(fit: Fit, wanted: Iterable[str]) -> dict[str, Profile]:
-
     estimate = solved(fit)
     problem, solution = estimate.problem, estimate.solution
     free = {unknown.base for unknown in problem.unknowns}
