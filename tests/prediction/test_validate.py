@@ -11,6 +11,7 @@ import pytest
 
 from ipmclab import Run, RunMetadata, identify, import_run, load_actuator, simulate
 from ipmclab.errors import InputError
+from ipmclab.identification.undetermined.open_coupling import open_coupling
 from ipmclab.model import Actuator
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.prediction.validate import validate
@@ -277,6 +278,23 @@ def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> No
     assert {"used-in-fit", "zero-taken-off"} <= codes
     rows = re.findall(r"^\| (`[^|]*`) \|", (root / "docs/commands.md").read_text("utf-8"), flags=re.MULTILINE)
     assert codes <= {code for row in rows for code in re.findall(r"`([a-z-]+)`", row)}
+
+
+@pytest.mark.parametrize(
+    "direction",
+    [
+        {"coefficients": {"coupling.gain": "much"}},
+        {"coefficients": ["coupling.gain"]},
+        {"coefficients": {"coupling.gain": 1.0}, "error": "large"},
+        {},
+    ],
+)
+def test_a_direction_that_somebody_spoiled_says_nothing_of_the_coupling(
+    actuator: Actuator, direction: dict[str, object]
+) -> None:
+    """It was a ValueError."""
+    table = {"parameters": [{"name": "coupling.gain"}], "undetermined": [direction]}
+    assert open_coupling(replace(actuator, fit_table=table)) == []
 
 
 @pytest.mark.parametrize(

@@ -32,13 +32,9 @@ def open_coupling(actuator: Actuator) -> list[Finding]:
             )
         ]
     for one in _entries(actuator, "undetermined"):
-        coefficients = one.get("coefficients")
-        # A fit knows d(0) beside a direction of which it knows something: its covariance tells how well.
-        if isinstance(coefficients, Mapping) and float(one.get("error", math.inf)) == math.inf:
-            along = sum(sign * float(coefficients.get(name, 0.0)) for name, sign in STATIC.items())
-            # Gain against zero with d(0) = K_d Z_d/P_2d standing still does not show below the Nyquist rate.
-            if abs(along) > _LARGE:
-                return [_open(actuator, str(one.get("sentence", "")))]
+        # Gain against zero with d(0) = K_d Z_d/P_2d standing still does not show below the Nyquist rate.
+        if abs(_along(one)) > _LARGE:
+            return [_open(actuator, str(one.get("sentence", "")))]
     error = _error(actuator)
     if error > DETERMINED:
         return [_open(actuator, f"it is known to a factor of {math.exp(min(NORMAL_95 * error, 50.0)):.2g} only")]
@@ -52,6 +48,19 @@ def _open(actuator: Actuator, why: str) -> Finding:
         f"the fit in {actuator.name} leaves d(0), the size of displacement and force, open: {why}",
         repair="take these scores as those of one of many models that fit alike",
     )
+
+
+def _along(direction: Mapping[str, Any]) -> float:
+    """By how much d(0) moves along a direction about which a fit knows nothing; 0 where the table does not say.
+
+    A fit knows d(0) beside a direction of which it knows something: its covariance tells how well.
+    """
+    try:
+        open_end = float(direction.get("error", math.inf)) == math.inf
+        parts = direction["coefficients"]
+        return sum(sign * float(parts.get(name, 0.0)) for name, sign in STATIC.items()) if open_end else 0.0
+    except (KeyError, AttributeError, TypeError, ValueError):
+        return 0.0  # written by hand
 
 
 def _error(actuator: Actuator) -> float:
