@@ -175,7 +175,7 @@ def _identify(
     ]
     records = with_states(actuator, given, records, names.age)
     _refuse_twice(given, records)
-    _need_readings(names, records, silent)
+    _need_readings(names, given, records, silent)
     left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
     result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
@@ -326,7 +326,9 @@ def _left_out(record: PreparedRun, silent: Set[str]) -> Finding:
     )
 
 
-def _need_readings(names: FreeParameters, records: Sequence[PreparedRun], silent: Sequence[Set[str]]) -> None:
+def _need_readings(
+    names: FreeParameters, given: Sequence[Run], records: Sequence[PreparedRun], silent: Sequence[Set[str]]
+) -> None:
     """Refuse a free parameter that no run can show."""
     for name in names.actuator:
         channels = outputs_of(name)
@@ -344,7 +346,14 @@ def _need_readings(names: FreeParameters, records: Sequence[PreparedRun], silent
                 where=wanting[0].label if own or len(records) == 1 else "runs",
                 repair="add runs that have it, or fix the parameter",
             )
-    for record in records:
+    for run, record in zip(given, records, strict=True):
+        if run.voltage.any() and not record.run.voltage.any():
+            raise InputError(
+                "no current flows after the voltage has stepped, to the end of the run: the strip had no contact",
+                code="no-contact",
+                where=record.label,
+                repair="clean or tighten the clamp and record the run again, or leave it out",
+            )
         if not record.run.voltage.any():
             raise InputError(
                 "the voltage is zero throughout: nothing answers to it",
