@@ -132,6 +132,14 @@ def test_a_wet_sensor_reads_a_little_more_than_saturation() -> None:
     assert state(run(relative_humidity=100.4)).water_content == pytest.approx(14.003)
 
 
+def test_an_air_that_was_read_and_is_not_stated_is_known() -> None:
+    """It was refused as a run that does not say its temperature and humidity."""
+    read = {"temperature": [19.0, np.nan, 21.0], "relative_humidity": [79.0, 81.0, np.nan]}
+    bare = Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[1.0] * 3, metadata=RunMetadata(), **read)
+    assert (state(bare).temperature, state(bare).relative_humidity) == (20.0, 80.0)
+    assert state(bare).water_content == state(run()).water_content
+
+
 def test_a_run_that_does_not_say_its_air_is_refused() -> None:
     with pytest.raises(InputError, match=r"second: parameters follow the environment.*does not say") as caught:
         states_of(STRIP, [run(), run(relative_humidity=None)], ["first", "second"])
@@ -227,6 +235,19 @@ def test_a_run_whose_air_moves_its_water_is_named() -> None:
     assert codes(water_content=12.0, water_content_origin="measured") == {"water-moves"}
     assert codes(minutes_out_of_water=10.0) == {"water-moves"}
     assert codes(minutes_out_of_water=300.0) == set()
+
+
+@pytest.mark.parametrize("of_its_own", [True, False])
+@pytest.mark.parametrize(("drier", "moves"), [(0.0, False), (40.0, True)])
+def test_the_air_that_was_read_counts_and_not_the_one_that_was_stated(
+    of_its_own: bool, drier: float, moves: bool
+) -> None:
+    """Whether the sensors have times of their own or are read with every row, which was overlooked."""
+    time = 1000.0 + np.array([0.0, 600.0, 1200.0, 1800.0])
+    read = {"temperature": [20.0, np.nan, 20.0, 20.0], "relative_humidity": 80.0 - drier * np.array([0, 1, 1, 1])}
+    own = {"time_environment": time + 1e-3} if of_its_own else {}
+    long = Run.from_arrays(time=time, voltage=[1.0] * 4, metadata=run().metadata, **read, **own)
+    assert [one.code for one in doubtful(STRIP, long, state(long), "run")] == (["water-moves"] if moves else [])
 
 
 def test_equilibrium_takes_films_and_thickness_and_is_slower_upwards() -> None:

@@ -126,11 +126,12 @@ def _moving(actuator: Actuator, run: Run, state: RunState, label: str) -> list[F
 
 def _air(run: Run, state: RunState) -> Environment | EnvironmentHistory | None:
     """The air of a run as it was read, else as it is stated; None of a simulated run, which need not move."""
-    if run.time_environment is not None and run.temperature is not None and run.relative_humidity is not None:
+    if run.temperature is not None and run.relative_humidity is not None:
+        time = run.time if run.time_environment is None else run.time_environment
         read = np.isfinite(run.temperature) & np.isfinite(run.relative_humidity)
         if read.any():
             humidity = np.clip(run.relative_humidity[read], 0.0, 100.0)
-            return EnvironmentHistory(run.time_environment[read] - run.time[0], run.temperature[read], humidity)
+            return EnvironmentHistory(time[read] - run.time[0], run.temperature[read], humidity)
     if run.metadata.origin == "simulated" or state.temperature is None or state.relative_humidity is None:
         return None
     return Environment(state.temperature, state.relative_humidity)

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from ipmclab.errors import InputError
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import added_by, doses_of, recorded
@@ -65,9 +67,25 @@ def with_states(
     ]
 
 
+def air_of(run: Run) -> tuple[float | None, float | None]:
+    """Temperature [degC] and relative humidity [percent] of a run: as it states them, else the mean of what was read.
+
+    Examples
+    --------
+    >>> air_of(Run.from_arrays(time=[0.0, 1.0], voltage=[1.0, 1.0], temperature=[20.0, 21.0]))
+    (20.5, None)
+    """
+    stated, read = (run.metadata.temperature, run.metadata.relative_humidity), (run.temperature, run.relative_humidity)
+    warm, wet = (
+        float(np.nanmean(values)) if known is None and values is not None and np.isfinite(values).any() else known
+        for known, values in zip(stated, read, strict=True)
+    )
+    return warm, wet
+
+
 def says_environment(run: Run) -> bool:
-    """Whether a run states its temperature and its humidity."""
-    return run.metadata.temperature is not None and run.metadata.relative_humidity is not None
+    """Whether a run says its temperature and its humidity."""
+    return None not in air_of(run)
 
 
 def states_of(actuator: Actuator, runs: Sequence[Run], labels: Sequence[str]) -> list[RunState]:
@@ -130,7 +148,7 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     ('computed', 18.7)
     """
     about = run.metadata
-    temperature, humidity = about.temperature, about.relative_humidity
+    temperature, humidity = air_of(run)
     if temperature is None or humidity is None:
         raise InputError(
             "parameters follow the environment, and this run does not say its temperature and humidity",
@@ -150,7 +168,7 @@ def state_of(actuator: Actuator, run: Run, *, label: str, before: tuple[Run, Run
     weighed = _weighed(actuator, run, label)
     if weighed is not None:
         return RunState(*weighed[:2], "measured", temperature, humidity, shared_uncertainty=weighed[2])
-    start = _start(actuator, run, before)
+    start = _start(actuator, run, before, temperature)
     if start is not None:
         water, spread = _computed(actuator, start, air, error)
         return RunState(water, spread, "computed", temperature, humidity)
@@ -186,13 +204,14 @@ def _weighed(actuator: Actuator, run: Run, label: str) -> tuple[float, float, fl
     return water, water * math.hypot(of_mass, of_sites), water * of_sites
 
 
-def _start(actuator: Actuator, run: Run, before: tuple[Run, RunState] | None) -> tuple[WaterState, float, float] | None:
+def _start(
+    actuator: Actuator, run: Run, before: tuple[Run, RunState] | None, temperature: float
+) -> tuple[WaterState, float, float] | None:
     """A state that is known, its standard uncertainty, and for how long [s] the strip was in this air since.
 
     Of liquid water and the run before, the later one is the start.
     """
     about, values = run.metadata, actuator.parameter_values
-    assert about.temperature is not None
     minutes, out = about.minutes_in_environment, about.minutes_out_of_water
     if before is not None and minutes is not None and _strip(before[0]) == _strip(run):
         then, since = before[1], recorded(run) - recorded(before[0])
@@ -204,7 +223,7 @@ def _start(actuator: Actuator, run: Run, before: tuple[Run, RunState] | None) ->
             return state, then.standard_uncertainty, min(60.0 * minutes, since)
     if out is not None:
         error = actuator.standard_uncertainties.get(LIQUID, _LIQUID_ERROR * values[LIQUID])
-        return WaterState(values[LIQUID], about.temperature), error, 60.0 * out
+        return WaterState(values[LIQUID], temperature), error, 60.0 * out
     return None
 
 
