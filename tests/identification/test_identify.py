@@ -364,7 +364,12 @@ def test_a_current_that_the_electrodes_do_not_allow_is_named() -> None:
             "zero throughout",
         ),
         # It was said that the voltage is zero.
-        ([replace(record("step 1 V delay=1 s"), current=np.full(2000, 1e-3))], "electrical", "no-contact", "tighten the clamp"),
+        (
+            [replace(record("step 1 V delay=1 s"), current=np.full(2000, 1e-3))],
+            "electrical",
+            "no-contact",
+            "tighten the clamp",
+        ),
     ],
 )
 def test_requests_that_cannot_be_met(runs: list[Run], free: str, code: str, words: str) -> None:

@@ -54,7 +54,7 @@ def test_a_mass_measures_the_water() -> None:
 def test_a_strip_that_is_not_heavier_than_dry_is_refused_and_its_run_named(mass: float) -> None:
     heavy = run(mass=1.2e-4, sample=Sample(id="a", dry_mass=1.1e-4))
     light = replace(heavy, metadata=replace(heavy.metadata, mass=mass))
-    with pytest.raises(InputError, match="second: the strip weighs .* and 110 mg when dry; correct the mass"):
+    with pytest.raises(InputError, match=r"second: the strip weighs .* and 110 mg when dry; correct the mass"):
         states_of(STRIP, [heavy, light], ["first", "second"])
 
 

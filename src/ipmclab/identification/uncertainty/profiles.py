@@ -46,8 +46,8 @@ def profile(fit: Fit, names: str | Iterable[str] | None = None, *, progress: Tel
     fit : Fit
         What ``identify`` returned.
     names : str or iterable of str, optional
-        One or some of its parameters; all of the actuator's where left out. What belongs to one run (a delay, a zero) is
-        followed where it is named.
+        One or some of its parameters; all of the actuator's where left out. What belongs to one run (a delay, a zero)
+        is followed where it is named.
     progress : function of (str, float), optional
         Told what is being done, and the fraction that is done.
 
