@@ -99,7 +99,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {
         "import record.lvm --map lvm.toml --out out.nc",
         "import record.bin --map binary.toml --out out.nc",
         "import english.csv --out out.nc",
-        "import german.csv --out out.nc --answer hold=zero",
+        "import german.csv --out out.nc --answer channels.current.unit=mA",
         "import record.xlsx --template new.toml",
     ),
     "export": (
@@ -227,7 +227,7 @@ def make_files(folder: Path) -> dict[str, bytes]:
     (folder / "english.csv").write_text(
         "time [s],voltage [V],current [mA]\n" + text.partition("\n")[2], encoding="utf-8"
     )
-    german = "Zeit [s];Spannung [V];Strom [mA]\n" + text.partition("\n")[2].replace(",", ";").replace(".", ",")
+    german = "Zeit [s];Spannung [V];Strom\n" + text.partition("\n")[2].replace(",", ";").replace(".", ",")
     (folder / "german.csv").write_bytes(german.encode("cp1252"))
     (folder / "signal.csv").write_text("time [s],voltage [V]\n0,0\n0.5,1\n1,0\n", encoding="utf-8")
     _write_tables(folder, columns, table)

@@ -127,3 +127,9 @@ def replacing(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_text(text: str, path: str | os.PathLike[str], *, overwrite: bool) -> None:
+    """Write a text in UTF-8, its lines ended alike on every system; what ``replacing`` raises."""
+    with replacing(path, overwrite=overwrite) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")

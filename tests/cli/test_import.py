@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 MAP = """
 [file]
 format = "csv"
@@ -43,13 +45,30 @@ def test_the_table_has_the_period_and_counts_what_was_not_read(command, tmp_path
     assert "No reading of" not in text
 
 
-def test_an_answer_beside_a_map_is_refused(command, tmp_path: Path) -> None:
-    """It would count for nothing, and every time constant scales with the period that it says."""
+@pytest.mark.parametrize(
+    ("words", "answer", "told"),
+    [
+        (("--map", "map.toml", "--out", "run.nc"), "sampling_period=10 ms", "write it into the map"),
+        (("--out", "run.nc"), "channels.voltage.unit=mV", "the file says that itself"),
+        (("--out", "run.nc"), "sampling_perod=10 ms", "no such question"),
+        (("--template", "new.toml"), "sampling_period=10 ms", "leave it out"),
+    ],
+)
+def test_an_answer_that_nothing_asks_for_is_refused(command, tmp_path: Path, words, answer: str, told: str) -> None:
+    """It would count for nothing: the run would be another than who answers thinks."""
     write(tmp_path, "-99.9999")
-    words = ("import", "record.csv", "--map", "map.toml", "--out", "run.nc")
-    refused = command(*words, "--answer", "sampling_period=20 ms")
-    assert (refused.status, "write it into the map" in refused.err) == (2, True)
-    assert not (tmp_path / "run.nc").exists()
+    refused = command("import", "record.csv", *words, "--answer", answer)
+    assert (refused.status, told in refused.err) == (2, True), refused.err
+    assert not any((tmp_path / name).exists() for name in ("run.nc", "run.map.toml", "new.toml"))
+
+
+def test_a_file_of_ours_asks_nothing(command, tmp_path: Path) -> None:
+    write(tmp_path, "-99.9999")
+    command("import", "record.csv", "--out", "run.nc")
+    command("export", "run.nc", "--out", "ours.csv")
+    refused = command("import", "ours.csv", "--out", "again.nc", "--answer", "sampling_period=10 ms")
+    assert (refused.status, "nothing is asked" in refused.err) == (2, True)
+    assert command("import", "ours.csv", "--out", "again.nc").status == 0
 
 
 def test_sentinels_that_met_nothing_are_said(command, tmp_path: Path) -> None:

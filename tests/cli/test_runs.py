@@ -208,6 +208,7 @@ def test_a_sample_without_dates(command, tmp_path: Path) -> None:
         (("--humidity", "80 percent"), "give a range"),
         (("--measured", "forse"), "did you mean 'force'?"),
         (("--since", "yesterday"), "write for example 2026-11-21"),
+        (("--since", "2026-11-21", "--until", "2026-11-20"), "ends (2026-11-20) before it begins (2026-11-21)"),
         (("--state", "done"), "known: 'recording'"),
         (("--purpose", "fun"), "known: 'signal'"),
         (("--sample", "strip-3"), "did you mean 'strip-2'?"),

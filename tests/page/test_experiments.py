@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import tomllib
 from dataclasses import replace
 from importlib import resources
@@ -13,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import load_actuator, write_actuator
-from ipmclab.errors import InputError
+from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.experiments import FIELDS, Draft, Unsaved, check, experiments, limit_at, preview, rigs, save
 from ipmclab.page.lab import Lab
 from ipmclab.rig.experiments.experiment import TEMPLATE, experiment_from_table, load_experiment
@@ -98,6 +99,19 @@ def test_a_name_that_no_list_has_room_for_is_refused_at_its_field(lab: Lab, key:
     assert set(checked.errors) == {key}
     assert "it has 81 letters, at most 80" in checked.errors[key]
     assert checked.experiment is not None
+
+
+def test_a_disk_that_is_full_leaves_the_file_as_it_was(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    draft = with_values(replace(Draft.new(), name="step"), sample="strip-1")
+    before = save(lab, draft).read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr("ipmclab.destination.sync_file", full)
+    with pytest.raises(IpmclabError, match="no space left"):
+        save(lab, with_values(draft, sample="strip-2"), replace=True)
+    assert {path.name: path.read_bytes() for path in lab.root.glob("*step*")} == {"step.toml": before}
 
 
 def test_a_new_experiment_needs_a_sample_only(lab: Lab) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ipmclab.destination import keep_what_is_read, target_of
+from ipmclab.destination import keep_what_is_read, target_of, write_text
 from ipmclab.errors import InputError
 from ipmclab.platform import as_typed
 from ipmclab.toml_file import glance
@@ -76,7 +76,6 @@ def write_template(
         A file to read is named, or ``out`` cannot be written.
     """
     from ipmclab.cli.output import print_json
-    from ipmclab.destination import replacing
 
     if file is not None:
         raise InputError(
@@ -87,8 +86,7 @@ def write_template(
         )
     if out is not None:
         check_output(out, force=force, suffixes=(".toml",), reads=())
-        with replacing(out, overwrite=force) as temporary:
-            temporary.write_text(text, encoding="utf-8", newline="\n")
+        write_text(text, out, overwrite=force)
     if as_json:
         print_json({"template": text, "out": out})
     elif out is None:

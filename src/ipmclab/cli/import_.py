@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +12,7 @@ import typer
 from ipmclab.cli.files import check_output
 from ipmclab.cli.options import Force, Json, answers_in
 from ipmclab.cli.output import print_json, print_paragraph, print_table, progress, read, with_unit
-from ipmclab.destination import target_of
+from ipmclab.destination import target_of, write_text
 from ipmclab.errors import InputError
 from ipmclab.units import CHANNELS, TIME
 
@@ -52,13 +52,8 @@ def import_(
     from ipmclab.store.import_map import load_import_map
 
     answers = answers_in(answer or [], example="sampling_period='20 ms'")
-    if answers and map_file is not None:
-        raise InputError(
-            "a map says all of a file, so that no answer counts beside it",
-            code="usage",
-            where=f"--answer {next(iter(answers))}",
-            repair="write it into the map, or leave --map out",
-        )
+    if map_file is not None:
+        _refuse_unused(answers, "the map says all of the file", "write it into the map")
     if template is not None:
         _write_template(file, template, answers, force=force, as_json=as_json)
         return
@@ -76,7 +71,7 @@ def import_(
         run = import_run(file, import_map)
         write_run(run, out, overwrite=force)
     if guessed is not None:
-        own_map.write_text(guessed.as_toml(file.name), encoding="utf-8")
+        write_text(guessed.as_toml(file.name), own_map, overwrite=force)
 
     responses = Record.of(run).channels
     far_out = {name: responses[name].beyond if name in responses else () for name in run.channels}
@@ -141,7 +136,9 @@ def _write_template(file: Path, template: Path, answers: dict[str, str], *, forc
 
     check_output(template, force=force, suffixes=(".toml",), reads=[file], option="--template")
     guess = guess_map(file, answers)
-    template.write_text(guess.as_toml(file.name), encoding="utf-8")
+    if not guess.questions:
+        _refuse_unused(guess.unused)
+    write_text(guess.as_toml(file.name), template, overwrite=force)
     questions = [{"key": one.key, "text": one.text, "choices": one.choices} for one in guess.questions]
     if as_json:
         told = [*guess.taken, *guess.left_out]
@@ -165,15 +162,17 @@ def _guess(file: Path, own_map: Path, answers: dict[str, str], *, force: bool) -
     from ipmclab.store.importing import is_own_export
 
     if is_own_export(file):
+        _refuse_unused(answers)
         return None
     target_of(own_map, overwrite=force)
+    given = dict(answers)
     guess = guess_map(file, answers)
     while guess.questions and sys.stdin.isatty():
         print(f"{_asked(guess.questions[0])}\n> ", end="", file=sys.stderr, flush=True)
-        given = sys.stdin.readline()
-        if not given:
+        typed = sys.stdin.readline()
+        if not typed:
             break
-        said = answers | {guess.questions[0].key: given.strip()}
+        said = answers | {guess.questions[0].key: typed.strip()}
         try:
             guess = guess_map(file, said)
         except InputError as error:
@@ -190,7 +189,20 @@ def _guess(file: Path, own_map: Path, answers: dict[str, str], *, force: bool) -
             repair=f"add for example --answer '{first.key}={first.choices[0] if first.choices else first.example}', or "
             f"write a map with --template MAP.toml and correct it",
         )
+    _refuse_unused(key for key in guess.unused if key in given)
     return guess
+
+
+def _refuse_unused(
+    answers: Iterable[str],
+    why: str = "the file says that itself, or there is no such question",
+    repair: str = "leave it out; where the file is wrong, write a map with --template MAP.toml and correct it",
+) -> None:
+    """Refuse answers that nobody asked for: the run would be another than they say."""
+    for key in answers:
+        raise InputError(
+            f"nothing is asked that this answers: {why}", code="usage", where=f"--answer {key}", repair=repair
+        )
 
 
 def _asked(question: Question) -> str:

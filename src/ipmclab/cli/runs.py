@@ -90,6 +90,13 @@ def runs(
         state=None if state is None else _one_of(state, _states(), "--state"),
         purpose=None if purpose is None else _one_of(purpose, PURPOSES, "--purpose"),
     )
+    if query.since is not None and query.until is not None and query.since > query.until:
+        raise InputError(
+            f"it ends ({until}) before it begins ({since})",
+            code="bad-range",
+            where="--until",
+            repair="give the earlier one as --since",
+        )
     is_life = sample is not None and query == RunQuery(sample=sample)
     if out is not None:
         if not is_life:

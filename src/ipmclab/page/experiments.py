@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
+from ipmclab.destination import write_text
 from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import Panel, Series
 from ipmclab.page.lab import Lab, files_of, plain_name
-from ipmclab.platform import replace_file
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.toml_file import glance, parse_table, read_text
@@ -591,7 +591,5 @@ def save(lab: Lab, draft: Draft, *, replace: bool = False) -> Path:
                 where="name",
                 repair="give another name, or replace it",
             )
-    new = path.with_name(f".{path.name}.new")
-    new.write_text(tomli_w.dumps(table), encoding="utf-8")
-    replace_file(new, path)
+    write_text(tomli_w.dumps(table), path, overwrite=replace)
     return path

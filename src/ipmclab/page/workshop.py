@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from ipmclab.destination import write_text
 from ipmclab.errors import InputError, IpmclabError, suggest
 from ipmclab.page.commands import Step, identify_step, in_order
 from ipmclab.page.curves import CurveStore
@@ -366,7 +367,7 @@ class Workshop:
             As ``new_actuator``.
         """
         path = self.new_actuator(name, card)
-        path.write_text(card.file.read_text(encoding="utf-8"), encoding="utf-8")
+        write_text(card.file.read_text(encoding="utf-8"), path, overwrite=False)
         card.made.saved = self.lab.below(path)
         return card.made.saved
 

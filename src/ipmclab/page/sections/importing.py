@@ -12,6 +12,7 @@ from typing import Any, Final
 import tomli_w
 from nicegui import ui
 
+from ipmclab.destination import write_text
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.page.commands import import_step
 from ipmclab.page.curves import Panel, Series
@@ -346,7 +347,7 @@ class _Import:
         table = await self._import(out)
         if table is None:
             return
-        map_file.write_text(tomli_w.dumps(table), encoding="utf-8")
+        write_text(tomli_w.dumps(table), map_file, overwrite=False)
         with self._result:
             step_view()(import_step(self._name, lab.below(map_file), lab.below(out)))
         ui.notify(f"wrote {lab.below(out)} and its map", type="positive")

@@ -293,7 +293,7 @@ class _Form:
         self._take()
         try:
             path = save(self._lab, self._draft)
-        except InputError as error:
+        except IpmclabError as error:
             if error.code != "file-exists":
                 self._name.error = f"{error.message}; {error.repair}"
                 return False

@@ -69,12 +69,15 @@ class Guess:
         The columns that are no channel.
     questions : tuple of Question
         What cannot be known; none where the map is whole.
+    unused : tuple of str
+        Keys of the answers that nothing asked for: they changed nothing.
     """
 
     table: dict[str, Any]
     taken: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     questions: tuple[Question, ...] = ()
+    unused: tuple[str, ...] = ()
 
     @property
     def map(self) -> ImportMap:
@@ -170,6 +173,7 @@ class _Guesser:
     all: list[_Column] = field(default_factory=list)
     taken: list[str] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
+    asked: set[str] = field(default_factory=set)
 
     def guess(self) -> Guess:
         check_source(self.path)
@@ -179,7 +183,8 @@ class _Guesser:
         self.read_columns(file, self._read(file), names)
         spare = [column for column in self.all if column.place not in self.used]
         left_out = [f"left out: column {self._label(column)}" for column in spare if not self._is_blank(column)]
-        return Guess(self.table, tuple(self.taken), tuple(left_out), tuple(self.questions))
+        unused = tuple(key for key in self.answers if key not in self.asked)
+        return Guess(self.table, tuple(self.taken), tuple(left_out), tuple(self.questions), unused)
 
     def read_columns(self, file: dict[str, Any], columns: Columns, names: tuple[str, ...] | None) -> None:
         """Find what each column is; ``names`` are its headings where the table cannot name them."""
@@ -265,6 +270,7 @@ class _Guesser:
 
     def _ask(self, question: Question) -> str:
         """The answer to a question; an empty text where it is still open."""
+        self.asked.add(question.key)
         answer = self.answers.get(question.key, "").strip()
         if answer and question.choices and answer not in question.choices:
             raise InputError(
