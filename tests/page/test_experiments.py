@@ -114,6 +114,34 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(lab: Lab, monkeypatch: py
     assert {path.name: path.read_bytes() for path in lab.root.glob("*step*")} == {"step.toml": before}
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ('signals = ["step 1 V"]\nmeasured = []', {}),
+        ('signals = ["step 1 V"]\nmeasured = ["force", "current"]', {}),
+        ('signals = ["step 1 V"]\nmeasured = "current"', {"measured": "not a list"}),
+        ('signals = ["step 1 V"]\nmeasured = ["current", "force", "displacement"]', {"measured": "in one run"}),
+        ('signals = ["step 1 V"]\nrepeats = "2"', {"repeats": "not a whole number"}),
+        ('signals = "step 1 V"', {"signals": "write one"}),
+        ('signals = ["step 1 V"]\nrig = 5', {"rig": "not a text"}),
+        ('signal = "step 1 V"\nsignals = ["step 2 V"]', {"signals": "both given"}),
+    ],
+)
+def test_what_no_field_can_show_stays_as_the_file_has_it(lab: Lab, line: str, told: dict[str, str]) -> None:
+    """Nothing else is recorded in its place, and a mistake is told where it is, as a recorder tells it."""
+    text = f'title = "t"\nsample = "s"\nrate = "50 Hz"\nduration = "10 s"\nfolder = "runs"\n{line}\n'
+    (lab.root / "e.toml").write_text(text, encoding="utf-8")
+    draft = Draft.read(lab, "e")
+    checked = check(lab, draft)
+    assert set(checked.errors) == set(told), checked.errors
+    assert all(words in checked.errors[key] for key, words in told.items())
+    wanted = tomllib.loads(text)
+    assert {key: value for key, value in draft.table().items() if key in wanted} == wanted
+    if not told:
+        assert checked.experiment is not None
+        assert checked.experiment.measured == tuple(wanted["measured"])
+
+
 def test_a_new_experiment_needs_a_sample_only(lab: Lab) -> None:
     draft = Draft.new()
     assert set(check(lab, draft).errors) == {"sample"}

@@ -190,6 +190,9 @@ def test_the_token_lets_in_whoever_knows_it() -> None:
     assert "HttpOnly; SameSite=Strict" in answer.headers["set-cookie"]
     assert here.get("/page").text == '"inside"'
     assert TOKEN not in here.cookies[f"{PASS}-8000"]
+    # A second form, which was open before, leads in too.
+    again = here.post("/login", data={"token": TOKEN}, headers={"origin": HERE}, follow_redirects=False)
+    assert (again.status_code, again.headers["location"]) == (303, "/")
 
 
 def test_a_page_that_stays_open_keeps_its_pass_good(monkeypatch: pytest.MonkeyPatch) -> None:

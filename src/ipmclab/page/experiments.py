@@ -184,12 +184,14 @@ class Draft:
         values: Values = {one.key: one.default if one.kind == "switch" else "" for one in FIELDS}
         values["measured"], values["rig"], values["repeats"] = "current, force", VIRTUAL, "1"
         rest = _copied(table)
-        if "signal" in rest:
+        if "signal" in rest and "signals" not in rest:
             rest["signals"] = [rest.pop("signal")]
         for one in FIELDS:
             found = _taken(rest, one)
             if found is not None:
                 values[one.key] = found
+            elif one.key in rest and one.kind != "switch":
+                values[one.key] = ""  # it stays as the file has it, right or wrong
         return cls(path.stem, values, rest)
 
     def table(self) -> dict[str, Any]:
@@ -204,7 +206,7 @@ class Draft:
         table = _copied(self.rest)
         for key, value in self.values.items():
             given = _as_toml(_BY_KEY[key], value)
-            if given is None:
+            if given is None or (given == [] and key in table):
                 continue
             first, _, second = key.partition(".")
             if second:
@@ -306,7 +308,7 @@ def _as_toml(one: FormField, value: str | bool) -> Any:
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         return lines if lines or one.key == "signals" else None
     if one.kind == "choice":
-        return [word.strip() for word in text.split(",")]
+        return [word.strip() for word in text.split(",")] if text else None
     if one.kind == "number":
         return int(text) if len(text) < 10 and text.lstrip("+-").isdecimal() else text or None
     return text or None

@@ -101,6 +101,9 @@ class Guard:
             if not self._door.passes.use(known):
                 await self._let_in(self._door, scope, receive, send)
                 return
+            if scope["type"] == "http" and scope["path"] == "/login":  # a form that was open while another let it in
+                await _answer(send, 303, "", extra=[(b"location", b"/")])
+                return
             receive = _using(self._door.passes, known, receive)
         self._claim(cookies.get(self._seat, ""))
         asks = scope["type"] == "http" and scope["method"] == "GET"  # nothing else makes a page that has a seat

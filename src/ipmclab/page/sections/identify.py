@@ -171,14 +171,16 @@ class _View:
         from ipmclab import load_actuator
 
         fail_at(self._actuator, None)
+        name = self._actuator.value
         try:
-            path = self._workshop.actuator_path((self._actuator.value or "").strip())
+            path = self._workshop.actuator_path((name or "").strip())
             actuator = await asyncio.to_thread(load_actuator, path)
         except IpmclabError as error:
             fail_at(self._actuator, error)
             return
-        self._free.offer(actuator)
-        self._tell_step()
+        if name == self._actuator.value:  # else another was written meanwhile
+            self._free.offer(actuator)
+            self._tell_step()
 
     def _request(self) -> FitRequest:
         chosen, free = self._table.chosen, self._free.chosen

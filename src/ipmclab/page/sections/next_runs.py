@@ -216,7 +216,8 @@ class NextRunsView:
         except JobCancelled:
             return
         except IpmclabError as error:
-            self._message.set_text(str(error))
+            if this == self._asked:  # else something newer was asked
+                self._message.set_text(str(error))
             return
         if this != self._asked:
             return

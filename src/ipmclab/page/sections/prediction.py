@@ -112,7 +112,8 @@ class PredictionView:
         except JobCancelled:
             return
         except IpmclabError as error:
-            self._message.set_text(str(error))
+            if asked == self._asked:  # else something newer was asked
+                self._message.set_text(str(error))
             return
         if asked == self._asked:
             self._message.set_text("")

@@ -211,7 +211,8 @@ class _Form:
         for key, made in self._inputs.items():
             value = self._draft.values[key]
             if isinstance(made, ui.select) and value not in made.options:
-                made.set_options([*made.options, value])
+                known = made.options
+                made.set_options({**known, value: "as in the file"} if isinstance(known, dict) else [*known, value])
             made.value = value
         self._name.value = self._draft.name
         self._choice.value = origin if origin in self._choice.options else _NEW

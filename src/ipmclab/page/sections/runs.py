@@ -191,8 +191,9 @@ class _View:
                 for name, key in zip(names, keys, strict=True)
             }
         except IpmclabError as error:
-            with self._chosen, card("This run cannot be read"):
-                text(str(error)).classes("lab-bad").props("role=alert")
+            if asked == self._asked:
+                with self._chosen, card("This run cannot be read"):
+                    text(str(error)).classes("lab-bad").props("role=alert")
             return
         if asked != self._asked:
             return
