@@ -53,6 +53,8 @@ def draw(number: int) -> tuple[Run, str]:
     signal = str(generator.choice(_SIGNALS))
     if signal.startswith("step"):
         signal += f" delay={rows // 4 / rate:g} s"
+    if signal.startswith("chirp"):
+        signal += f" for {max(rows, 2) / rate!r} s"
     strip = ipmclab.load_actuator("friend-2")
     clean = ipmclab.simulate(strip, signal, duration=max(rows, 2) / rate, rate=rate)
     time, voltage = clean.time.copy(), clean.voltage.copy()

@@ -134,7 +134,7 @@ def _random_fit(number: int) -> Any:
     size = float(10.0 ** generator.uniform(-1.0, 0.7))
     duration = float(generator.choice([8.0, 16.0, 30.0]))
     chosen = generator.choice(len(_SIGNALS), size=int(generator.integers(1, 3)), replace=False)
-    runs = [simulate(strip, _SIGNALS[int(k)], duration=duration, rate=50.0) for k in chosen]
+    runs = [simulate(strip, f"{_SIGNALS[int(k)]} for {duration!r} s", duration=duration, rate=50.0) for k in chosen]
     return identify(usual, [_noisy(run, generator, kind, size, outputs) for run in runs], free=free)
 
 

@@ -259,6 +259,17 @@ def test_what_is_asked_too_fast_is_not_simulated_as_something_slower() -> None:
         ipmclab.simulate(ipmclab.load_actuator("friend-2"), "sine 1 V 50 Hz", duration=1.0, rate=50.0)
 
 
+def test_a_chirp_that_its_record_cuts_says_how_far_it_gets() -> None:
+    chirp = signals.parse("chirp 1 V 0.05 Hz 5 Hz sweep_time=40 s delay=10 s")
+    chirp.check_fits(50.0, 50.0)
+    with pytest.raises(InputError, match=r"to 50 s, the record to 30 s: it would get to 0\.5 Hz of 5 Hz; .*=20 s"):
+        chirp.check_fits(30.0, 50.0)
+    signals.parse("chirp 1 V 0.05 Hz 5 Hz sweep_time=20 s delay=10 s").check_fits(30.0, 50.0)
+    signals.parse("chirp 1 V 0.05 Hz 5 Hz for 30 s").check_fits(30.0, 50.0)  # this says itself where it is cut
+    with pytest.raises(InputError, match="the record to 50 s"):
+        signals.parse("step 0 V for 30 s then chirp 1 V 0.05 Hz 5 Hz").check_fits(50.0, 50.0)
+
+
 @pytest.mark.parametrize(
     "text", ["sine 1 V 5 Hz", "step 1 V for 1 s then triangle 1 V 5 Hz", "cosine 1 V 5 Hz for 2 s"]
 )
@@ -388,6 +399,14 @@ def test_equal_values_make_equal_signals() -> None:
         (lambda: signals.Sequence(("step 1 V",), (1.0,)), "signals: a sequence is made of one or more signals"),  # type: ignore[arg-type]
         (lambda: signals.Sequence((signals.Step(1.0),), (1.0, 2.0)), "durations: 2 durations for 1 signals"),
         (lambda: signals.Sequence((signals.Step(1.0),), (0.0,)), "durations[0]: the duration is 0 s"),
+        (
+            lambda: signals.Sequence((signals.Step(1.0), signals.Step(1.0, delay=2.0)), (1.0, 2.0)),
+            "signals[1]: the part lasts 2 s and begins to act at 2 s: it would be 0 V throughout; give a delay below 2",
+        ),
+        (
+            lambda: signals.Sequence((signals.Samples([1.0, 2.0], [1.0, 1.0], delay=2.0),), (3.0,)),
+            "signals[0]: the part lasts 3 s and begins to act at 3 s",
+        ),
     ],
 )
 def test_wrong_values_are_refused_by_name(make: object, message: str) -> None:

@@ -65,7 +65,7 @@ single_signals = st.one_of(
 def sequences(draw: st.DrawFn) -> signals.Sequence:
     parts = draw(st.lists(single_signals, min_size=1, max_size=4))
     count = len(parts) - (draw(st.booleans()) and len(parts) > 1)
-    return signals.Sequence(tuple(parts), tuple(draw(positive) for _ in range(count)))
+    return signals.Sequence(tuple(parts), tuple(one.start + draw(positive) for one in parts[:count]))
 
 
 @given(st.one_of(single_signals, sequences()))
@@ -146,6 +146,11 @@ def test_the_documented_forms(text: str, signal: signals.Signal) -> None:
         ),
         ("sine 1 V delay=2 s", "at 'delay=' (character 10)", "the frequency of 'sine' is missing"),
         ("step", "at 'step' (character 1)", "the amplitude of 'step' is missing"),
+        (
+            "step 1 V delay=5 s for 3 s then step 1 V",
+            "at 'for 3 s' (character 20)",
+            "the part lasts 3 s and begins to act at 5 s: it would be 0 V throughout; give a delay below 3 s",
+        ),
         ("chirp 1 V 0.05 Hz", "at '0.05 Hz' (character 11)", "the end frequency of 'chirp' is missing"),
         ("sine 1,5 V 0.1 Hz", "at '1,5 V' (character 6)", "'1,5 V' has a comma; write a decimal point"),
         ("sine 1 V -0.1 Hz", "at '-0.1 Hz' (character 10)", "the frequency is -0.1 Hz, it must be above 0"),
@@ -205,7 +210,7 @@ def test_a_csv_file_reads_back(tmp_path: Path, values: list[tuple[float, float]]
         csv.writer(file, delimiter=";" if semicolon else ",").writerows(
             zip(time.tolist(), voltage.tolist(), strict=True)
         )
-    signal = signals.parse(f"file '{path}' delay=1 s for 5 s").signals[0]  # type: ignore[attr-defined]
+    signal = signals.parse(f"file '{path}' delay=1 s for 15 s").signals[0]  # type: ignore[attr-defined]
     assert np.array_equal(signal.times, time)
     assert np.array_equal(signal.values, voltage)
     assert signals.parse(str(signal)) == signal

@@ -686,3 +686,27 @@ def test_runs_say_of_what_sample_they_are_where_the_actuator_does_not(strip: Str
     # Two samples in one call are no sample.
     other = replace(runs[1], metadata=RunMetadata(sample=replace(heavy, id="another")))
     assert MASS not in {one.code for one in cross_check(alone, [runs[0], other])}
+
+
+@pytest.mark.parametrize("kind", ["step", "sine", "square", "a sine that is cut"])
+def test_a_rest_behind_the_signal_leaves_its_facts(kind: str) -> None:
+    """Every run of the recorder ends with one."""
+    shape = {"a sine that is cut": "sine 1 V 0.1 Hz"}.get(kind) or SIGNALS[kind]
+    lasts = 33.0 if kind == "a sine that is cut" else 40.0
+    plain = simulate(load_actuator("friend-2"), shape, duration=lasts, rate=50.0)
+    rested = simulate(
+        load_actuator("friend-2"), f"{shape} for {lasts} s then step 0 V", duration=lasts + 7.0, rate=50.0
+    )
+    for run in (rested, replace(rested, metadata=RunMetadata(sample=rested.metadata.sample))):
+        told = {fact.metric: fact for fact in facts_of_runs([run])}
+        alone = {fact.metric: fact for fact in facts_of_runs([plain])}
+        assert told.keys() == alone.keys() != set()
+        for metric, fact in told.items():
+            assert fact.signal.split()[:3] == alone[metric].signal.split()[:3]
+            assert fact.value == pytest.approx(alone[metric].value, rel=0.02)
+            assert fact.time == pytest.approx(alone[metric].time, abs=0.1)
+
+
+def test_two_steps_are_no_fact_of_one() -> None:
+    run = simulate(load_actuator("friend-2"), "step 1 V for 10 s then step 0.5 V for 10 s", duration=25.0, rate=50.0)
+    assert facts_of_runs([run]) == ()

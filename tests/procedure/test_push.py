@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from ipmclab import InputError, Run, follow_procedure, write_run
+from ipmclab.consistency.push import pushes
 from ipmclab.measurement.push import Push, stiffness
 from ipmclab.measurement.push_slips import apart_in
 from ipmclab.measurement.uncertain import exact
 from ipmclab.procedure.procedure_file import procedure_from_text
 from ipmclab.procedure.push import modulus
 from ipmclab.procedure.step import Step
+from ipmclab.run import QUALITY_FLAGS
 
 KNOWN = {f"geometry.{name}": exact(value) for name, value in (("width", 5e-3), ("thickness", 0.245e-3))}
 POSITION = exact(21e-3)
@@ -322,6 +324,28 @@ def test_how_many_readings_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def step_of(table: str) -> Step:
     return follow_procedure(procedure_from_text(MEASURED + table)).steps[4]
+
+
+def test_rows_that_check_masks_are_no_readings_of_a_push(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A laser that is lost on the way, the value it then gives marked by nobody, and rows that the operator masked."""
+    monkeypatch.chdir(tmp_path)
+    travel = np.concatenate([np.linspace(0.0, 0.5e-3, 201), np.linspace(0.5e-3, 0.0, 201)])
+    rng = np.random.default_rng(20261121)
+    x, f = travel + 1e-7 * rng.standard_normal(402), K * travel + 1e-6 * rng.standard_normal(402)
+    masked = np.zeros(402, dtype=np.uint8)
+    x[150:160] = x[300:306] = -0.1
+    f[50:70] += 1e-3
+    masked[50:70] = QUALITY_FLAGS["masked_by_operator"]
+    run = Run.from_arrays(
+        time=np.arange(402) / 10.0, voltage=np.zeros(402), displacement=x, force=f, quality={"force": masked}
+    )
+    write_run(run, "push.nc")
+    step = step_of('[modulus]\nrun = "push.nc"\ncalibration = 0.0\n')
+    assert step.also["f/δ"].amount.value == pytest.approx(K, rel=1e-3)
+    assert not step.findings
+    (fact,) = pushes([run])
+    assert fact.value == pytest.approx(K, rel=5e-3)
+    assert not fact.doubts
 
 
 @pytest.mark.parametrize("kind", ["a table", "a run"])

@@ -26,7 +26,7 @@ def only(run: Run, code: str, **more: Any) -> Finding:
     return findings[0]
 
 
-def changed(run: Run, channel: str, rows: slice | np.ndarray, values: Any, *, add: bool = False) -> Run:
+def changed(run: Run, channel: str, rows: int | slice | np.ndarray, values: Any, *, add: bool = False) -> Run:
     readings = getattr(run, channel).copy()
     readings[rows] = readings[rows] + values if add else values
     return replace(run, **{channel: readings})
@@ -51,6 +51,19 @@ def test_a_lost_laser(read: Read, as_nan: bool) -> None:
     assert finding.values["out_of_range_count"] == 3
     assert "row 698 (13.96 s)" in finding.message
     assert not usable(run, [finding])["displacement"][lost].any()
+
+
+@pytest.mark.parametrize("missing", [[0], [4], [7, 8], [9, 10], [4, 8, 9]])
+def test_a_missing_row_leaves_the_others_at_rest(missing: list[int]) -> None:
+    """Nine rows at exactly one value before a step: the missing one neither begins nor ends what is no sentinel."""
+    time = np.arange(200) / 50.0
+    displacement = np.where(time < 0.18, 0.0, 5e-3 + 1e-3 * (1.0 - np.exp(-(time - 0.18) / 0.4)))
+    displacement[missing] = np.nan
+    run = Run.from_arrays(time=time, voltage=np.where(time < 0.18, 0.0, 1.0), displacement=displacement)
+    (finding,) = [finding for finding in check(run) if finding.effect == "mask"]
+    assert [row for start, stop in finding.samples for row in range(start, stop)] == missing
+    lost = changed(changed(run, "displacement", 55, np.nan), "displacement", np.array([50, 51, 60, 61, 62]), -0.1)
+    assert set(np.flatnonzero(~usable(lost, check(lost))["displacement"])) == {*missing, 50, 51, 55, 60, 61, 62}
 
 
 def test_a_sentinel_that_the_importer_marked(read: Read) -> None:

@@ -11,6 +11,8 @@ import pytest
 from ipmclab import IpmclabError
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.recording.control import Control
+from ipmclab.rig.recording.zeroing import read_rest
+from ipmclab.run import ZeroReading
 from tests.rig.toy_bench import Ends, Heart, NotZeroed, ToyBench, done, kept, marks
 from tests.waiting import AtRow
 
@@ -133,6 +135,29 @@ def test_a_full_disk_does_not_hide_an_output_that_is_stuck() -> None:
     assert outcome.error is not None
     assert outcome.error.code == "output-stuck"
     assert "disarm" not in heart.told
+
+
+@pytest.mark.parametrize("seen", ["by the zeros", "by the tare"])
+def test_an_output_that_is_found_stuck_after_the_run_is_told_as_one_found_before(seen: str) -> None:
+    """Its amplifier fails once the run is over: the operator has to hear of it, and the guardian acts."""
+    bench, heart, told = ToyBench(), Heart(), Ends()
+    bench.stuck_from = 120 if seen == "by the zeros" else 1000
+
+    def tare(_: object) -> list[ZeroReading]:
+        bench.stuck_from = 0
+        return [*read_rest(bench, ("voltage",), 50.0, when="after", duration=1.0).zeros]
+
+    outcome = done(bench, zero_after=1.0, finish=tare, heartbeat=heart, **told.listeners)
+    assert outcome.error is not None
+    assert (outcome.error.code, outcome.state) == ("output-stuck", "aborted")
+    assert outcome.error.repair == "switch the output amplifier off"
+    assert [mark.text for mark in told.marks] == [str(outcome.error)]
+    assert marks(outcome) == [("bench", str(outcome.error))]
+    assert [zero.when for zero in outcome.metadata.zeros if zero.when == "after"] == (
+        [] if seen == "by the zeros" else ["after"] * 3
+    )
+    assert len(kept(outcome)) == 100
+    assert heart.told[-2:] == ["disarm", ("arm", 0.04)]
 
 
 def test_a_journal_that_cannot_be_ended_is_an_error_of_a_run_that_was_played() -> None:

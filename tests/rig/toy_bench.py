@@ -47,6 +47,8 @@ class ToyBench:
     change : callable of Block
         What becomes of each block of a signal; None loses it.
     rig : Rig
+
+    From the row ``stuck_from`` on, counted since it was opened, the strip has 1 V.
     """
 
     origin: Literal["virtual bench"] = "virtual bench"
@@ -64,6 +66,7 @@ class ToyBench:
         self.said: list[str] = []
         self.refuses_zero: IpmclabError | None = None
         self.refuses_close: IpmclabError | None = None
+        self.stuck_from: int | None = None
         self._reads = {**AT_REST, **(reads or {})}
         self._row = 0
         self._output = 0.0
@@ -97,7 +100,8 @@ class ToyBench:
     def _block(self, first: int, output: FloatArray) -> Block:
         rows = np.arange(self._row, self._row + len(output), dtype=np.float64)
         self._row += len(output)
-        readings = {name: self.rig[name].to_volts(self._reads[name](rows, output)) for name in self._names}
+        read = output if self.stuck_from is None else np.where(rows >= self.stuck_from, 1.0, output)
+        readings = {name: self.rig[name].to_volts(self._reads[name](rows, read)) for name in self._names}
         return Block(first, readings, output)
 
     def exchange(self, voltage: float) -> dict[str, float]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+import h5py
 import numpy as np
 import pytest
 
@@ -106,6 +107,28 @@ def test_a_run_file_that_was_damaged_after_it_was_renamed_is_made_again(
     assert Path(told.path) == path
     assert read_run(path).content_sha256 == checksum
     assert told.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("name", ["metadata_json", "metadata_sha256", "hold", "state"])
+@pytest.mark.parametrize("change", ["other", "gone"])
+def test_a_run_file_with_another_attribute_is_made_again(tmp_path: Path, name: str, change: str) -> None:
+    """Its rows are those of the journal; that it cannot be read, or says otherwise, is a damage as well."""
+    journal = recorded(tmp_path)
+    content = journal.read_bytes()
+    laboratory = Laboratory.open(tmp_path)
+    path = Path(finish_here(journal, laboratory).path)
+    path.chmod(0o644)
+    with h5py.File(path, "r+") as file:
+        if change == "other":
+            file.attrs[name] = "0" * len(file.attrs[name])
+        else:
+            del file.attrs[name]
+    journal.write_bytes(content)
+    assert finish_here(journal, laboratory).path == str(path)
+    assert read_run(path).metadata.state == "complete"
+    with h5py.File(path) as file:
+        assert file.attrs["state"] == "complete"
+        assert file.attrs["hold"] == read_run(path).hold
 
 
 def test_a_finished_file_is_not_written_again(tmp_path: Path) -> None:

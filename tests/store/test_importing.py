@@ -594,6 +594,37 @@ class TestLabviewText:
             import_run(path, lvm)
 
     @pytest.mark.parametrize(
+        ("tags", "read"),
+        [
+            ("Date\t2026/11/21\t2026/11/21\nTime\t09:00:00{d}5\t09:00:00{d}5", 0.0),
+            ("Time\t09:00:00{d}5\t09:00:00{d}5096141014099121094", 0.0),  # stamped one after the other
+            ("Time\t09:00:00{d}5\t09:00:00{d}5106141014099121094", "from 0 s .* and from 0.0106"),
+            ("Time\t09:00:03\t09:00:01", "from 0 s every 0.02 s and from 2 s every 0.02 s"),
+            ("Date\t2026/11/21\t2026/11/22\nTime\t09:00:03\t09:00:03", "and from 86400 s"),
+            ("Date\t2026/11/21\t2026/11/22\nTime\t23:59:59{d}995\t00:00:00{d}004", 0.0),
+            ("Date\t2026/11/21\t1903/12/31\nTime\t09:00:00\t19:00:00", 0.0),  # a stamp that was never set
+            ("Time\t09:00:00\t", 0.0),
+            ("Date\t2026/11/21\t\nTime\t09:00:00\t09:00:01", "and from 1 s"),
+            ("Time\tearly\tlate", "Date and Time of channel 0 are 'early', not a date"),
+        ],
+    )
+    @pytest.mark.parametrize("decimal", [".", ","])
+    def test_a_channel_without_x_values_begins_at_its_own_time(
+        self, tags: str, read: float | str, decimal: str, tmp_path: Path
+    ) -> None:
+        path, lines = tmp_path / "record.lvm", tags.format(d=decimal)
+        path.write_text(lvm_text("No", decimal).replace("X0\t", f"{lines}\nX0\t"))
+        lvm = make_map({"format": "lvm"}, period=None, channels={"current": {"column": "I"}})
+        if isinstance(read, str):
+            with pytest.raises(InputError, match=read):
+                import_run(path, lvm)
+            path.write_text(path.read_text().replace("Relative", "Absolute"))  # X0 is then the time of day and all
+            read = 0.0
+        run = import_run(path, lvm)
+        assert_is_the_record(run)
+        assert run.time[0] == read
+
+    @pytest.mark.parametrize(
         ("text", "message"),
         [
             (lvm_text()[5:], "it does not start with 'LabVIEW Measurement'"),

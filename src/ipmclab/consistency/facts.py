@@ -17,7 +17,7 @@ from ipmclab.quality import measure, shows_zero
 from ipmclab.quality.check import check_record
 from ipmclab.quality.kept import kept
 from ipmclab.quality.period import periodic_part
-from ipmclab.quality.record import Record
+from ipmclab.quality.record import NO_VOLTAGE, Record
 from ipmclab.quality.scale import CODE as UNIT_OFF
 from ipmclab.run import Run
 from ipmclab.units import CHANNELS
@@ -346,18 +346,20 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
 
 def _applied(record: Record) -> tuple[Waveform, float, float | None, float | None] | None:
     """What voltage a run has: waveform, amplitude [V], frequency [Hz], and how long [s] a wave lasts."""
-    voltage = record.run.voltage
-    if not record.excited or (len(record.edges) and not record.steps_from_rest):
+    if not record.excited:
         return None
-    periodic = periodic_part(record.run)
-    if periodic is None:
-        one_step = len(record.edges) == 1 and bool(record.constant_after[0])
-        return ("step", abs(float(np.median(voltage[record.edges[0] :]))), None, None) if one_step else None
-    period, end = periodic  # a rest after the wave is none of it
+    driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
+    period, end = periodic_part(record.run) or (None, int(driven[-1]) + 1)
+    voltage, edges = record.run.voltage[:end], record.edges[record.edges < end]  # a rest behind the signal is none of it
+    if len(edges) and not record.steps_from_rest:
+        return None
+    if period is None:
+        one_step = len(edges) == 1 and bool(record.constant_after[0])
+        return ("step", abs(float(np.median(voltage[edges[0] :]))), None, None) if one_step else None
     rows, lasted = round(period / record.period), end * record.period
     if rows < 8 or end < rows:
         return None
-    last = voltage[end - rows : end]
+    last = voltage[-rows:]
     mean, height = float(np.mean(last)), float(np.ptp(last))
     if abs(mean) > _STEADY * height:
         return None
@@ -365,6 +367,6 @@ def _applied(record: Record) -> tuple[Waveform, float, float | None, float | Non
     amplitude, rest = float(waves[1]), float(np.sqrt(np.sum(waves[2:] ** 2)))
     if rest < _SAME * amplitude:
         return "sine", amplitude, 1.0 / period, lasted
-    if len(record.edges) > 1 and bool(record.constant_after.all()):
+    if len(edges) > 1 and bool(record.constant_after[: len(edges)].all()):
         return "square", 0.5 * height, 1.0 / period, lasted
     return None

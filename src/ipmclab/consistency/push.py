@@ -18,8 +18,10 @@ from ipmclab.measurement.amount import SURE, Amount, apart, conflict, how_sure
 from ipmclab.measurement.push import CALIBRATION, USUAL_SCALES, Push, in_contact
 from ipmclab.measurement.push import stiffness as slope_of_push
 from ipmclab.measurement.uncertain import Uncertain
+from ipmclab.quality.check import check_record
 from ipmclab.quality.kept import kept
 from ipmclab.quality.record import Record
+from ipmclab.quality.usable import usable
 from ipmclab.run import Finding, FloatArray, Run
 
 CODE = "push-against-stiffness"
@@ -81,11 +83,12 @@ def push_of(run: Run) -> tuple[Uncertain, str] | None:
 
 
 def _push_of(run: Run) -> tuple[Uncertain, str] | None:
-
     record = Record.of(run)
     if record.excited or not {"displacement", "force"} <= record.channels.keys():
         return None
-    time, x, f = _means(run.time, record.channels["displacement"].readings, record.channels["force"].readings)
+    good = usable(run, [finding for finding in check_record(record) if finding.effect == "mask"])
+    x, f = (np.where(good[name], record.channels[name].readings, np.nan) for name in ("displacement", "force"))
+    time, x, f = _means(run.time, x, f)
     if len(x) < 8 or float(np.ptp(x)) < _LEAST_TRAVEL:
         return None
     # Counted from where it began and in the direction in which it went; either channel may have the other sign.

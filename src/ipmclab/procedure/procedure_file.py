@@ -19,6 +19,8 @@ from ipmclab.procedure.hand import read_hand
 from ipmclab.procedure.procedure import Procedure, Runs
 from ipmclab.procedure.strip import GEOMETRY
 from ipmclab.procedure.tables import DcTable, ModulusTable, ProcedureTable, SheetTable
+from ipmclab.quality.check import check
+from ipmclab.quality.usable import usable
 from ipmclab.run import Run
 from ipmclab.sample import Sample
 from ipmclab.toml_file import parse_table, read_text
@@ -363,7 +365,8 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
                 where=reader.at("modulus.run"),
                 repair="import them together, or write both as lists",
             )
-        both = np.isfinite(run.displacement) & np.isfinite(run.force)
+        good = usable(run, [finding for finding in check(run) if finding.effect == "mask"])
+        both = good["displacement"] & good["force"]
         return Push(run.displacement[both], run.force[both], scales, assumed=assumed)
     columns: list[Written] = []
     for key, texts, quantity in (("displacement", table.displacement, DISPLACEMENT), ("force", table.force, FORCE)):

@@ -312,9 +312,11 @@ def _raw_sentinels(readings: FloatArray, finite: BoolArray, edges: IntArray) -> 
     at the edges of the voltage.
     """
     found = np.zeros(len(readings), dtype=bool)
-    for extreme in (readings[finite].min(), readings[finite].max()) if finite.any() else ():
-        held = readings == extreme
-        others = readings[finite & ~held]
+    rows = np.flatnonzero(finite)  # a row without a reading neither begins nor ends a stretch
+    values = readings[rows]
+    for extreme in (values.min(), values.max()) if len(rows) else ():
+        held = values == extreme
+        others = values[~held]
         if np.count_nonzero(held) < _SENTINEL_REPEATS or len(others) < _SENTINEL_REPEATS:
             continue
         low, high = np.percentile(others, (1.0, 99.0))
@@ -324,10 +326,10 @@ def _raw_sentinels(readings: FloatArray, finite: BoolArray, edges: IntArray) -> 
         starts, stops = runs_of_true(held)
         if not starts.any() and abs(extreme) <= np.abs(others).max():
             continue  # from row 0 on, and nearer to zero than the others: the strip at rest
-        changes = np.concatenate((starts[starts > 0], stops[stops < len(readings)]))
-        if len(edges) and all(np.abs(edges - row).min() <= 1 for row in changes):
+        changes = np.concatenate((starts[starts > 0], stops[stops < len(rows)]))
+        if len(edges) and all(np.any((edges >= rows[k - 1]) & (edges <= rows[k] + 1)) for k in changes):
             continue
-        found |= held
+        found[rows[held]] = True
     return found
 
 

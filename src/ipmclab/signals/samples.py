@@ -103,6 +103,10 @@ class Samples(Signal):
         return float(self.delay + 2.0 * self.times[-1] - self.times[-2])
 
     @property
+    def start(self) -> float:
+        return float(self.delay + self.times[0])
+
+    @property
     def reach(self) -> float:
         return float(self.delay + self.times[-1])
 

@@ -14,6 +14,30 @@ from ipmclab.signals.signal import EDGE, Signal, check_value, write_value
 FloatArray = npt.NDArray[np.float64]
 
 
+def refuse_idle(signal: Signal, duration: float, *, where: str) -> None:
+    """Refuse a part that ends before its own delay does: it would be 0 V throughout.
+
+    Parameters
+    ----------
+    signal : Signal
+    duration : float [s]
+        How long the part lasts.
+    where : str
+        What the message names.
+
+    Raises
+    ------
+    InputError
+    """
+    if signal.start >= duration - EDGE:
+        raise InputError(
+            f"the part lasts {duration:.9g} s and begins to act at {signal.start:.9g} s: it would be 0 V throughout",
+            code="never-acts",
+            where=where,
+            repair=f"give a delay below {duration:.9g} s, or write 'step 0 V' for a rest",
+        )
+
+
 @dataclass(frozen=True)
 class Sequence(Signal):
     """Signals one after the other.
@@ -55,6 +79,8 @@ class Sequence(Signal):
                 repair="say how long each lasts; only the last may go without",
             )
         checked = tuple(check_value("duration", one, where=f"durations[{k}]") for k, one in enumerate(durations))
+        for k, (one, lasts) in enumerate(zip(signals, checked, strict=False)):
+            refuse_idle(one, float(lasts), where=f"signals[{k}]")
         object.__setattr__(self, "signals", signals)
         object.__setattr__(self, "durations", checked)
 

@@ -184,9 +184,14 @@ class Signal(ABC):
         return math.inf
 
     @property
+    def start(self) -> float:
+        """Time [s] before which it is 0 V."""
+        return float(getattr(self, "delay", 0.0))
+
+    @property
     def reach(self) -> float:
         """Time [s] of the last thing that it states: its start, its last sample, the end of a part."""
-        return float(getattr(self, "delay", 0.0))
+        return self.start
 
     @property
     def fastest(self) -> float:

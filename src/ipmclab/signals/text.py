@@ -13,7 +13,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.signals.broadband import Multisine, Prbs, Random
 from ipmclab.signals.files import read_samples
 from ipmclab.signals.samples import Samples
-from ipmclab.signals.sequence import Sequence
+from ipmclab.signals.sequence import Sequence, refuse_idle
 from ipmclab.signals.signal import CHOICES, QUANTITIES, Signal, check_value, is_required, is_unnamed
 from ipmclab.signals.tones import Chirp, Cosine, Sine, Square, Step, Triangle
 from ipmclab.units import ANGLE, FREQUENCY, NUMBER, TIME, VOLTAGE, parse_quantity
@@ -95,7 +95,9 @@ def _read(text: str, folder: str) -> Signal:
         signals.append(_read_waveform(reader))
         joint = reader.next()
         if joint == "for":
+            start = reader.begin
             durations.append(_read_number(reader, "duration", reader.at))
+            _refuse_idle(reader, signals[-1], durations[-1], start)
             joint = reader.next()
         if joint is None:
             break
@@ -108,6 +110,14 @@ def _read(text: str, folder: str) -> Signal:
                 f"write for example '{signals[-1]} for 20 s then ...'",
             )
     return signals[0] if not durations else Sequence(tuple(signals), tuple(durations))
+
+
+def _refuse_idle(reader: _Reader, signal: Signal, duration: float, start: int) -> None:
+    reader.begin = start  # at "for"
+    try:
+        refuse_idle(signal, duration, where="")
+    except InputError as error:
+        raise _pointed(error, reader) from error
 
 
 @dataclass

@@ -192,6 +192,22 @@ class Chirp(Signal):
     def fastest(self) -> float:
         return max(self.start_frequency, self.end_frequency)
 
+    @property
+    def reach(self) -> float:
+        return self.delay + self.sweep_time
+
+    def check_fits(self, duration: float, rate: float = math.inf) -> None:
+        try:
+            super().check_fits(duration, rate)
+        except InputError as error:
+            if error.code == "signal-too-long" and self.delay < duration:
+                ratio = self.end_frequency / self.start_frequency
+                there = self.start_frequency * ratio ** ((duration - self.delay) / self.sweep_time)
+                error.message += f": it would get to {there:.3g} Hz of {self.end_frequency:.9g} Hz"
+                left = write_value("sweep_time", float(f"{duration - self.delay:.9g}"))
+                error.repair = f"record longer, or give sweep_time={left}"
+            raise
+
     def _shape(self, time: FloatArray) -> FloatArray:
         growth = math.log(self.end_frequency / self.start_frequency) / self.sweep_time
         swept = np.minimum(time, self.sweep_time)

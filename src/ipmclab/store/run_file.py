@@ -245,7 +245,7 @@ def _write(run: Run, document: str, path: Path) -> None:
         add_variables(file, lengths)
         for name, values in run.arrays.items():
             file[name][:] = values
-        add_attributes(file, document, flat_attributes(run))
+        file.attrs.update(attributes_in_file(document, flat_attributes(run)))
 
 
 def add_variables(file: h5netcdf.File, lengths: Mapping[str, int]) -> None:
@@ -287,10 +287,7 @@ def add_variables(file: h5netcdf.File, lengths: Mapping[str, int]) -> None:
             variable.attrs["long_name"] = "time"
 
 
-def add_attributes(file: h5netcdf.File, document: str, texts: Mapping[str, str]) -> None:
-    """Say what a run is: its metadata as texts for people, and as one document."""
-    file.attrs["Conventions"] = "CF-1.11"
-    for name, text in texts.items():
-        file.attrs[name] = text.replace("\0", "\N{REPLACEMENT CHARACTER}")
-    file.attrs["metadata_json"] = document
-    file.attrs["metadata_sha256"] = _sha256(document)
+def attributes_in_file(document: str, texts: Mapping[str, str]) -> dict[str, str]:
+    """What the file of a run says it is, attribute by attribute: its metadata for people, and as one document."""
+    shown = {name: text.replace("\0", "\N{REPLACEMENT CHARACTER}") for name, text in texts.items()}
+    return {"Conventions": "CF-1.11", **shown, "metadata_json": document, "metadata_sha256": _sha256(document)}

@@ -332,7 +332,9 @@ const LabSimulate = (() => {
       const [volts, hertz] = [this.amplitude.value, this.tone.value];
       if (kind === "written") return this.text.value;
       if (kind === "step") return `step ${volts} V`;
-      if (kind === "chirp") return `chirp ${volts} V ${hertz} Hz ${10 * Number(hertz)} Hz`;
+      if (kind === "chirp") {
+        return `chirp ${volts} V ${hertz} Hz ${10 * Number(hertz)} Hz sweep_time=${this.duration.value} s`;
+      }
       return `${kind} ${volts} V ${hertz} Hz`;
     }
 

@@ -37,6 +37,9 @@ START_TIME: Final = 2.0
 NOT_AT_ZERO: Final = ("output-not-zero", "output-unread")
 """The codes of a bench that could not bring its output to 0 V, or not see it there."""
 
+DRIVEN: Final = ("output-stuck", *NOT_AT_ZERO)
+"""The codes of failures after which the strip may still be driven: the guardian is not let go of."""
+
 ZEROING_TIME: Final = 0.5
 """How long [s] it may take to bring the output to 0 V while a signal is given out."""
 
@@ -216,13 +219,9 @@ class Recording:
                 told, error = error, self._zero(error)
                 about = self._about.after(about)
                 if error is not None:
-                    self._fail(str(error))
-                    with suppress(IpmclabError):  # it may be the journal that failed
-                        self._keeper.mark(Mark(self._time, str(error), "bench"))
-                    if error is not told and self._listeners.on_mark is not None:
-                        self._listeners.on_mark(Mark(self._time, str(error), "bench"))
+                    self._keep_failure(error, is_told=error is told)
             if error is None and not self._hurried:
-                about = self._after(about, finish)
+                about, error = self._after(about, finish)
         except BaseException as fault:
             self._fail(_why(fault))
             self._end(about)
@@ -370,6 +369,15 @@ class Recording:
         elif self._listeners.on_mark is not None:
             self._listeners.on_mark(mark)
 
+    def _keep_failure(self, error: IpmclabError, *, is_told: bool) -> None:
+        """Keep what ended the recording, and tell it where nobody was told yet."""
+        self._fail(str(error))
+        mark = Mark(self._time, str(error), "bench")
+        with suppress(IpmclabError):  # it may be the journal that failed
+            self._keeper.mark(mark)
+        if not is_told and self._listeners.on_mark is not None:
+            self._listeners.on_mark(mark)
+
     def _hold(self, seconds: float) -> None:
         if self._heartbeat is not None:
             self._heartbeat.hold(seconds)
@@ -383,12 +391,14 @@ class Recording:
             self._bench.zero()
         except IpmclabError as failure:
             return failure if error is None or failure.code in NOT_AT_ZERO else error
-        if self._heartbeat is not None and (error is None or error.code not in ("output-stuck", *NOT_AT_ZERO)):
+        if self._heartbeat is not None and (error is None or error.code not in DRIVEN):
             self._heartbeat.disarm()
         return error
 
-    def _after(self, about: RunMetadata, finish: Callable[[Bench], Sequence[ZeroReading]] | None) -> RunMetadata:
-        """Read the zeros again. What fails here does not spoil the run."""
+    def _after(
+        self, about: RunMetadata, finish: Callable[[Bench], Sequence[ZeroReading]] | None
+    ) -> tuple[RunMetadata, IpmclabError | None]:
+        """Read the zeros again. What fails here does not spoil the run, unless the output is not at 0 V."""
         found: list[ZeroReading] = []
         try:
             seconds = self._request.zero_after
@@ -398,9 +408,15 @@ class Recording:
             if finish is not None:
                 found += finish(self._bench)
         except IpmclabError as error:
+            if error.code in DRIVEN:
+                self._keep_failure(error, is_told=False)
+                if self._heartbeat is not None:  # it was let go of: its silence makes it act, as after any such failure
+                    with suppress(IpmclabError):
+                        self._heartbeat.arm(block_rows(self._rate) / self._rate)
+                return self._about.with_zeros(about, found), error
             with suppress(IpmclabError):
                 self._mark(Mark(self._time, f"the zeros could not be read after the run: {error}", "bench"))
-        return self._about.with_zeros(about, found)
+        return self._about.with_zeros(about, found), None
 
     def _end(self, about: RunMetadata) -> IpmclabError | None:
         try:

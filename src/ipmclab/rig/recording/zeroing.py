@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
-from ipmclab.rig.bench import Bench, BenchError
+from ipmclab.rig.bench import Bench
 from ipmclab.rig.channels import Channel, Rig
 from ipmclab.rig.safety.guard import Guard
+from ipmclab.rig.safety.guarded_bench import output_stuck
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.rig.safety.own_clock import OPENING, own_pauses_told
 from ipmclab.rig.scaling import Scaling
@@ -108,9 +109,7 @@ def read_rest(
             clock.progress()
             alarms = guard.look(block.first_row, plain.values(block.readings)) if "voltage" in names else ()
             if alarms:
-                raise BenchError(
-                    str(alarms[0]), code="output-stuck", where="voltage", repair="see the output amplifier"
-                )
+                raise output_stuck(alarms[0])
             blocks.append(block)
             if on_block is not None:
                 on_block()

@@ -43,6 +43,25 @@ class Clock(NamedTuple):
     period: float
 
 
+def clocks_from(starts: Sequence[float], periods: Sequence[float], moments: Sequence[float | None]) -> list[Clock]:
+    """The clock of each channel of a file; times count from the channel that started first.
+
+    Parameters
+    ----------
+    starts, periods : sequence of float [s]
+        Of each channel: what its first time is since it started, and its sampling period.
+    moments : sequence of (float or None) [s]
+        When each channel started; None where the file does not say.
+    """
+    first = min((moment for moment in moments if moment is not None), default=0.0)
+    clocks = []
+    for start, period, moment in zip(starts, periods, moments, strict=True):
+        late = 0.0 if moment is None else moment - first
+        # Writers stamp the channels of one reading one after the other: less than half a row is no delay.
+        clocks.append(Clock(start + (late if late > period / 2 else 0.0), period))
+    return clocks
+
+
 @dataclass(frozen=True)
 class Columns:
     """The columns of a foreign file, before anything is known of their meaning.

@@ -5,23 +5,27 @@ The tags are those of NI's "Specification for the LabVIEW Measurement File", ver
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Final, Literal
 
 from ipmclab.errors import InputError
-from ipmclab.store.importers.columns import Clock, Columns
+from ipmclab.store.importers.columns import Clock, Columns, clocks_from
 from ipmclab.store.importers.csv import read_text
+from ipmclab.store.importers.dates import read_dates
 from ipmclab.store.strict import Strict
 
 _MAGIC: Final = "LabVIEW Measurement"
 _END: Final = "***End_of_Header***"
 _COMMENT: Final = "Comment"
+_DECIMALS: Final = re.compile(r"[.,]([0-9]{1,9})[0-9]*$")
 
 
 class LvmFile(Strict):
     """A LabVIEW measurement file: it says itself how it is written.
 
-    Its time is the column ``X_Value``; where it was saved without x values, its ``Delta_X``.
+    Its time is the column ``X_Value``; where it was saved without x values, its ``Delta_X``, from the ``Date`` and
+    ``Time`` of each channel on.
     """
 
     format: Literal["lvm"]
@@ -81,8 +85,9 @@ def read(path: Path, options: LvmFile) -> Columns:
     is_spaced = any(len(tags.get(tag, [])) > len(channels) for tag in ("Samples", "Y_Unit_Label"))
     for channel, column in enumerate(channels):
         units[column] = _nth(tags.get("Y_Unit_Label", []), column - 1 if is_spaced else channel)
-        if x_columns == "No":
-            clocks[column] = _clock(tags, channel, where)
+    if x_columns == "No":
+        is_absolute = file_tags.get("Time_Pref") == ["Absolute"]  # then X0 says it all
+        clocks[1:least] = _clocks(tags, len(channels), where, is_absolute=is_absolute)
     return Columns(
         file=where,
         names=tuple(names),
@@ -114,15 +119,44 @@ def _nth(values: list[str], number: int) -> str:
     return values[number] if number < len(values) else ""
 
 
-def _clock(tags: dict[str, list[str]], channel: int, where: str) -> Clock:
-    texts = (_nth(tags.get("X0", []), channel) or "0", _nth(tags.get("Delta_X", []), channel))
+def _clocks(tags: dict[str, list[str]], channels: int, where: str, *, is_absolute: bool) -> list[Clock]:
+    """The clock of each channel, from the tags of its segment."""
+    numbers = []
+    for channel in range(channels):
+        texts = (_nth(tags.get("X0", []), channel) or "0", _nth(tags.get("Delta_X", []), channel))
+        try:
+            numbers.append([float(text.replace(",", ".")) for text in texts])
+        except ValueError as error:
+            raise _error(
+                where,
+                f"X0 and Delta_X of channel {channel} are {texts}, not two numbers",
+                "save the record with x values",
+            ) from error
+    starts, periods = zip(*numbers, strict=True) if numbers else ((), ())
+    moments = [None] * channels if is_absolute else _moments(tags, channels, where)
+    return clocks_from(starts, periods, moments)
+
+
+def _moments(tags: dict[str, list[str]], channels: int, where: str) -> list[float | None]:
+    """When each channel started [s]; None where its tag is blank or was never set, and where all say the same."""
+    days, times = ([_nth(tags.get(tag, []), channel) for channel in range(channels)] for tag in ("Date", "Time"))
+    if len({pair for pair in zip(days, times, strict=True) if pair[1]}) < 2:
+        return [None] * channels
+    is_dated = all(day for day, time in zip(days, times, strict=True) if time)
+    # LabVIEW writes more decimals of a second than anything is told apart by.
+    times = [_DECIMALS.sub(".\\1", time) for time in times]
+    cells = [time and f"{day} {time}" if is_dated else time for day, time in zip(days, times, strict=True)]
     try:
-        start, period = (float(text.replace(",", ".")) for text in texts)
+        read = read_dates(cells, "year-month-day" if is_dated else "time of day")
     except ValueError as error:
+        channel = int(error.args[0])
         raise _error(
-            where, f"X0 and Delta_X of channel {channel} are {texts}, not two numbers", "save the record with x values"
+            where,
+            f"Date and Time of channel {channel} are {cells[channel]!r}, not a date and a time of day",
+            "save the record with x values",
         ) from error
-    return Clock(start, period)
+    # A time stamp that was never set is LabVIEW's zero, in 1904.
+    return [None if moment is None or moment < 0 else moment / 1e9 for moment in read]
 
 
 def _error(where: str, message: str, repair: str, *, code: str = "damaged-file") -> InputError:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ipmclab.errors import InputError
 from ipmclab.extras import package
-from ipmclab.store.importers.columns import Clock, Columns, open_error
+from ipmclab.store.importers.columns import Clock, Columns, clocks_from, open_error
 from ipmclab.store.strict import Strict
 
 
@@ -62,14 +62,12 @@ def read(path: Path, options: TdmsFile) -> Columns:  # noqa: ARG001  # every imp
 
 
 def _clocks(channels: list[dict[str, Any]]) -> tuple[Clock | None, ...]:
-    """The clock of each channel; times count from the channel that started first."""
+    """The clock of each channel that brings its sampling period."""
     started = [properties.get("wf_start_time") for properties in channels]
-    first = min((time for time in started if time is not None), default=None)
-    clocks: list[Clock | None] = []
-    for properties, time in zip(channels, started, strict=True):
-        period = float(properties.get("wf_increment", 0.0))
-        late = 0.0 if time is None else float((time - first) / np.timedelta64(1, "s"))
-        # Writers stamp the channels of one reading one after the other: less than half a row is no delay.
-        start = float(properties.get("wf_start_offset", 0.0)) + (late if late > period / 2 else 0.0)
-        clocks.append(Clock(start, period) if period else None)
-    return tuple(clocks)
+    first = next((time for time in started if time is not None), None)
+    clocks = clocks_from(
+        [float(properties.get("wf_start_offset", 0.0)) for properties in channels],
+        [float(properties.get("wf_increment", 0.0)) for properties in channels],
+        [None if time is None else float((time - first) / np.timedelta64(1, "s")) for time in started],
+    )
+    return tuple(clock if clock.period else None for clock in clocks)

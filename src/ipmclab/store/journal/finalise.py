@@ -36,7 +36,7 @@ from ipmclab.store.journal.laboratory import Laboratory
 from ipmclab.store.journal.record import JournalRecord, read_journal
 from ipmclab.store.journal.run import Layout, layout_of
 from ipmclab.store.journal.salvage import salvage
-from ipmclab.store.run_file import CHUNK_ROWS, add_attributes, add_variables
+from ipmclab.store.run_file import CHUNK_ROWS, add_variables, attributes_in_file
 
 Outcome = Literal["run", "empty", "lost", "in-use", "gone"]
 
@@ -214,7 +214,7 @@ def _run_file(record: JournalRecord, layout: Layout, stream: BinaryIO, laborator
     target = next(target.parent.glob(f"*_{record.header.uuid[:8]}.nc"), target)
     if target.exists():
         digests = _digests(layout, stream)
-        if _difference(target, digests, _document(layout, digests)) is None:
+        if _difference(target, digests, _attributes(layout, digests)) is None:
             return target
         target.chmod(0o644)  # damaged after it was renamed, as a power cut may do: it is made again
     for folder in (target.parent.parent, target.parent):
@@ -225,7 +225,7 @@ def _run_file(record: JournalRecord, layout: Layout, stream: BinaryIO, laborator
         digests = _write(layout, stream, temporary)
         with temporary.open("rb+") as written:
             sync_file(written.fileno())
-        difference = _difference(temporary, digests, _document(layout, digests))
+        difference = _difference(temporary, digests, _attributes(layout, digests))
         if difference is not None:
             raise IpmclabError(
                 f"what was read back differs from what was written ({difference})",
@@ -253,8 +253,7 @@ def _write(layout: Layout, stream: BinaryIO, path: Path) -> dict[str, str]:
             checksums[name].update(values)
             file[name][start : start + len(values)] = values
         digests = {name: checksum.digest() for name, checksum in checksums.items()}
-        texts = attributes_of(layout.hold, layout.metadata, content_checksum(layout.hold, digests))
-        add_attributes(file, _document(layout, digests), texts)
+        file.attrs.update(_attributes(layout, digests))
     return digests
 
 
@@ -277,18 +276,21 @@ def _pieces(layout: Layout, stream: BinaryIO) -> Iterator[tuple[str, int, npt.ND
         yield name, 0, values
 
 
-def _document(layout: Layout, digests: Mapping[str, str]) -> str:
-    return document_of(layout.hold, layout.metadata, content_checksum(layout.hold, digests))
+def _attributes(layout: Layout, digests: Mapping[str, str]) -> dict[str, str]:
+    """What the attributes of the run file must be."""
+    about = layout.hold, layout.metadata, content_checksum(layout.hold, digests)
+    return attributes_in_file(document_of(*about), attributes_of(*about))
 
 
-def _difference(path: Path, digests: Mapping[str, str], document: str) -> str | None:
+def _difference(path: Path, digests: Mapping[str, str], attributes: Mapping[str, str]) -> str | None:
     """The first thing in a run file that is not as it should be; None for a whole file."""
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("metadata_json") != document:
-                return "metadata_json"
+            for name, text in attributes.items():
+                if file.attrs.get(name) != text:
+                    return name
             for name, expected in digests.items():
                 if _digest_of(file[name]) != expected:
                     return name
