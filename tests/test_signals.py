@@ -213,7 +213,6 @@ def test_signals_end_where_they_say() -> None:
     ("text", "reach"),
     [
         ("step 1 V", 0.0),
-        ("step 1 V delay=5 s", 5.0),
         ("samples 0 s 1 V 5 s 0 V 20 s 0 V delay=1 s", 21.0),
         ("sine 1 V 1 Hz for 20 s", 20.0),
         ("sine 1 V 1 Hz for 20 s then step 1 V", 20.0),
@@ -228,6 +227,17 @@ def test_a_record_that_would_lose_a_part_of_the_signal_is_refused(text: str, rea
     if reach:
         with pytest.raises(InputError, match="it reaches to"):
             signal.check_fits(0.999 * reach)
+
+
+@pytest.mark.parametrize("text", ["step 1 V delay=5 s", "sine 1 V 1 Hz for 3 s then step 1 V delay=2 s"])
+def test_a_delay_ends_before_the_record_does(text: str) -> None:
+    """A record that ends with it is one of 0 V from there on."""
+    signal = signals.parse(text)
+    assert signal.reach == 5.0
+    signal.check_fits(5.02)
+    for short in (5.0, 4.9):
+        with pytest.raises(InputError, match=f"it reaches to 5 s, the record to {short:g} s; record longer"):
+            signal.check_fits(short)
 
 
 @pytest.mark.parametrize(

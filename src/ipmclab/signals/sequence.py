@@ -90,6 +90,11 @@ class Sequence(Signal):
         return math.fsum(self.durations) + last
 
     @property
+    def last_start(self) -> float:
+        last = self.signals[-1].start if len(self.durations) < len(self.signals) else 0.0
+        return math.fsum(self.durations) + last if last else 0.0
+
+    @property
     def reach(self) -> float:
         last = 0.0 if len(self.durations) == len(self.signals) else self.signals[-1].reach
         return math.fsum(self.durations) + last

@@ -189,6 +189,11 @@ class Signal(ABC):
         return float(getattr(self, "delay", 0.0))
 
     @property
+    def last_start(self) -> float:
+        """Time [s] at which the last delay that it states is over; 0 where it states none."""
+        return self.start
+
+    @property
     def reach(self) -> float:
         """Time [s] of the last thing that it states: its start, its last sample, the end of a part."""
         return self.start
@@ -211,8 +216,8 @@ class Signal(ABC):
         Raises
         ------
         InputError
-            When ``reach`` is later than the end of the record, or ``fastest`` above half its rate: rows show, and
-            apply, a slower signal then.
+            When ``reach`` is later than the end of the record, or the last delay ends no earlier than that, or
+            ``fastest`` is above half its rate: rows show, and apply, a slower signal then.
 
         Examples
         --------
@@ -223,7 +228,8 @@ class Signal(ABC):
         ...     print(error)
         signal 'step 1 V delay=50 s': it reaches to 50 s, the record to 40 s; record longer, or shorten the signal
         """
-        if self.reach > duration * (1.0 + 1e-9) + EDGE:
+        never_acts = self.last_start > 0.0 and self.last_start >= duration - EDGE
+        if never_acts or self.reach > duration * (1.0 + 1e-9) + EDGE:
             raise InputError(
                 f"it reaches to {self.reach:.9g} s, the record to {duration:.9g} s",
                 code="signal-too-long",
