@@ -10,8 +10,9 @@ from typing import Annotated
 import pytest
 import typer
 
+from ipmclab import InputError, Run, read_run, write_run
 from ipmclab.cli import expand_patterns, output
-from ipmclab.cli.options import SpreadCommand
+from ipmclab.cli.options import SpreadCommand, matching_files
 
 VERBS = ("demo", "simulate", "import", "export", "check", "plot", "identify", "validate", "report")
 
@@ -158,6 +159,21 @@ def test_patterns_are_expanded_where_the_shell_does_not(tmp_path: Path, monkeypa
     for name in ("b.nc", "a.nc", "c.csv"):
         (tmp_path / name).touch()
     assert expand_patterns(["check", "*.nc", "*.mat", "--json"]) == ["check", "a.nc", "b.nc", "*.mat", "--json"]
+
+
+def test_a_pattern_names_all_runs_of_a_laboratory_folder(tmp_path: Path, monkeypatch) -> None:
+    """A shell that knows no ``**`` leaves it to the program, on every system; the message on a folder names it."""
+    monkeypatch.chdir(tmp_path)
+    deep = tmp_path / "runs" / "runs" / "2026" / "11"
+    deep.mkdir(parents=True)
+    run = Run.from_arrays(time=[0.0, 1.0, 2.0], voltage=[0.0, 0.0, 0.0], current=[0.0, 0.0, 0.0])
+    for name in ("b.nc", "a.nc"):
+        write_run(run, deep / name)
+    with pytest.raises(InputError) as refused:
+        read_run("runs")
+    (pattern,) = (word for word in refused.value.repair.split() if "*" in word)
+    found = [os.path.join("runs", "runs", "2026", "11", name) for name in ("a.nc", "b.nc")]
+    assert matching_files(pattern) == expand_patterns([pattern]) == found
 
 
 @pytest.mark.parametrize(

@@ -26,4 +26,5 @@ def main() -> NoReturn:
 
 def expand_patterns(words: Sequence[str]) -> list[str]:
     """Replace patterns such as ``*.nc`` by the files they match, which shells of Windows leave to the program."""
-    return [name for word in words for name in ((sorted(glob.glob(word)) if glob.has_magic(word) else []) or [word])]
+    found = ((sorted(glob.glob(word, recursive=True)) if glob.has_magic(word) else []) or [word] for word in words)
+    return [name for names in found for name in names]

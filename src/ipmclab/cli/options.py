@@ -113,10 +113,10 @@ class SpreadCommand(TyperCommand):
 
 
 def matching_files(word: str) -> list[str]:
-    """The files that a pattern such as ``*.nc`` names, which Windows' shells leave as it is; other words as such."""
+    """The files that a pattern names which the shell left as it is: ``*.nc``, ``runs/**/*.nc``; other words as such."""
     if word.startswith("-") or not any(mark in word for mark in "*?") or Path(word).exists():
         return [word]
-    return sorted(glob.glob(word)) or [word]
+    return sorted(glob.glob(word, recursive=True)) or [word]
 
 
 def answers_in(texts: Iterable[str], *, example: str, option: str = "--answer") -> dict[str, str]:

@@ -171,7 +171,12 @@ def _check_signature(source: Path) -> None:
     where = str(source)
     try:
         if source.is_dir():
-            raise InputError("this is a folder", code="is-a-folder", where=where, repair="name a run file in it")
+            raise InputError(
+                "this is a folder",
+                code="is-a-folder",
+                where=where,
+                repair=f"name a run file in it; commands take {source.as_posix()}/**/*.nc for all of them",
+            )
         with source.open("rb") as stream:
             start = stream.read(len(_HDF5_SIGNATURE))
     except FileNotFoundError as error:
