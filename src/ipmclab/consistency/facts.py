@@ -350,7 +350,8 @@ def _applied(record: Record) -> tuple[Waveform, float, float | None, float | Non
         return None
     driven = np.flatnonzero(np.abs(record.run.voltage) > NO_VOLTAGE)
     period, end = periodic_part(record.run) or (None, int(driven[-1]) + 1)
-    voltage, edges = record.run.voltage[:end], record.edges[record.edges < end]  # a rest behind the signal is none of it
+    # A rest behind the signal is none of it.
+    voltage, edges = record.run.voltage[:end], record.edges[record.edges < end]
     if len(edges) and not record.steps_from_rest:
         return None
     if period is None:
