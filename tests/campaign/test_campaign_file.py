@@ -142,3 +142,13 @@ def test_baselines_of_chapter_5_dry_and_curl_in_the_room_alone():
     }
     assert hydrated["room"]
     assert not hydrated["20 degC, 80 %RH"]
+
+
+@pytest.mark.parametrize("key", ['signal = "file ramp.csv"', 'signal = "step 0 V for 1 s then file ramp.csv"'])
+def test_another_signal_in_a_file_is_another_campaign(tmp_path, key):
+    text = f'[[samples]]\nid = "a"\n[[experiments]]\nname = "f"\nrate = "50 Hz"\nduration = "2 s"\n{key}'
+    found = []
+    for volts in ("0,0\n1,1\n", "0,0\n1,2\n", "0,0\n1,1\n"):
+        (tmp_path / "ramp.csv").write_text(volts)
+        found.append(campaign_from_text(text, folder=tmp_path).checksum)
+    assert found[0] == found[2] != found[1]

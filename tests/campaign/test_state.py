@@ -2,6 +2,7 @@
 
 import pytest
 
+from ipmclab.campaign import state as state_module
 from ipmclab.campaign.state import FILE, State, read_events
 from ipmclab.errors import InputError
 
@@ -38,3 +39,10 @@ def test_failures_count_towards_the_attempts_and_breaks_do_not(tmp_path):
             state.add("recorded", run="a", uuid=verdict, verdict=verdict)
         assert state.failures == {"a": 2}
         assert state.done == {"a"}
+
+
+def test_the_name_of_a_new_log_is_on_the_disk_too(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr(state_module, "sync_folder", synced.append)
+    with State(tmp_path):
+        assert synced == [tmp_path]

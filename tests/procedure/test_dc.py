@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ import pytest
 from ipmclab import InputError, Run, load_actuator, simulate
 from ipmclab.measurement.uncertain import exact
 from ipmclab.procedure.dc import dc_resistance
+from ipmclab.procedure.procedure_file import _Reader
+from ipmclab.store.run_file import write_run
 
 TRUTH = load_actuator("friend-2")
 R_DC = TRUTH.circuit_elements().dc
@@ -159,3 +162,17 @@ def test_what_gives_no_dc_resistance() -> None:
         dc_resistance([("step", held(125.0))], {**KNOWN, "circuit.sheet_resistance": exact(20.0)})
     assert error.value.code == "no-dc-resistance"
     assert "measure the sheet resistance again" in error.value.repair
+
+
+def test_runs_that_are_called_alike_have_a_noise_each(tmp_path: Path) -> None:
+    """Two files ``step.nc`` of two folders shared one source of noise: their mean was as uncertain as one of them."""
+    for place, name in enumerate(("a/step.nc", "b/step.nc", "b/other.nc")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        write_run(held(125.0, seed=place), tmp_path / name)
+    alike, apart = (
+        dc_resistance(_Reader("p.toml", tmp_path).runs(names, "dc_resistance.runs"), KNOWN).also["R_dc"].amount
+        for names in (["a/step.nc", "b/step.nc"], ["a/step.nc", "b/other.nc"])
+    )
+    assert {"noise of a/step.nc", "noise of b/step.nc"} <= alike.parts.keys()
+    assert {"noise of other.nc", "noise of step.nc"} <= apart.parts.keys()
+    assert alike.uncertainty == pytest.approx(apart.uncertainty, rel=0.3)

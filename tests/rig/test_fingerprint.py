@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from ipmclab.rig.experiments.fingerprint import Fingerprint, differences
+from ipmclab.rig.experiments.fingerprint import Fingerprint, differences, read_fingerprint
+from ipmclab.run import Run
 
 
 @pytest.mark.parametrize(("away", "is_outside"), [(2.5, False), (3.5, True)])
@@ -26,3 +28,25 @@ def test_a_part_of_twenty_is_always_within() -> None:
         found = Fingerprint(16.0, part * 5e-3, 0.0, "current", 1e-7)
         assert bool(differences(found, earlier)) is is_outside
     assert not differences(Fingerprint(99.0, 9e-3, 1.0, "current", 1e-7), earlier[:2])
+
+
+def step(lost: slice) -> Run:
+    """A strip of 20 ohm that takes 0.5 s to charge; some rows of the current were lost."""
+    time = np.arange(350) / 50
+    voltage = np.where((time >= 2.0) & (time < 5.0), 0.1, 0.0)
+    current = np.where(voltage > 0.0, 1e-4 + 4.9e-3 * np.exp(-(time - 2.0) / 0.5), 0.0)
+    current[lost] = np.nan
+    return Run.from_arrays(time=time, voltage=voltage, current=current)
+
+
+def test_lost_rows_are_no_charge_and_no_resistance() -> None:
+    whole = read_fingerprint(step(slice(0)))
+    assert whole is not None
+    assert whole.series_resistance == pytest.approx(20.0)
+    for lost in (slice(0, 99), slice(103, 110), slice(200, 230)):
+        found = read_fingerprint(step(lost))
+        assert found is not None
+        assert found.series_resistance == pytest.approx(whole.series_resistance)
+        assert found.capacitance == pytest.approx(whole.capacitance, rel=0.01)
+    for lost in (slice(0, 100), slice(100, 101), slice(102, 103), slice(100, 250), slice(None)):
+        assert read_fingerprint(step(lost)) is None

@@ -207,3 +207,11 @@ def test_who_stops_answering_leaves_the_question_alone_from_then_on(hub: Hub) ->
     assert told is not None
     assert told["temperature"] == 22.0
     client.close()
+
+
+def test_a_recorder_that_ends_meanwhile_is_none(laboratory: Path) -> None:
+    """Between the name and the look at it the file is gone: a link to nothing stands for that."""
+    (laboratory / "recording" / "gone.recorder").symlink_to(laboratory / "nowhere")
+    forget_dead_recorders(laboratory)
+    with pytest.raises(InputError, match="no recorder is running here"):
+        attach(laboratory)

@@ -219,3 +219,12 @@ def test_a_limit_that_is_not_measured_is_said_not_to_be_watched() -> None:
     assert plan.as_dict()["limits"]["force"] == "not watched: it is not measured"
     assert "not watched" not in plan.as_dict()["limits"]["voltage"]
     assert "the limit of the force is not watched: it is not measured" in plan.remarks
+
+
+def test_the_limit_that_is_proposed_for_a_small_current_is_enough() -> None:
+    """It was rounded to whole milliamperes: "0 mA"."""
+    asked = {"signal": "step 5 mV", "actuator": "friend-2", "fingerprint": False}
+    with pytest.raises(InputError, match="is expected to draw") as caught:
+        planned(**asked, limits={"current": "0.1 mA"})
+    proposed = caught.value.repair.partition('limits.current = "')[2].rstrip('"')
+    assert planned(**asked, limits={"current": proposed}).runs

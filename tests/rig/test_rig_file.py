@@ -236,7 +236,7 @@ LATER = (datetime.date.today() + datetime.timedelta(days=400)).isoformat()
             "channels.displacement.physical: 'cDAQ1Mod1/ai0' is taken by channels.current already",
         ),
         ("Mod1/ai1", "mod1/AI0", "'cDAQ1mod1/AI0' is not the name of an analogue input"),
-        ("cDAQ1Mod1/ai1", "/CDAQ1MOD1/ai0", "'/CDAQ1MOD1/ai0' is taken by channels.current already"),
+        ("cDAQ1Mod1/ai1", "/CDAQ1MOD1/ai0", "'CDAQ1MOD1/ai0' is taken by channels.current already"),
         ("Mod1/ai1", "Mod1/ai8", "ai8' is taken by channels.current already"),
         ("Mod1/ai0", "Mod1/ai9", "'cDAQ1Mod1/ai9' cannot be differential: it is the other terminal of ai1"),
         ("Mod3/ai1", "Mod1/ai0", "thermometer.physical: 'cDAQ1Mod1/ai0' is taken by channels.current already"),
@@ -264,3 +264,9 @@ def test_a_file_that_is_no_rig_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="the file cannot be read as text"):
         load_rig(tmp_path / "binary.toml")
+
+
+def test_the_slash_before_a_name_is_no_part_of_it() -> None:
+    """A terminal is written so; the module of such a name was looked for under an empty one."""
+    rig = rig_from_text(rig_to_text(THESIS_RIG).replace('"cDAQ1', '"/cDAQ1'))
+    assert rig == rig_from_text(rig_to_text(THESIS_RIG))

@@ -135,3 +135,10 @@ def test_more_rows_than_a_sheet_holds(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"1048576 rows, a sheet holds 1048575; export to \.csv or \.mat"):
         export_run(Run.from_arrays(time=rows, voltage=0 * rows), tmp_path / "run.xlsx")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_document_longer_than_a_cell_comes_back_wherever_it_is_cut(tmp_path: Path) -> None:
+    """A piece that began with "=" was a formula, and the run could not be read any more."""
+    run = Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 1.0], metadata=RunMetadata(notes="=" * 40_000))
+    export_run(run, tmp_path / "long.xlsx")
+    assert import_run(tmp_path / "long.xlsx").metadata == run.metadata

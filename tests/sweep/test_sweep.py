@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from ipmclab import InputError, IpmclabError, load_actuator, read_sweep, run_sweep, simulate
 from ipmclab.platform import lock_file
+from ipmclab.sweep import design as design_module
 from ipmclab.sweep.design import KINDS, Range, Sampled, Table
 from ipmclab.sweep.effects import morris_effects
 from ipmclab.sweep.indices import sobol_indices
@@ -263,3 +264,18 @@ def test_a_whole_number_is_not_drawn_from_a_range() -> None:
     text += '[ranges."line.segments"]\nlow = 4\nhigh = 8\n'
     with pytest.raises(InputError, match="whole number"):
         sweep_from_text(text)
+
+
+def test_one_pair_of_points_tells_no_index() -> None:
+    """Drawn anew it is always itself: its interval had no width."""
+    both = [[1.0, 2.0, 3.0, 4.0], [2.0, 1.0, 5.0, 3.0], [np.nan, 1.0, 1.0, 1.0]]
+    assert all(np.isnan([one.first, *one.total_interval]).all() for one in sobol_indices([*both[0], *both[2]], 2))
+    assert all(np.isfinite([one.first, *one.total_interval]).all() for one in sobol_indices([*both[0], *both[1]], 2))
+
+
+def test_ways_of_another_version_are_another_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    ways, points = (sweep_from_text(SMALL.replace('"saltelli"', f'"{kind}"')) for kind in ("morris", "sobol"))
+    before = ways.digest(), points.digest()
+    monkeypatch.setattr(design_module, "version", lambda _: "99")
+    assert ways.digest() != before[0]
+    assert points.digest() == before[1]

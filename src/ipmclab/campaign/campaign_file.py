@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -21,7 +21,8 @@ from ipmclab.rig.channels import Rig
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.files.rig_file import library_rigs, load_rig
 from ipmclab.sample import Sample
-from ipmclab.signals import parse
+from ipmclab.signals import Samples, Signal, parse
+from ipmclab.signals import Sequence as SignalSequence
 from ipmclab.store.strict import Strict, validated
 from ipmclab.toml_file import parse_table, read_text
 from ipmclab.units import parse_quantity
@@ -165,9 +166,10 @@ def _campaign(table: Mapping[str, Any], folder: Path, name: str, text: str, wher
                 where=f"experiments.{at}.name",
                 repair="give each its own name",
             )
+    rig = _rig(rig_file)
     return Campaign(
         title=read.title or name,
-        rig=_rig(rig_file),
+        rig=rig,
         rig_file=rig_file,
         strips=strips,
         parts=parts,
@@ -178,7 +180,7 @@ def _campaign(table: Mapping[str, Any], folder: Path, name: str, text: str, wher
         fails_at=read.fails_at,
         facts=read.measure,
         identify=read.identify,
-        checksum=_checksum(table, _named_files(table, rig_file, strips, folder)),
+        checksum=_checksum(table, _named_files(table, rig, rig_file, strips, folder), parts),
         where=where,
         text=text,
     )
@@ -369,22 +371,39 @@ def _named(wanted: Any, strips: Sequence[Strip], place: str) -> list[Strip]:
     return [known[id_] for id_ in dict.fromkeys(wanted)]
 
 
-def _named_files(table: Mapping[str, Any], rig_file: Path | str, strips: Sequence[Strip], folder: Path) -> list[Path]:
-    """The files of one's own that a campaign hangs on: rig, strips, experiments."""
+def _named_files(
+    table: Mapping[str, Any], rig: Rig, rig_file: Path | str, strips: Sequence[Strip], folder: Path
+) -> list[Path]:
+    """The files of one's own that a campaign hangs on: rig, what that names, strips, experiments."""
     names = [
         rig_file,
+        rig.virtual.actuator,
+        None if rig.chamber is None else rig.chamber.table,
         *(name for strip in strips for name in (strip.actuator, *(one.actuator for one in strip.states))),
     ]
     names += [folder / str(one["file"]) for one in table["experiments"] if "file" in one]
     return [path for name in names if name is not None and (path := Path(name)).is_file()]
 
 
-def _checksum(table: Mapping[str, Any], files: Sequence[Path]) -> str:
+def _checksum(table: Mapping[str, Any], files: Sequence[Path], parts: Sequence[Part]) -> str:
     """The same for two campaigns that say the same, whatever their comments; another for other files that they name."""
     found = hashlib.sha256(json.dumps(table, sort_keys=True, default=str).encode())
     for path in files:
         found.update(path.read_bytes())
+    for experiment in (next(iter(part.experiments.values())) for part in parts):
+        own = experiment.reference.signal if experiment.reference is not None else None
+        for one in _of_files((*experiment.signals, *([own] if own is not None else []))):
+            found.update(one.times.tobytes() + one.values.tobytes())
     return found.hexdigest()
+
+
+def _of_files(signals: Iterable[Signal]) -> Iterator[Samples]:
+    """The signals that stand in files."""
+    for one in signals:
+        if isinstance(one, SignalSequence):
+            yield from _of_files(one.signals)
+        elif isinstance(one, Samples) and one.path:
+            yield one
 
 
 _Samples.model_rebuild()

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from ipmclab.errors import InputError, IpmclabError
-from ipmclab.platform import lock_file, sync_file
+from ipmclab.platform import lock_file, sync_file, sync_folder
 
 FILE: Final = "campaign.log"
 
@@ -60,6 +60,7 @@ class State:
                 where=str(folder),
                 repair="wait for it, or name another folder",
             )
+        sync_folder(folder)  # its name too: what a power cut leaves without a name never happened
         text = self.path.read_bytes()
         if text and not text.endswith(b"\n"):
             os.write(self._file, b"\n")  # what was cut off stays, as a line that does not check

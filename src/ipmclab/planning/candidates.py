@@ -37,6 +37,7 @@ LEVELS: Final = (1.0, 0.5)
 """Amplitudes, as parts of the largest."""
 
 _BANDS: Final = ((0.05, 1.0), (0.05, 5.0), (0.2, 5.0))  # of chirp and multisine [Hz]
+_SLACK: Final = 1e-9
 _ROWS: Final = 10.0  # in a period: fewer do not draw it
 
 
@@ -170,8 +171,14 @@ def candidates(most: float, rate: float, longest: float, condition: Environment 
     """
     for duration in [one for one in DURATIONS if one <= longest] or [longest]:
         for level in LEVELS:
-            for signal in _signals(float(f"{most * level:.3g}"), rate, duration):
+            for signal in _signals(_rounded(most * level), rate, duration):
                 yield Candidate(signal, duration, condition)
+
+
+def _rounded(voltage: float) -> float:
+    """A voltage that people can read, and no larger: one above its limit would be refused."""
+    nearest, last_digit = float(f"{voltage:.3g}"), 10.0 ** (math.floor(math.log10(voltage)) - 2)
+    return min(nearest, voltage) if nearest <= voltage * (1.0 + _SLACK) else float(f"{nearest - last_digit:.3g}")
 
 
 def _signals(amplitude: float, rate: float, duration: float) -> Iterator[Signal]:

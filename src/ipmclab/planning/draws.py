@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.planning.answer import FittedStrip
+from ipmclab.store.heap import refuse_endless_heap
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -65,6 +66,7 @@ def read_samples(path: str | Path) -> Samples:
             "there is no such file", code="no-such-file", where=str(path), repair="ipmclab posterior writes one"
         )
     try:
+        refuse_endless_heap(Path(path))
         with h5py.File(path, "r") as file:
             group = file["posterior"]
             found = {name: np.asarray(each[...], dtype=np.float64) for name, each in group.items() if each.ndim == 2}

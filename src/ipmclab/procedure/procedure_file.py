@@ -130,7 +130,13 @@ class _Reader:
             raise InputError(
                 "no runs are named", code="no-runs", where=self.at(key), repair="name them, or leave the table out"
             )
-        return tuple((Path(path).name, self.run(path, f"{key}[{place}]")) for place, path in enumerate(paths))
+        return tuple((self._label(path, paths), self.run(path, f"{key}[{place}]")) for place, path in enumerate(paths))
+
+    @staticmethod
+    def _label(path: str, paths: list[str]) -> str:
+        """The name of a file; its whole path where another one is called so: the noise of each is its own."""
+        alike = [one for one in paths if Path(one).name == Path(path).name]
+        return Path(path).name if len(alike) == 1 else Path(path).as_posix()
 
     def run(self, name: str, key: str) -> Run:
         from ipmclab.store.run_file import read_run

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from importlib.metadata import version
 from typing import Any, Final, Literal, Protocol
 
 import numpy as np
@@ -223,6 +224,12 @@ def described(design: Design) -> dict[str, Any]:
         return {"kind": design.kind, "base": design.base, "seed": design.seed, "ranges": ranges}
     columns = design.sets(0, design.count)
     return {"kind": "table", "columns": {name: checksum(values) for name, values in columns.items()}}
+
+
+def drawn_by(design: Design) -> tuple[str, ...]:
+    """The version of what draws a design, where it is not SciPy."""
+    is_salib = isinstance(design, Sampled) and design.kind == "morris"
+    return (version("SALib"),) if is_salib else ()
 
 
 def checksum(values: FloatArray) -> str:

@@ -20,6 +20,7 @@ Ends = tuple[float, float]
 
 _DRAWS: Final = 200
 _SEED: Final = 20261121
+_FEWEST: Final = 2  # pairs: one drawn anew is always itself
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def sobol_indices(values: npt.ArrayLike, parameters: int) -> list[Index]:
     Returns
     -------
     indices : list of Index
-        NaN where the values do not vary.
+        NaN where the values do not vary, or fewer than two pairs are left.
 
     Examples
     --------
@@ -64,7 +65,7 @@ def sobol_indices(values: npt.ArrayLike, parameters: int) -> list[Index]:
     """
     table = np.asarray(values, dtype=np.float64).reshape(-1, parameters + 2)
     table = table[~np.isnan(table).any(axis=1)]
-    if not len(table):
+    if len(table) < _FEWEST:
         nothing = (np.nan, np.nan)
         return [Index(np.nan, np.nan, nothing, nothing)] * parameters
     table = table - table[:, [0, -1]].mean()  # the estimator of the first index loses digits to a mean

@@ -15,7 +15,7 @@ from ipmclab.model.actuator import Actuator
 from ipmclab.model.batch import Batch, Record
 from ipmclab.model.reductions import Reduced
 from ipmclab.signals import Signal
-from ipmclab.sweep.design import Design, checksum, described
+from ipmclab.sweep.design import Design, checksum, described, drawn_by
 from ipmclab.version import __version__
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,6 +83,6 @@ class Sweep:
             "design": described(self.design),
             "metrics": self.metrics.names,
             "sets_per_file": self.part_size,
-            "versions": [__version__, scipy.__version__],
+            "versions": [__version__, scipy.__version__, *drawn_by(self.design)],
         }
         return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()

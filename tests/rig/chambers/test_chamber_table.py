@@ -76,6 +76,7 @@ def test_a_rig_without_a_chamber_is_written_as_before() -> None:
         (ESPEC + '\npatience = "9 s"', "chamber.patience", "out-of-range"),
         (ESPEC + '\ntable = "a.toml"', "chamber.table", "needless-key"),
         (ESPEC + "\nrun_event = 1", "chamber.run_event", "needless-key"),
+        (ESPEC.replace("espec-p300", "modbus") + '\ntable = "a.toml"\nunit = 3', "chamber.unit", "needless-key"),
         (ESPEC + "\nbaud_rate = 7", "chamber.baud_rate", "bad-value"),
         (ESPEC + '\nhumidity = "60 percent"', "chamber.humidity", "unknown-key"),
         ('driver = "scpi"\naddress = "a"\ntemperature = ["0 degC", "60 degC"]', "chamber.table", "missing-key"),

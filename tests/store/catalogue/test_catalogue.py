@@ -462,3 +462,22 @@ def test_tables_that_somebody_changed(catalogue: Catalogue, write) -> None:
     assert caught.value.code == "catalogue-broken"
     catalogue.rebuild()
     assert [row.sample for row in catalogue.query()] == ["S1"]
+
+
+def test_what_cannot_be_looked_at_is_not_gone(folder: Path, write, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder that is closed for now, or on a drive that does not answer: its runs are still known."""
+    monkeypatch.delenv("IPMCLAB_CATALOGUE", raising=False)
+    catalogue = Catalogue(folder)
+    write("aside/a.nc")
+    catalogue.sweep()
+    scan, stat = os.scandir, Path.stat
+
+    def refuse(path: object) -> None:
+        if "aside" in str(path):
+            raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "scandir", lambda path: refuse(path) or scan(path))
+    monkeypatch.setattr(Path, "stat", lambda self, **asked: refuse(self) or stat(self, **asked))
+    found = catalogue.sweep()
+    assert (found.gone, [one.code for one in found.problems]) == (0, ["unreadable-folder"])
+    assert [row.path for row in catalogue.query()] == ["aside/a.nc"]

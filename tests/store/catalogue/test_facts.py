@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab.errors import InputError
+from ipmclab.store import heap
 from ipmclab.store.catalogue import facts as catalogue_facts
 from ipmclab.store.catalogue.facts import read_facts, signal_facts, storable
 from ipmclab.store.document import to_document
@@ -152,3 +153,14 @@ def test_whatever_is_stored_is_text_and_finite_numbers(value) -> None:
             assert one is None or isinstance(one, int) or np.isfinite(one)
 
     walk(storable(value))
+
+
+def test_a_heap_without_an_end_is_damage(write, monkeypatch: pytest.MonkeyPatch) -> None:
+    """HDF5 would walk it for ever: it is looked for before the library sees the file."""
+    path = write("endless.nc")
+    opened: list[object] = []
+    monkeypatch.setattr(h5py, "File", lambda *given: opened.append(given))
+    monkeypatch.setattr(heap, "_is_endless", lambda *_: True)
+    with pytest.raises(InputError, match="the ends of its texts are lost"):
+        read_facts(path)
+    assert not opened

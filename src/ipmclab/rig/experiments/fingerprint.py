@@ -38,6 +38,10 @@ _LEAST_RELATIVE_SCATTER: Final = 0.05
 """Three fingerprints may agree by chance far better than a strip keeps its state: a change below this is none."""
 
 
+_EDGE: Final = 3
+"""Rows after the edge among which the largest current is."""
+
+
 @dataclass(frozen=True)
 class Fingerprint:
     """What a step of 0.1 V tells of a strip.
@@ -84,7 +88,9 @@ class Fingerprint:
 def read_fingerprint(run: Run) -> Fingerprint | None:
     """The fingerprint in a run that applied a step, or None where it shows none.
 
-    A strip that was still discharging when it began shows none: what is left of its charge counts as capacitance.
+    A strip that was still discharging when it began shows none: what is left of its charge counts as capacitance. Nor
+    does one whose current was lost where it is largest, or all the time before. Elsewhere a lost reading lies between
+    its neighbours.
 
     Parameters
     ----------
@@ -107,13 +113,17 @@ def read_fingerprint(run: Run) -> Fingerprint | None:
     if largest < VOLTAGE / 10.0 or len(acts) < 10 or acts[0] < 3:
         return None
     first, stop = int(acts[0]), int(acts[-1]) + 1
-    current = run.current - np.nanmean(run.current[:first])
+    there = np.isfinite(run.current)
+    if not (there[:first].any() and there[first : first + _EDGE].all()):
+        return None
+    read = np.interp(run.time, run.time[there], run.current[there])
+    current = read - np.mean(run.current[:first][there[:first]])
     voltage = float(np.mean(run.voltage[first + 1 : stop]))
     during = current[first:stop]
-    steady = float(np.nanmean(during[-max(3, len(during) // 10) :]))
-    peak = float(during[np.nanargmax(np.abs(during))])
-    charge = float(np.nansum(during - steady)) / run.rate
-    if peak == 0.0 or not math.isfinite(peak):
+    steady = float(np.mean(during[-max(3, len(during) // 10) :]))
+    peak = float(during[np.argmax(np.abs(during))])
+    charge = float(np.sum(during - steady)) / run.rate
+    if peak == 0.0:
         return None
     drift_of = next((name for name in ("displacement", "force") if name in run.channels), "current")
     slope, uncertainty = _slope(run, drift_of, first)

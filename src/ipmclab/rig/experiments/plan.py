@@ -316,7 +316,7 @@ def _current_remarks(experiment: Experiment, rig: Rig, limits: Limits, actuator:
                 f"the limit is {CURRENT.to_display(limits.current.most):.3g} mA",
                 code="beyond-limit",
                 where=f"{experiment.where}: signal",
-                repair=f'give a smaller amplitude, or state limits.current = "{1.2e3 * peak:.0f} mA"',
+                repair=f'give a smaller amplitude, or state limits.current = "{1.2e3 * peak:.3g} mA"',
             )
         if peak > most:
             found.append(

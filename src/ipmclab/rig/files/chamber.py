@@ -148,6 +148,13 @@ def _check_keys(table: ChamberTable, where: str) -> None:
             where=f"{where}.relative_humidity",
             repair='add relative_humidity = ["5 percent", "95 percent"]',
         )
+    if table.driver == "modbus" and table.unit != 1:
+        raise InputError(
+            f"unit is {table.unit} here, and the table of the registers has a unit_id of its own",
+            code="needless-key",
+            where=f"{where}.unit",
+            repair=f"take it out, and write unit_id = {table.unit} in the table",
+        )
     for key, drivers in _ONLY_OF.items():
         if getattr(table, key) is not None and table.driver not in drivers:
             raise InputError(

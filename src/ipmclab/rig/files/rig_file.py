@@ -165,7 +165,7 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
         thermometer=None
         if meter is None
         else Thermometer(
-            meter.physical,
+            meter.physical.removeprefix("/"),
             _positive(meter.resistance, RESISTANCE, place / "thermometer.resistance"),
             meter.wires,
             _positive(meter.current, CURRENT, place / "thermometer.current"),
@@ -173,7 +173,7 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
         four_probe=None
         if probe is None
         else FourProbe(
-            probe.physical,
+            probe.physical.removeprefix("/"),
             _positive(probe.spacing, LENGTH, place / "four_probe.spacing"),
             _positive(probe.current, CURRENT, place / "four_probe.current"),
             probe.contacts,
@@ -189,7 +189,7 @@ def _rig(table: RigTable, place: _Place, folder: Path | None) -> Rig:
 def _output(table: OutputTable, low: float, high: float, place: _Place) -> Output:
     most = table.current_limit
     limit = None if most is None else _positive(most, CURRENT, place / "current_limit")
-    return Output(low, high, table.physical, table.amplifier, limit)
+    return Output(low, high, table.physical.removeprefix("/"), table.amplifier, limit)
 
 
 def _channel(name: str, table: ChannelTable, place: _Place) -> Channel:
@@ -215,7 +215,7 @@ def _channel(name: str, table: ChannelTable, place: _Place) -> Channel:
         rest=0.0 if table.rest is None else parse_quantity(table.rest, quantity, where=place / "rest"),
         lost=None if table.lost is None else parse_quantity(table.lost, VOLTAGE, where=place / "lost"),
         zeroed=table.zeroed,
-        physical=table.physical,
+        physical=table.physical.removeprefix("/"),
         terminal=table.terminal,
         calibrated=_date(table.calibrated, place / "calibrated"),
         uncertainty=_difference(table.uncertainty, quantity, place / "uncertainty"),

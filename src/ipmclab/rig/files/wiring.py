@@ -10,7 +10,7 @@ from typing import Final
 from ipmclab.errors import InputError
 from ipmclab.rig.channels import Rig
 
-_NAME: Final = re.compile(r"/?(?P<module>[A-Za-z][\w-]*)/(?P<kind>ai|ao)(?P<number>\d{1,3})")
+_NAME: Final = re.compile(r"(?P<module>[A-Za-z][\w-]*)/(?P<kind>ai|ao)(?P<number>\d{1,3})")
 _PAIR: Final = 8  # a differential input of the NI 9205 takes the input 8 above it as its other terminal
 
 

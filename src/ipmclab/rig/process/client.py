@@ -165,7 +165,15 @@ def _opened(address: tuple[str, int]) -> int:
 def recorders(folder: Path) -> list[Path]:
     """The files of the recorders that may be running in a laboratory folder, the newest last."""
     found = (folder / "recording").glob(f"*{SUFFIX}")
-    return sorted(found, key=lambda file: file.stat().st_mtime)
+    return sorted(found, key=_made)
+
+
+def _made(file: Path) -> float:
+    """When a file was made [s since 1970]; 0 where its recorder has just ended."""
+    try:
+        return file.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def forget_dead_recorders(folder: Path) -> None:

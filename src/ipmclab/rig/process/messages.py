@@ -7,11 +7,11 @@ A message is a kind, values that JSON can hold, and float64 arrays. On the wire 
 to the recorder
 ===============  =================================================================================
 ``start``        the plan is agreed to: go
-``stop``         end the run now and keep it; ``after`` says that the experiment goes on to its next run or not
+``stop``         end the run now and keep it, and do nothing more
 ``abort``        end the run and the experiment; what was recorded is kept, marked ``aborted``
 ``zero``         emergency: output to 0 V now, then as ``abort``
 ``mark``         ``text``: note it at this moment of the run
-``answer``       ``question`` (its number) and ``value``
+``answer``       ``number`` (of the question) and ``value``
 ``subscribe``    ``blocks``: whether to send what is being read; ``answers``: whether somebody here can answer
 ===============  =================================================================================
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.store.catalogue.range import seconds_of
 from ipmclab.store.document import FORMAT, FORMAT_VERSION, to_document
+from ipmclab.store.heap import refuse_endless_heap
 from ipmclab.store.run_file import read_run
 from ipmclab.units import CHANNELS
 
@@ -85,6 +86,7 @@ def _quick_facts(path: Path) -> dict[str, Any] | None:
     import numpy as np
 
     try:
+        refuse_endless_heap(path)
         with h5py.File(path, "r") as file:
             text, checksum = file.attrs["metadata_json"], file.attrs["metadata_sha256"]
             if hashlib.sha256(text.encode()).hexdigest() != checksum:

@@ -81,7 +81,7 @@ def sweep_files(database: Database, root: Path, laboratory: str, on_progress: Pr
         rows = connection.execute(select(*columns).where(file.c.laboratory == laboratory)).all()
     known = {path: (size, mtime) for path, size, mtime, _ in rows}
     # First what is gone: a file that now has its uuid for itself may take its place.
-    gone = sorted(path for path in known if path not in there and not (root / path).exists())
+    gone = sorted(path for path in known if path not in there and _is_gone(root / path))
     if gone:
         with database.write() as connection:
             choose_shown(connection, *[clear_file(connection, laboratory, path) for path in gone])
@@ -112,6 +112,17 @@ def sweep_files(database: Database, root: Path, laboratory: str, on_progress: Pr
         problems=tuple(problems),
         foreign=sum(code == "not-a-run" for _, code, _ in found),
     )
+
+
+def _is_gone(path: Path) -> bool:
+    """Whether there is surely no such file: one in a folder that cannot be read now may be there."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def run_files(root: Path, problems: list[Problem]) -> Iterator[tuple[str, tuple[int, int]]]:

@@ -66,7 +66,9 @@ def write(run: Run, document: str, path: Path) -> None:
     if run.quality:
         notes.append(["quality bits", flag_text()])
     for start in range(0, len(document), _MAX_TEXT):
-        notes.append(["metadata_json", document[start : start + _MAX_TEXT]])
+        piece = WriteOnlyCell(notes, value=document[start : start + _MAX_TEXT])
+        piece.data_type = "s"  # one that begins with "=" is no formula
+        notes.append(["metadata_json", piece])
     book.save(path)
 
 
