@@ -33,12 +33,14 @@ from ipmclab.page.commands import (
 from ipmclab.page.curves import CurveStore, Panel, Series, compared_panels, run_panels
 from ipmclab.page.elements.column_map import Said, channel_tables
 from ipmclab.page.jobs.tasks import find_task
+from ipmclab.page.jobs.tasks.given import finding_row
 from ipmclab.page.lab import Lab
 from ipmclab.page.routes import header_name, routes
 from ipmclab.page.run_table import MOST_SHOWN, RunFilter, table_rows, told_runs
 from ipmclab.page.workshop import FitRequest, Workshop
 from ipmclab.prediction.bands import Bands
 from ipmclab.rig.safety.limits import Limits
+from ipmclab.run import Finding
 from ipmclab.store.catalogue.catalogue import Catalogue
 from ipmclab.store.catalogue.query import CatalogueRow
 from ipmclab.store.guess.guess import guess_channels, guess_file
@@ -323,6 +325,35 @@ def test_a_run_says_from_which_file_it_was_imported(tmp_path: Path) -> None:
     asked = {"path": str(kept), "map": {"channels": channels, "file": {"format": "csv"}}, "out": str(tmp_path / "a.nc")}
     find_task("import")({**asked, "name": "данные.csv"}, lambda *_: None)
     assert read_run(tmp_path / "a.nc").metadata.source_file == "данные.csv"
+
+
+def test_lost_readings_that_the_file_has_not_are_said(tmp_path: Path) -> None:
+    """A comma in one makes two of it: what the laser says when it has lost the strip then counts as a reading."""
+    (tmp_path / "a.csv").write_text("t,U,x\n0,0,1\n1,1,-99.5\n2,1,2\n")
+    for lost, told in (("-99,5", ["No reading of the displacement is -99 or 5"]), ("-99.5; 7", [])):
+        columns = [{**BLANK, "channel": "time", "unit": "s"}, {**BLANK, "channel": "voltage", "unit": "V"}]
+        columns.append({**BLANK, "channel": "displacement", "unit": "mm", "sentinels": lost})
+        table = {"channels": channel_tables(["t", "U", "x"], columns), "file": {"format": "csv"}}
+        answer = find_task("import")({"path": str(tmp_path / "a.csv"), "map": table}, lambda *_: None)
+        assert answer.document["unmet"] == told
+
+
+@pytest.mark.parametrize(
+    ("rows", "times"),
+    [
+        ([(500, 501), (10, 12), (13, 14), (999, 1000)], [[1.0, 1.4], [50.0, 50.1], [99.9, 99.9]]),
+        ([(100, 300), (120, 150)], [[10.0, 30.0]]),
+        ([(0, 800)], [[0.0, 80.0]]),
+        ([(0, 950)], []),
+        ([], []),
+    ],
+)
+def test_a_finding_is_marked_where_it_is(rows: list[tuple[int, int]], times: list[list[float]]) -> None:
+    """What no screen shows apart is one mark; what is nearly everywhere has none, which would hide what it marks."""
+    time = np.arange(1000) / 10.0
+    finding = Finding("spike", "warning", "m", "r", channel="current", samples=tuple(rows))
+    assert finding_row(finding, Run.from_arrays(time=time, voltage=time))["times"] == times
+    assert "times" not in finding_row(finding)
 
 
 def test_a_report_is_shown_without_anything_that_runs(client: Client, workshop: Workshop) -> None:

@@ -189,7 +189,7 @@ def test_a_command_names_the_file_of_a_fit_or_makes_it_first(workshop: Workshop,
     one = end(workshop.identify(asked("fit 1")), 1.0)
     told = workshop.repeatable(report_step(workshop.file_name(one.key), ["a.nc"], [], "r.html"), [one.key])
     assert told.command.splitlines() == [
-        "ipmclab identify friend-2 --free circuit.dc_resistivity --out fit-1.toml &&",
+        "ipmclab identify friend-2 --free circuit.dc_resistivity --thorough --out fit-1.toml &&",
         "ipmclab report fit-1.toml --runs a.nc --out r.html",
     ]
     assert "“fit 1” is not saved" in told.note

@@ -50,6 +50,7 @@ def import_(
     from ipmclab import import_run, write_run
     from ipmclab.quality.record import Record
     from ipmclab.store.import_map import load_import_map
+    from ipmclab.store.importing import unmet_sentinels
 
     answers = answers_in(answer or [], example="sampling_period='20 ms'")
     if map_file is not None:
@@ -76,8 +77,8 @@ def import_(
     responses = Record.of(run).channels
     far_out = {name: responses[name].beyond if name in responses else () for name in run.channels}
     channels = {name: _describe(run, name, far_out[name]) for name in run.channels}
-    sentinels = {} if import_map is None else {name: each.sentinels for name, each in import_map.channels.items()}
-    notes = _notes(channels, sentinels)
+    unmet = [] if import_map is None else unmet_sentinels(run, import_map)
+    notes = [*(f"{one}: see sentinels in the map." for one in unmet), *_notes(channels)]
     period_known = run.metadata.sampling_period_known
     if as_json:
         print_json(
@@ -227,16 +228,13 @@ def _describe(run: Run, name: str, far_out: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def _notes(channels: Mapping[str, Mapping[str, Any]], sentinels: Mapping[str, Sequence[float]]) -> list[str]:
+def _notes(channels: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """What the numbers of the table alone do not say."""
     from ipmclab.quality.record import counted
 
     notes = []
     for name, entry in channels.items():
         quantity = CHANNELS[name]
-        if sentinels.get(name) and not entry["sentinels"]:
-            listed = " or ".join(f"{sentinel:g}" for sentinel in sentinels[name])
-            notes.append(f"No reading of the {quantity.name} is {listed}: see sentinels in the map.")
         if entry["far_out"]:
             shown = ", ".join(read(value, quantity) for value in entry["far_out"][:3])
             more = ", ..." if len(entry["far_out"]) > 3 else ""

@@ -40,7 +40,7 @@ def in_order(steps: Sequence[Step], *, note: str) -> Step:
     --------
     >>> fit = identify_step("friend-2", ["a.nc"], ["electrical"], out="mine.toml")
     >>> print(in_order([fit, validate_step(["mine.toml"], ["b.nc"])], note="").command)
-    ipmclab identify friend-2 a.nc --free electrical --out mine.toml &&
+    ipmclab identify friend-2 a.nc --free electrical --thorough --out mine.toml &&
     ipmclab validate mine.toml b.nc
     """
     commands = [step.command for step in steps]
@@ -61,13 +61,15 @@ def identify_step(
     prior: Sequence[str] = (),
     out: str = "fitted.toml",
 ) -> Step:
-    """Identify. What each run or mounting has for itself is free by that; the command wants something in ``free`` too.
+    """Identify, with all that the page shows of a fit, also where that takes long.
+
+    What each run or mounting has for itself is free by that; the command wants something in ``free`` too.
 
     Examples
     --------
     >>> step = identify_step("friend-2", ["runs/a b.nc"], ["electrical"])
     >>> step.command
-    "ipmclab identify friend-2 'runs/a b.nc' --free electrical --out fitted.toml"
+    "ipmclab identify friend-2 'runs/a b.nc' --free electrical --thorough --out fitted.toml"
     """
     free = free or [*per_run, *per_mounting]
     command = ["ipmclab", "identify", actuator, *runs, "--free", ",".join(free)]
@@ -84,7 +86,7 @@ def identify_step(
         f"fit = ipmclab.profile(fit)\n{again}"
         f"ipmclab.write_fit(fit, {out!r})\n"
     )
-    return Step(shlex.join([*command, "--out", out]), python)
+    return Step(shlex.join([*command, "--thorough", "--out", out]), python)
 
 
 def validate_step(models: Sequence[str], runs: Sequence[str]) -> Step:

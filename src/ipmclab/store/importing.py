@@ -21,7 +21,7 @@ from ipmclab.store.importers import read_columns
 from ipmclab.store.importers.columns import Clock, Columns
 from ipmclab.store.importers.together import refuse_apart
 from ipmclab.store.importers.unpacked import refuse_large
-from ipmclab.units import parse_quantity, spell_unit
+from ipmclab.units import CHANNELS, parse_quantity, spell_unit
 
 # A sentinel that went through a float32 still counts as that sentinel.
 _SENTINEL_TOLERANCE = 1e-7
@@ -119,6 +119,16 @@ def import_run(path: str | os.PathLike[str], map: str | os.PathLike[str] | Impor
         metadata=metadata,
         **{name: channel.values[kept] for name, channel in channels.items()},
     )
+
+
+def unmet_sentinels(run: Run, map: ImportMap) -> list[str]:  # noqa: A002  # as in import_run
+    """Of each channel whose sentinels stand for no reading of the file, as after ``-99,9`` with a comma, a sentence."""
+    flags = {name: run.quality.get(name, np.zeros(0, dtype=np.uint8)) for name in map.channels}
+    return [
+        f"No reading of the {CHANNELS[name].name} is {' or '.join(f'{one:g}' for one in channel.sentinels)}"
+        for name, channel in map.channels.items()
+        if channel.sentinels and name in CHANNELS and not (flags[name] & QUALITY_FLAGS["sentinel"]).any()
+    ]
 
 
 @dataclass(frozen=True)

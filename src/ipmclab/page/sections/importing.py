@@ -325,6 +325,8 @@ class _Import:
         self._result.clear()
         with self._result:
             text(f"{told['rows']} rows, {told['duration']:.6g} s at {told['rate']:.6g} Hz").props("role=status")
+            for words in told["unmet"]:
+                text(f"{words}: see what was said of lost readings.").classes("lab-bad").props("role=alert")
             TimePlot(self._name, [panel.as_dict() for panel in panels], self._curves, bands=bands, height=95)
             finding_list(told["findings"])
 

@@ -27,13 +27,14 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     from ipmclab.quality import check
     from ipmclab.run import SLOW_CHANNELS
     from ipmclab.store.import_map import ImportMap
-    from ipmclab.store.importing import import_run
+    from ipmclab.store.importing import import_run, unmet_sentinels
     from ipmclab.store.run_file import write_run
 
     progress("importing")
     refuse_large_here(Path(arguments["path"]))
     table = arguments["map"]
-    imported = import_run(arguments["path"], ImportMap.from_table(table, where="map") if table else None)
+    import_map = ImportMap.from_table(table, where="map") if table else None
+    imported = import_run(arguments["path"], import_map)
     if table and arguments.get("name"):
         imported = replace(imported, metadata=replace(imported.metadata, source_file=arguments["name"]))
     if arguments.get("out"):
@@ -44,6 +45,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         "duration": imported.time[-1] - imported.time[0],
         "rate": imported.rate,
         "findings": [finding_row(one, imported) for one in check(imported)],
+        "unmet": unmet_sentinels(imported, import_map) if import_map else [],
         "out": arguments.get("out"),
     }
     slow = SLOW_CHANNELS if imported.time_environment is not None else ()
