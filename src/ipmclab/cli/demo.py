@@ -16,6 +16,7 @@ from ipmclab.cli.options import Json
 from ipmclab.cli.output import finding_document, print_json, print_paragraph, print_table, progress, read, with_unit
 from ipmclab.cli.validate import print_validations, validation_document
 from ipmclab.errors import InputError
+from ipmclab.platform import as_typed
 
 if TYPE_CHECKING:
     from ipmclab.cli.published import Comparison
@@ -291,13 +292,14 @@ def _comparison_document(row: Comparison) -> dict[str, Any]:
 def _next_steps(folder: Path, report: Path) -> str:
     # Under `uv run` there is no `ipmclab` on the path: what is shown must work when it is copied.
     program = "uv run ipmclab" if "UV_RUN_RECURSION_DEPTH" in os.environ else "ipmclab"
-    fitted = folder / "fitted.toml"
+    names = ("fitted.toml", "force-step.nc", "prediction.nc", "prediction.svg")
+    fitted, step, predicted, figure = (as_typed(folder / name) for name in names)
     return "\n".join(
         (
             f"Open {report} in a browser. Then try:",
-            f"  {program} check {folder / 'force-step.nc'}",
+            f"  {program} check {step}",
             f'  {program} simulate {fitted} --signal "sine 1 V 0.5 Hz" --duration "20 s" --rate "50 Hz" '
-            f"--out {folder / 'prediction.nc'}",
-            f"  {program} plot {folder / 'prediction.nc'} --out {folder / 'prediction.svg'}",
+            f"--out {predicted}",
+            f"  {program} plot {predicted} --out {figure}",
         )
     )

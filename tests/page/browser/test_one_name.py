@@ -55,7 +55,8 @@ def test_two_who_identify_at_once_have_each_their_own_fit(address: str, open_pag
         number = page.get_by_label("dc resistivity", exact=True).and_(page.locator("input[type=number]"))
         assert float(number.input_value()) == pytest.approx(RESISTIVITIES[run], rel=0.01)
         file = f"{names[run].replace(' ', '-')}.toml"
-        page.get_by_text(f"ipmclab identify friend-2 runs/{run}.nc --free electrical --thorough --out {file} &&").wait_for()
+        asked = f"ipmclab identify friend-2 runs/{run}.nc --free electrical --thorough --out {file} &&"
+        page.get_by_text(asked).wait_for()
         page.get_by_text(f"“{names[run]}” is not saved").wait_for()
 
 
