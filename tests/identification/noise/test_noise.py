@@ -18,7 +18,7 @@ from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.noise.pieces import Shape
 from ipmclab.identification.noise.screen import needs_search
 from ipmclab.identification.noise.search import choose_terms
-from ipmclab.identification.noise.shape import spread_by
+from ipmclab.identification.noise.shape import drawn, spread_by, structure
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.terms import Terms, autoregression, state_space
 
@@ -130,13 +130,47 @@ def test_partial_autocorrelations_make_every_stationary_autoregression() -> None
     assert noise.stationary == pytest.approx(4.0 * wanted[0], rel=1e-10)
 
 
-@pytest.mark.parametrize(("terms", "entries"), [SHAPES[1], SHAPES[3], SHAPES[4]], ids=str)
+@pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
 def test_the_spread_of_least_squares_is_that_of_the_dense_covariance(terms: Terms, entries: tuple[float, ...]) -> None:
     time, columns = readings(gaps=True)
     stationary = replace(terms, offset=False, trend=False)
     found = spread_by(columns.matrix, columns.steps, Shape(stationary, np.array(entries), 2.0))
     wanted = 2.0 * columns.matrix.T @ dense(stationary, entries, time) @ columns.matrix
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
+def test_how_far_a_noise_goes_in_some_steps_is_that_of_the_dense_covariance(
+    terms: Terms, entries: tuple[float, ...]
+) -> None:
+    time, _ = readings(gaps=False)
+    covariance = 2.0 * dense(terms, entries, time)
+    found = structure(Shape(terms, np.array(entries), 2.0), [1, 7])
+    wanted = [covariance[0, 0] + covariance[lag, lag] - 2.0 * covariance[0, lag] for lag in (1, 7)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("terms", "entries"), [SHAPES[2], SHAPES[3], SHAPES[6]], ids=str)
+def test_draws_have_the_dense_covariance(terms: Terms, entries: tuple[float, ...]) -> None:
+    time, columns = readings(gaps=True)
+    few, steps = time[:6], columns.steps[:6]
+    generator = np.random.default_rng(SEED)
+    draws = np.array([drawn(Shape(terms, np.array(entries), 2.0), steps, generator) for _ in range(3000)])
+    wanted = 2.0 * dense(terms, entries, few)
+    size = np.sqrt(wanted.diagonal())
+    assert np.abs((draws.T @ draws / len(draws) - wanted) / np.outer(size, size)).max() < 5.0 * math.sqrt(2.0 / 3000)
+
+
+@pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
+def test_a_noise_model_gives_back_what_it_was_made_of_also_from_its_table(
+    terms: Terms, entries: tuple[float, ...]
+) -> None:
+    made = NoiseModel.of(terms, np.array(entries), 3e-4, 0.02)
+    for model in (made, NoiseModel.from_table(made.to_table())):
+        assert (model.terms, model.driven, model.step) == (terms, 3e-4, 0.02)
+        np.testing.assert_allclose(model.entries, entries, rtol=1e-12)
+    covariance = 3e-4**2 * dense(terms, entries, np.arange(3.0, 4.05, STEP))
+    np.testing.assert_allclose(made.deviation(np.array([0.0, 0.2])) ** 2, covariance.diagonal()[[0, 10]], rtol=1e-9)
 
 
 def made(kind: str, rows: int, generator: np.random.Generator) -> Array:

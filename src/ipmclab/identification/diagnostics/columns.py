@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.diagnostics.score_directions import ScoreDirection, response
 from ipmclab.identification.problem.drive import Drive, responses
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import drive
 from ipmclab.model import Actuator
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _LAGS: Final = (0.002, 0.006, 0.02, 0.06, 0.2, 0.6)
 """Of the longest record: time constants by which a voltage is filtered."""

@@ -16,8 +16,7 @@ from ipmclab.identification.noise.columns import inverse, without
 from ipmclab.identification.noise.pieces import Key, Piece, System, refine_noise
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.problem.problem import Evaluation, Problem
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 
 class Evidence:

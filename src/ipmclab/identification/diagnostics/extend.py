@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.identification.diagnostics.score_directions import ScoreDirection
@@ -22,8 +21,7 @@ from ipmclab.identification.search.starts.start import starting_points
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_held
 from ipmclab.model.variants import with_stages
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _EVALUATIONS: Final = 25
 _NEAR: Final = 1e-5  # of the cost

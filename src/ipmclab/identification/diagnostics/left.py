@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
@@ -18,9 +17,8 @@ from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import Terms
-
-FloatArray = npt.NDArray[np.float64]
 
 _REJECT: Final = 1e-3
 _HINT: Final = 0.05

@@ -13,8 +13,7 @@ from ipmclab.fit.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.record import PreparedRun
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _LAGS: Final = 24
 _LONGEST: Final = 0.25  # of a record

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import IpmclabError
 from ipmclab.identification.problem.excitation import excitation
@@ -17,9 +16,7 @@ from ipmclab.model.kinds import kind_named, kinds
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.kind import Trial
 from ipmclab.model.variants import with_stages
-from ipmclab.run import Run
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray, Run
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.age import AGE
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment.laws import is_of_environment
-from ipmclab.run import Finding
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import Finding, FloatArray
 
 CODE: Final = "age-inseparable"
 
@@ -45,9 +42,9 @@ def inseparable(problem: Problem, solution: Solution) -> list[Finding]:
     if not ages or not laws:
         return []
     products = solution.evaluation.jacobian.T @ solution.evaluation.jacobian
-    covariance = _inverse(products)
+    covariance = inverse(products)
     kept = [place for place in range(len(unknowns)) if place not in laws]
-    without = _inverse(products[np.ix_(kept, kept)])
+    without = inverse(products[np.ix_(kept, kept)])
     sizes = np.sqrt(np.maximum(covariance.diagonal(), 1e-300))
     states = [record.state for record in problem.records if record.state is not None]
     found = []
@@ -79,9 +76,9 @@ def _finding(age: str, laws: Sequence[str], ratio: float, states: Sequence[RunSt
     )
 
 
-def _inverse(products: FloatArray) -> FloatArray:
+def inverse(products: FloatArray) -> FloatArray:
     """Of a matrix of products, its columns scaled; what they say nothing of gets a large variance."""
-    size = np.sqrt(products.diagonal())
+    size = np.sqrt(np.maximum(products.diagonal(), 0.0))
     size[size <= 0.0] = 1.0
     values, vectors = np.linalg.eigh(products / np.outer(size, size))
     least = _LEAST * values[-1]

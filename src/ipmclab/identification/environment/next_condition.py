@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.inseparable import inverse
 from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
 from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.order import Order
@@ -20,9 +20,7 @@ from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment import Environment, equilibrium
 from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.model.environment.sorption import slope
-from ipmclab.run import Finding
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import Finding, FloatArray
 
 UNDETERMINED: Final = "law-undetermined"
 NEXT: Final = "next-condition"
@@ -58,12 +56,10 @@ def next_condition(fit: Fit, problem: Problem, solution: Solution) -> list[Findi
     information = _without(products, asked, others)
     named = [order(problem.unknowns[place].name) for place in asked]
     scales = {order(unknown.name): unknown.scale for unknown in problem.unknowns}
-    now = np.sqrt(np.maximum(_inverse(information).diagonal(), 0.0))
+    now = np.sqrt(np.maximum(inverse(information).diagonal(), 0.0))
     after = {
         (humidity, temperature): np.sqrt(
-            np.maximum(
-                _inverse(information + _told_by(problem, solution, asked, humidity, temperature)).diagonal(), 0.0
-            )
+            np.maximum(inverse(information + _told_by(problem, solution, asked, humidity, temperature)).diagonal(), 0.0)
         )
         for humidity in HUMIDITIES
         for temperature in TEMPERATURES
@@ -183,10 +179,3 @@ def _without(products: FloatArray, kept: Sequence[int], others: Sequence[int]) -
         return own
     across = products[np.ix_(kept, others)]
     return np.asarray(own - across @ np.linalg.pinv(products[np.ix_(others, others)], hermitian=True) @ across.T)
-
-
-def _inverse(information: FloatArray) -> FloatArray:
-    size = np.sqrt(np.maximum(information.diagonal(), 0.0))
-    size[size <= 0.0] = 1.0
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    return np.asarray((vectors / np.maximum(values, 1e-12 * values[-1])) @ vectors.T / np.outer(size, size))

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from ipmclab.fit.fit import Fit, FittedParameter
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.identification.solved import solved
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _NOTHING = 1e-12  # of the largest eigenvalue
 _ALIKE = 1e-8  # of a variance: more than rounding takes from a covariance of numbers that are all but one

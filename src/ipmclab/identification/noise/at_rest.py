@@ -9,14 +9,12 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.columns import constants, steps_between
 from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.noise.shape import Shape, spread_by, structure
 from ipmclab.identification.problem.record import PreparedRun
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _FEWEST_OF_SLOPE: Final = 20
 """Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.columns import CONSTANTS, inverse
 from ipmclab.identification.noise.pieces import Key, Piece, System
 from ipmclab.identification.noise.shape import Shape
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import Terms
-
-FloatArray = npt.NDArray[np.float64]
 
 _UNNOTICED: Final = 0.75  # standard error of a drift, in standard deviations of the noise: three of them are then four
 _KNOWN: Final = 0.42  # standard error up to which an unknown counts as known (diagnosis.DETERMINED, a floor above)

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.kernels import ROUNDING, eliminate, whiten
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import StateSpace, Terms, state_space
-
-FloatArray = npt.NDArray[np.float64]
 
 CONSTANTS: Final = 2
 """Columns in front: 1 and time, the latter about its middle and at most 1."""

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import drift_is_shown, is_at_rest_too, left_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
@@ -37,10 +36,9 @@ from ipmclab.identification.noise.zeros import DriftingProblem, Zero
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
+from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.terms import Terms
-
-FloatArray = npt.NDArray[np.float64]
 
 _FLOOR: Final = 1.01  # times the rounding of the model: below it residuals are no noise
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import measured_rows
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _REJECT: Final = 1e-3
 _FEWEST: Final = 50

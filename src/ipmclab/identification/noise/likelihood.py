@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.columns import Columns, root_of, without
 from ipmclab.identification.noise.kernels import restricted
 from ipmclab.progress import tick
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import Terms
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import least_seen
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Key = tuple[int, str]
 """Place of a run, and an output."""
 

@@ -5,15 +5,32 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _LAGS: Final = 20
 _BLOCKS: Final = (16, 128)
 _REJECT: Final = 0.005
 _FEWEST: Final = 30
 """Readings below which no noise model but white can be told."""
+
+
+def of_neighbours(residual: FloatArray) -> float:
+    """How rarely neighbours of white noise about zero belong together as much (Ljung and Box); 1 where nothing tells.
+
+    Examples
+    --------
+    >>> of_neighbours(np.array([1.0, -1.0] * 10)) < 1e-3, of_neighbours(np.zeros(20))
+    (True, 1.0)
+    """
+    from scipy.special import chdtrc
+
+    count = len(residual)
+    lags, power = min(_LAGS, count // 5), float(residual @ residual)
+    if lags < 1 or power == 0.0:
+        return 1.0
+    found = np.correlate(residual, residual[: count - lags], "valid")[1:] / power
+    return float(chdtrc(lags, count * (count + 2.0) * float(np.sum(found**2 / (count - np.arange(1, lags + 1))))))
 
 
 def needs_search(residual: FloatArray, explained: float) -> bool:
@@ -36,10 +53,7 @@ def needs_search(residual: FloatArray, explained: float) -> bool:
         return False
     if explained > chdtri(2, _REJECT):
         return True
-    lags = min(_LAGS, count // 5)
-    found = np.correlate(residual, residual[: count - lags], "valid")[1:] / power
-    statistic = count * (count + 2.0) * float(np.sum(found**2 / (count - np.arange(1, lags + 1))))
-    if chdtrc(lags, statistic) < _REJECT:
+    if of_neighbours(residual) < _REJECT:
         return True
     for length in _BLOCKS:
         blocks = count // length

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.columns import CONSTANTS, Columns
 from ipmclab.identification.noise.likelihood import Likelihood, Others, likelihood
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import MOST_ORDER, Terms
-
-FloatArray = npt.NDArray[np.float64]
 
 _EACH: Final = 5  # readings for each lag, as for the test of the colour: with fewer a noise fits whatever there is
 _WALKS: Final = (0.003, 0.01, 0.03, 0.1, 0.4)

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.kernels import continued
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import Terms, autoregression
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +57,7 @@ def spread_by(columns: FloatArray, steps: npt.NDArray[np.int64], shape: Shape) -
     places = np.cumsum(steps) - steps[0]
     count = int(places[-1]) + 1
     size = 1 << (2 * count - 1).bit_length()
-    found = np.zeros(count)
-    order = shape.terms.order
-    if order:
-        coefficients, covariances = autoregression(np.tanh(shape.entries[:order]))
-        found[:order] = covariances[:count]
-        found[order:] = continued(coefficients, covariances[::-1], np.zeros(max(count - order, 0)))
-        found[0] += np.exp(2.0 * shape.entries[-1]) if shape.terms.white else 0.0
-    else:
-        found[0] = 1.0
+    found = _stationary(shape, count)
     around = np.zeros(size)
     around[:count] = found
     around[size - count + 1 :] = found[:0:-1]
@@ -77,7 +68,7 @@ def spread_by(columns: FloatArray, steps: npt.NDArray[np.int64], shape: Shape) -
     total = regular.T @ seen
     if shape.terms.walk:
         later = np.cumsum(regular[:0:-1], axis=0)
-        total = total + np.exp(2.0 * shape.entries[order]) * (later.T @ later)
+        total = total + np.exp(2.0 * shape.entries[shape.terms.order]) * (later.T @ later)
     return np.asarray(shape.variance * total)
 
 
@@ -90,17 +81,21 @@ def structure(shape: Shape, lags: Sequence[int]) -> FloatArray:
     >>> structure(walk, [1, 10]).tolist()
     [3.0, 12.0]
     """
-    order, longest = shape.terms.order, max(lags) + 1
-    covariances = np.zeros(max(longest, order))
-    covariances[0] = 1.0
-    if order:
-        coefficients, first = autoregression(np.tanh(shape.entries[:order]))
-        covariances[:order] = first
-        covariances[order:] = continued(coefficients, first[::-1], np.zeros(max(longest - order, 0)))
-        covariances[0] += np.exp(2.0 * shape.entries[-1]) if shape.terms.white else 0.0
-    walk = np.exp(2.0 * shape.entries[order]) if shape.terms.walk else 0.0
-    steps = np.array(lags)
+    covariances, steps = _stationary(shape, max(lags) + 1), np.array(lags)
+    walk = np.exp(2.0 * shape.entries[shape.terms.order]) if shape.terms.walk else 0.0
     return np.asarray(shape.variance * (2.0 * (covariances[0] - covariances[steps]) + walk * steps))
+
+
+def _stationary(shape: Shape, count: int) -> FloatArray:
+    """Autocovariances of what does not walk, of rows 0 to ``count`` - 1 steps apart, over the variance."""
+    order = shape.terms.order
+    if not order:
+        return np.where(np.arange(count) == 0, 1.0, 0.0)
+    coefficients, first = autoregression(np.tanh(shape.entries[:order]))
+    onward = continued(coefficients, first[::-1], np.zeros(max(count - order, 0)))
+    found = np.concatenate([first, onward])[:count]
+    found[0] += np.exp(2.0 * shape.entries[-1]) if shape.terms.white else 0.0
+    return found
 
 
 def drawn(shape: Shape, steps: npt.NDArray[np.int64], generator: np.random.Generator) -> FloatArray:

@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.columns import inverse, root_of, without
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, System
 from ipmclab.identification.noise.shape import Shape
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _STEP: Final = 0.05  # of the entries of a noise
 _FARTHEST: Final = 1.5  # standard deviation of an entry of the noise that the readings do not show

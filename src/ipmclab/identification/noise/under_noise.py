@@ -9,12 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.search.rest import REJECT
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:

@@ -16,7 +16,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
@@ -24,8 +23,7 @@ from ipmclab.identification.noise.pieces import Key, System, refine_noise
 from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import settled
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _TURNS: Final = 4
 _STILL: Final = 0.1  # of a standard error, by which the parameters still move

@@ -12,9 +12,8 @@ import numpy.typing as npt
 from ipmclab.identification.noise.columns import constants, whitened
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import StateSpace, Terms, state_space
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +80,31 @@ class Whitening:
         return whitened(self.space, rows[:, self.inside].T, self.steps)[0] / self.scale
 
 
-class CorrelatedProblem(Problem):
+class Changed(Problem):
+    """A problem with the readings and unknowns of a plain one, the rows of each output of each run changed."""
+
+    def __init__(self, plain: Problem) -> None:
+        super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
+        self._plain = plain
+
+    @property
+    def plain(self) -> Problem:
+        """The problem that is not changed."""
+        return self._plain
+
+    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
+        """The problem with fewer unknowns, changed alike, and other values of what is no longer free."""
+        return self.on(self.plain.without(columns, values))
+
+    def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
+        """Changed derivatives of the residuals with respect to fixed parameters [per SI unit]."""
+        found = super().fixed_jacobian(theta, names)
+        for key, piece in self.pieces.items():
+            found[piece] = self.whitened(key, found[piece].T).T
+        return found
+
+
+class CorrelatedProblem(Changed):
     """The same problem with correlated noise.
 
     Parameters
@@ -92,19 +115,13 @@ class CorrelatedProblem(Problem):
     """
 
     def __init__(self, plain: Problem, whitenings: Mapping[tuple[int, str], Whitening]) -> None:
-        super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
-        self._plain = plain
+        super().__init__(plain)
         self.whitenings = dict(whitenings)
 
     @cached_property
     def on_means(self) -> Problem | None:
         """None: what neighbours have in common does not show in means."""
         return None
-
-    @property
-    def plain(self) -> Problem:
-        """The problem that is not whitened."""
-        return self._plain
 
     def on(self, plain: Problem) -> Problem:
         """Another problem, of some of the same readings, whitened alike."""
@@ -113,10 +130,6 @@ class CorrelatedProblem(Problem):
     def with_noise(self, noise: Noise) -> Problem:
         """The problem with other weights, and white."""
         return self.plain.with_noise(noise)
-
-    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
-        """The problem with fewer unknowns under the same noise, and other values of what is no longer free."""
-        return self.on(self.plain.without(columns, values))
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Whitened residuals and Jacobian."""
@@ -133,13 +146,6 @@ class CorrelatedProblem(Problem):
         """Rows of one output of one run, whitened where its noise is not white."""
         whitening = self.whitenings.get(key)
         return rows if whitening is None else whitening.apply(rows)
-
-    def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
-        """Whitened derivatives of the residuals with respect to fixed parameters [per SI unit]."""
-        found = super().fixed_jacobian(theta, names)
-        for key, whitening in self.whitenings.items():
-            found[self.pieces[key]] = whitening.apply(found[self.pieces[key]].T).T
-        return found
 
 
 def measured_rows(record: PreparedRun, output: str) -> npt.NDArray[np.bool_]:

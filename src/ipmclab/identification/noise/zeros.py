@@ -9,7 +9,7 @@ is known, minus twice the log density of the best c is r' T^2 r with T^2 = I - N
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -20,12 +20,12 @@ import numpy.typing as npt
 from ipmclab.identification.noise.at_rest import slope_at_rest
 from ipmclab.identification.noise.columns import constants
 from ipmclab.identification.noise.shape import Shape
-from ipmclab.identification.noise.whitening import measured_rows
+from ipmclab.identification.noise.whitening import Changed, measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
+from ipmclab.run import FloatArray
 from ipmclab.statespace.terms import Terms
 
-FloatArray = npt.NDArray[np.float64]
 Key = tuple[int, str]
 
 LARGEST_ZERO: Final = 0.01
@@ -141,7 +141,7 @@ class Projection:
         return np.asarray(rows - (self.basis * (1.0 - self.kept)) @ (self.basis.T @ rows))
 
 
-class DriftingProblem(Problem):
+class DriftingProblem(Changed):
     """The same problem with zeros and slopes of sensors beside it.
 
     Parameters
@@ -151,8 +151,7 @@ class DriftingProblem(Problem):
     """
 
     def __init__(self, plain: Problem, zeros: Mapping[Key, Zero]) -> None:
-        super().__init__(plain.base, plain.records, plain.unknowns, plain.responder, plain.noise)
-        self._plain = plain
+        super().__init__(plain)
         self.zeros = dict(zeros)
         self.projections = {key: zero.projection(self.noise[key]) for key, zero in self.zeros.items()}
 
@@ -166,11 +165,6 @@ class DriftingProblem(Problem):
             plain, {key: zero.on(plain.record_at(key[0]), key[1]) for key, zero in self.zeros.items()}
         )
 
-    @property
-    def plain(self) -> Problem:
-        """The problem without zeros and slopes."""
-        return self._plain
-
     def on(self, plain: Problem) -> Problem:
         """Another problem, of some of the same readings, beside the same zeros and slopes."""
         return DriftingProblem(plain, {key: zero for key, zero in self.zeros.items() if key in plain.pieces})
@@ -182,10 +176,6 @@ class DriftingProblem(Problem):
     def weighed(self, theta: FloatArray, here: Evaluation, noise: Noise) -> Evaluation:  # noqa: ARG002  # the protocol's signature
         """An evaluation as it is under other weights: what is known of a slope weighs anew too."""
         return self.with_noise(noise).evaluate(theta)
-
-    def without(self, columns: Sequence[int], values: Mapping[str, float]) -> Problem:
-        """The problem with fewer unknowns, and other values of what is no longer free."""
-        return self.on(self.plain.without(columns, values))
 
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian, the best zeros and slopes taken out."""
@@ -217,11 +207,3 @@ class DriftingProblem(Problem):
         zero, projection = self.zeros[key], self.projections[key]
         away = -(plain[zero.inside] + projection.expected)
         return np.asarray(projection.centre + projection.answer @ away)
-
-    def fixed_jacobian(self, theta: FloatArray, names: Sequence[str]) -> FloatArray:
-        """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
-        found = super().fixed_jacobian(theta, names)
-        for key in self.zeros:
-            piece = self.pieces[key]
-            found[piece] = self.whitened(key, found[piece].T).T
-        return found

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
@@ -21,8 +20,7 @@ from ipmclab.identification.search.again import fits_again
 from ipmclab.identification.solved import fitted, solved, values_of
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, stage, telling
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 SEED: Final = 20261121
 FEWEST_DRAWS: Final = 40  # draws of which a 95 % interval leaves one out on each side

@@ -12,14 +12,13 @@ import numpy.typing as npt
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.growing import Growth, growth
 from ipmclab.identification.noise.long_run import long_run
+from ipmclab.identification.noise.screen import of_neighbours
 from ipmclab.identification.noise.spread import degrees_of_freedom, spread_of_weighted
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import least_seen
 from ipmclab.identification.uncertainty.rounding import hidden_zeros
+from ipmclab.run import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
-
-_COLOUR_LAGS: Final = 20
 _REJECT: Final = 1e-3
 
 
@@ -66,19 +65,7 @@ class Uncertainty:
 
 def is_coloured(residual: FloatArray) -> bool:
     """Ljung and Box's test at 0.1 %: whether neighbouring residuals belong together."""
-    from scipy.special import chdtrc
-
-    count = len(residual)
-    lags = min(_COLOUR_LAGS, count // 5)
-    if lags < 1:
-        return False
-    centred = residual - np.mean(residual)
-    power = float(centred @ centred)
-    if power == 0.0:
-        return False
-    found = np.correlate(centred, centred[: count - lags], "valid")[1:] / power
-    statistic = count * (count + 2.0) * float(np.sum(found**2 / (count - np.arange(1, lags + 1))))
-    return bool(chdtrc(lags, statistic) < _REJECT)
+    return len(residual) > 0 and of_neighbours(residual - np.mean(residual)) < _REJECT
 
 
 def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]], exact: Sequence[str]) -> Uncertainty:
@@ -182,13 +169,15 @@ def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:
 
 def _of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Singular values and directions of the Jacobian of the asked unknowns, the others averaged out."""
-    triangle = evaluation.triangle[:, :-1]
-    asked = int(np.count_nonzero(~nuisance))
-    if asked == len(nuisance):
+    if not nuisance.any():
         return evaluation.spectrum
-    order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
-    first = len(order) - asked
-    # With the others in front, the lower right block is what is left of the asked ones.
-    block = np.asarray(np.linalg.qr(triangle[:, order], mode="r"))[first:, first:]
-    _, singular, directions = np.linalg.svd(block)
+    _, singular, directions = np.linalg.svd(left_of_the_asked(evaluation, nuisance))
     return singular, directions
+
+
+def left_of_the_asked(evaluation: Evaluation, nuisance: npt.NDArray[np.bool_]) -> FloatArray:
+    """A triangle of the Jacobian of the asked unknowns, the others averaged out."""
+    order = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
+    first = int(np.count_nonzero(nuisance))
+    # With the others in front, the lower right block is what is left of the asked ones.
+    return np.asarray(np.linalg.qr(evaluation.triangle[:, order], mode="r"))[first:, first:]

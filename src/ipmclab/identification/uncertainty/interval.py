@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.problem.problem import Problem
@@ -20,8 +19,7 @@ from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.identification.uncertainty.profile import Walk
 from ipmclab.model.declared import is_curved
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _CURVED: Final = 0.05  # standard error of a logarithm above which the likelihood's profile is followed
 _BENT: Final = 0.15  # the same for what is no logarithm, as a part of its value

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import wider_for_few
 from ipmclab.identification.uncertainty.random_effect import FEWEST
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 Table = Mapping[str, Mapping[str, float]]
 

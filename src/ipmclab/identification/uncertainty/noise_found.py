@@ -31,9 +31,11 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
     labels = {record.place: record.label for record in problem.records}
     wrong = {key: sizes for key in problem.pieces if (sizes := _model_error(correlated, key)) is not None}
     findings = [_model_is_wrong(labels[place], output, *sizes) for (place, output), sizes in wrong.items()]
-    for (place, output), noise in correlated.noise.items():
-        if (place, output) in wrong:
-            continue  # what the model lacks is no noise: nothing more is said of it as one
+    # What the model lacks is no noise: nothing more is said of it as one.
+    noises = {key: noise for key, noise in correlated.noise.items() if key not in wrong}
+    coloured = [key for key in found.coloured if key not in wrong]
+    drifting = {key for key, noise in noises.items() if noise.terms.drifts}
+    for (place, output), noise in noises.items():
         only_allowed_for = (
             output in correlated.blind and noise.terms.trend and not noise.terms.order and not noise.terms.walk
         )
@@ -51,17 +53,14 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
             )
         )
     findings += [_drift_not_excluded(output, blind) for output, blind in correlated.blind.items()]
-    for place, output in dict.fromkeys((*correlated.noise, *found.coloured)):
-        if (place, output) in wrong:
-            continue
+    for place, output in dict.fromkeys((*noises, *coloured)):
         hum = hum_in(correlated, (place, output))
         if hum is not None:
             findings.append(_hum(labels[place], output, hum))
     for (place, output), growth in found.growing.items():
         if (place, output) in wrong:
             continue
-        model = correlated.noise.get((place, output))
-        walks = model is not None and model.terms.drifts
+        walks = (place, output) in drifting
         grows = f"larger where the {output} is, up to {growth.times:.2g} times (Spearman, p < 0.1 %)"
         findings.append(
             Finding(
@@ -76,11 +75,8 @@ def noise_findings(problem: Problem, correlated: Correlated, found: Uncertainty)
                 values={"times": growth.times},
             )
         )
-    for place, output in found.coloured:
-        if (place, output) in wrong:
-            continue
-        model = correlated.noise.get((place, output))
-        if model is not None and model.terms.drifts:
+    for place, output in coloured:
+        if (place, output) in drifting:
             findings.append(
                 Finding(
                     "noise-not-described",

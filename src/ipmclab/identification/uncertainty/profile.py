@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.solve import STRUCTURAL, Pinned, Solution, descend
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
 _LONGEST_STEP: Final = 1.0

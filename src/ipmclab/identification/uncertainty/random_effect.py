@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 FEWEST: Final = 3
 """Members from which a next one is told: two show no spread that could be relied on."""

@@ -6,11 +6,9 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.problem import Problem
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _DITHERED: Final = 0.3  # of a step: with so much noise the mean of the readings shows what lies between two steps
 

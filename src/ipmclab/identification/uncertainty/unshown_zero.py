@@ -7,18 +7,15 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.as_fitted import listed
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution, least_seen
-from ipmclab.run import Finding
+from ipmclab.run import Finding, FloatArray
 from ipmclab.ties import names_by_size
 from ipmclab.units import CHANNELS
-
-FloatArray = npt.NDArray[np.float64]
 
 OFFSET: Final = "observation.offset.current"
 _NOTHING: Final = 1e-5  # of a column: below it a difference of squares is rounding

@@ -7,16 +7,14 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.identification.problem.unknowns import actuator_unknown
 from ipmclab.model import Actuator
 from ipmclab.model.numerics.reduce import small_signal
 from ipmclab.model.ports import choose_outputs
 from ipmclab.model.sensitivity import sensitivities
+from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, upright
-
-FloatArray = npt.NDArray[np.float64]
 
 NOTHING: Final = 1e-9
 """A singular value below this part of the largest (columns of length 1) is rounding."""

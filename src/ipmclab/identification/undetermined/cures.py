@@ -6,13 +6,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
 from ipmclab.model.declared import MOTION, declaration_of, in_group, measurements
 from ipmclab.model.kinds import kind_of
-
-FloatArray = npt.NDArray[np.float64]
+from ipmclab.run import FloatArray
 
 _MOVED: Final = 1e-3
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.fit import DETERMINED, Direction
 from ipmclab.identification.problem.record import PreparedRun
@@ -21,10 +20,8 @@ from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.circuit import SERIES
+from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, names_by_size, upright
-
-FloatArray = npt.NDArray[np.float64]
-
 
 _MOVED: Final = 1e-3
 _NAMED: Final = 0.1
@@ -36,13 +33,14 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
     A linear unknown (a delay, an offset, a contact resistance) can be zero: its error counts against its
     value or its scale, whichever is larger.
     """
-    size = _sizes(unknowns, values)
+    size = sizes(unknowns, values)
     errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
     moved = np.any(np.abs(found.null / size) > _MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
     return np.where(moved, np.inf, errors)
 
 
-def _sizes(unknowns: Sequence[Unknown], values: FloatArray) -> FloatArray:
+def sizes(unknowns: Sequence[Unknown], values: FloatArray) -> FloatArray:
+    """Against what the error of each entry counts: a logarithm by itself, else its value or its scale."""
     return np.array([1.0 if u.log else max(abs(v) / u.scale, 1.0) for u, v in zip(unknowns, values, strict=True)])
 
 
@@ -65,7 +63,7 @@ def directions(
     ``rivals`` are other fits as good, ``exact`` fixed parameters without a stated uncertainty.
     """
     names = [unknown.name for unknown in unknowns]
-    size = _sizes(unknowns, values)
+    size = sizes(unknowns, values)
     known = dict(zip(names, values, strict=True))
     named = [_null_direction(unknowns, row, records, actuator) for row in sparse(found.null / size)]
     covariance = sharper.covariance / (size[:, None] * size)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.fit import Direction
@@ -21,9 +20,8 @@ from ipmclab.identification.undetermined.cures import measured
 from ipmclab.model.declared import MOTION, in_group, is_of_circuit
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.model.stages.coupling import ZERO
+from ipmclab.run import FloatArray
 from ipmclab.ties import upright
-
-FloatArray = npt.NDArray[np.float64]
 
 HARDLY: Final = 7.0  # of a logarithm, a factor of a thousand
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.errors import InputError, suggest
 from ipmclab.fit.fit import Direction
@@ -18,9 +17,8 @@ from ipmclab.identification.undetermined.closed_form import NOTHING, NOTHING_OF_
 from ipmclab.identification.undetermined.cures import Cure, cures_of, said_of
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator
+from ipmclab.run import FloatArray
 from ipmclab.ties import names_by_size
-
-FloatArray = npt.NDArray[np.float64]
 
 _MOVED: Final = 1e-3  # of a direction of unit length
 

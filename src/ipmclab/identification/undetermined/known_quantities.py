@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.confidence import NORMAL_95, wider_for_few
 from ipmclab.fit.fit import DETERMINED
@@ -24,9 +23,8 @@ from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.uncertainty.covariance import Uncertainty
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import derived, quantities_of_each
+from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first
-
-FloatArray = npt.NDArray[np.float64]
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
 _FELT: Final = 1e-6  # part of a quantity that moves with an entry: less is rounding

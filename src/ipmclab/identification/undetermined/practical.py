@@ -13,15 +13,15 @@ from math import comb, inf
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ipmclab.fit.practical import CollinearSet, Combination, Practical
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.solve import STRUCTURAL, Solution, least_seen
+from ipmclab.identification.uncertainty.covariance import left_of_the_asked
+from ipmclab.identification.undetermined.diagnosis import sizes
+from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, upright
-
-FloatArray = npt.NDArray[np.float64]
 
 COLLINEAR: Final = 10.0
 """From this index on a set is named: a tenth of what a change of one parameter would show is left by the others."""
@@ -37,11 +37,7 @@ def practical(problem: Problem, solution: Solution, order: Order) -> Practical:
         return Practical((), {}, ())
     asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
     values = [u.value(float(e)) for u, e in zip(problem.unknowns, solution.theta, strict=True) if not u.nuisance]
-    size = np.array([1.0 if u.log else max(abs(v) / u.scale, 1.0) for u, v in zip(asked, values, strict=True)])
-    # With the others in front, the lower right block is what is left of the asked ones.
-    columns = np.concatenate([np.flatnonzero(nuisance), np.flatnonzero(~nuisance)])
-    first = int(np.count_nonzero(nuisance))
-    block = np.asarray(np.linalg.qr(solution.evaluation.triangle[:, columns], mode="r"))[first:, first:] * size
+    block = left_of_the_asked(solution.evaluation, nuisance) * sizes(asked, np.array(values))
     return practical_from([order(unknown.name) for unknown in asked], block, solution.evaluation)
 
 
