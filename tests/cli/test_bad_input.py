@@ -241,6 +241,7 @@ def test_a_foreign_record_that_cannot_be_used(command, tmp_path: Path, content: 
         (("export", "step.nc", "--out", "step.docx"), ("step.docx", ".csv or .xlsx or .mat")),
         (("report", "step.nc", "--runs", "step.nc", "--out", "r.html"), ("step.nc",)),
         (("report", "strip.toml", "--runs", "step.nc", "--out", "r.html"), ("strip.toml", "[fit]")),
+        (("report", "friend-2", "--runs", "step.nc", "--out", "r.html"), ("friend-2", "[fit]")),
         (("validate", "friend-2", "step.nc", "--also", "freind-2"), ("freind-2", "did you mean 'friend-2'")),
         (("plot", "strip.toml", "--out", "p.svg"), ("this is an actuator, not a run",)),
         (("check", "step.nc", "freind-2"), ("did you mean 'friend-2'",)),

@@ -109,6 +109,22 @@ def test_what_cannot_be_forecast_is_refused(change: dict[str, object], where: st
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(("rate", "step"), [(RATE, 0.2), (0.5, 2.0)])
+def test_a_horizon_that_is_too_short_is_told_as_such(rate: float, step: float) -> None:
+    """It was said of the origin, at any origin, that it comes too soon."""
+    truth, run = wandering(4)
+    every = round(RATE / rate)
+    thin = Run.from_arrays(time=run.time[::every], voltage=run.voltage[::every], displacement=run.displacement[::every])
+    for horizon in (0.001, 0.4 * step, 0.49 * step):
+        with pytest.raises(
+            InputError, match=f"horizon: the horizon {horizon:g} s is too short.* give {step:g} s or more"
+        ):
+            forecast(truth, thin, origin=70.0, horizon=horizon)
+    ahead = forecast(truth, thin, origin=70.0, horizon=step)
+    assert len(ahead.time) == round(step * rate)
+    assert (ahead.upper > ahead.lower).all()
+
+
 def test_readings_that_are_hardly_there() -> None:
     truth, run = wandering(5)
     assert run.displacement is not None

@@ -42,10 +42,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         signal="step 1 V",
         operator="Ada Example",
         rig="rig 7",
+        mounting_id="strip-1-a",
         recorded_at="2026-11-23T07:00:00+00:00",
         temperature=20.0,
     )
-    run = replace(clean, metadata=about)
+    run = replace(clean, time=clean.time + 5.0, metadata=about)
     write_run(run, place / "step.nc")
     write_run(simulate(STRIP, "sine 1 V 0.5 Hz", duration=10, rate=25), place / "more" / "sine.nc")
     write_fit(identify(STRIP, run, free="circuit.dc_resistivity"), place / "fit.toml")
@@ -152,6 +153,9 @@ def test_the_tables_say_what_runs_and_fits_say(folder: Path, tmp_path: Path) -> 
     (row,) = [one for one in rows("runs") if one["file"] == "step.nc"]
     assert row["content_sha256"] == run.content_sha256
     assert (row["sample"], float(row["temperature (degC)"]), int(row["rows"])) == ("strip 1", 20.0, len(run))
+    assert float(row["duration (s)"]) == pytest.approx(run.time[-1] - run.time[0])
+    said = ("signal", "origin", "recorded_at", "operator", "mounting")
+    assert [row[name] for name in said] == [*(getattr(run.metadata, name) for name in said[:4]), "strip-1-a"]
     (parameter,) = rows("parameters")
     found = read_fit(folder / "fit.toml").parameters[parameter["parameter"]]
     assert float(parameter["value (SI)"]) == found.value

@@ -35,6 +35,8 @@ def test_a_run_and_an_actuator() -> None:
     tree, rows = parsed(actuator)
     assert has_figure(tree)
     assert ["Y", "beam.modulus", "1450", "MPa"] in rows
+    # A name that is written as a colour of the page is one nevertheless.
+    assert "var(--mine) under step 1 V" in replace(actuator, name="var(--mine)")._repr_html_()
 
 
 def test_a_fit_and_its_validation(material: Any) -> None:

@@ -31,7 +31,7 @@ def report(
     from ipmclab import read_fit
 
     check_output(out, force=force, suffixes=(".html",), reads=[fitted, *runs, *(validation or [])])
-    fit = read_fit(fitted)
+    fit = read_fit(str(fitted))  # a text may also name an actuator of the library, which has no fit
     used, unseen = read_runs(runs), read_runs(validation or [])
     with progress("writing the report"):
         from ipmclab.reporting import report as write_report

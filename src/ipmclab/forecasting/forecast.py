@@ -10,7 +10,7 @@ from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.forecasting.doubts import reach_finding, table_without
 from ipmclab.forecasting.forecast_values import Forecast, known_channel
-from ipmclab.forecasting.forecasters import LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins
+from ipmclab.forecasting.forecasters import HORIZONS, LEARNT, Forecaster, Line, SlowAnswer, judge, past_origins
 from ipmclab.forecasting.past import SETTLE, Past, is_number, read_past
 from ipmclab.forecasting.stacking import LEADS, half_width, weigh
 from ipmclab.model import Actuator
@@ -118,7 +118,7 @@ def forecast(
         )
     past = read_past(model, run, origin=origin, horizon=horizon, channel=channel)
     origins = past_origins(past, horizon)
-    if len(origins) < FEWEST_ORIGINS:
+    if len(origins) < FEWEST_ORIGINS or not len(past.ahead):
         raise _too_soon(past, horizon)
     slow = SlowAnswer(past, origins)
     forecasters: dict[str, Forecaster] = {"line": Line(past, origins), "slow answer": slow}
@@ -148,6 +148,13 @@ def forecast(
 
 
 def _too_soon(past: Past, horizon: float) -> InputError:
+    if not len(past.ahead) or HORIZONS * horizon < FEWEST_ORIGINS * past.step:
+        return InputError(
+            f"the horizon {horizon:g} s is too short: a forecast is made from means over {past.step:g} s",
+            code="bad-horizon",
+            where="horizon",
+            repair=f"give {past.step:g} s or more",
+        )
     soonest = past.edge + SETTLE + LEARNT + FEWEST_ORIGINS * past.step + horizon / LEADS
     return InputError(
         f"the origin {past.origin:.6g} s is too soon after the voltage came on at {past.edge:.6g} s, or too few "

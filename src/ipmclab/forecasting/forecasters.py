@@ -28,8 +28,8 @@ CHANGE: Final = 1.0  # s from one reading to the next of which a change is taken
 LEARNT: Final = 2.0 * CHANGE
 """Seconds after the first reading before anything is forecast."""
 _PER_HORIZON: Final = 50
-_FORGOTTEN: Final = 5.0
-"""Memories after which a miss is left out: it would count less than 1 %."""
+HORIZONS: Final = 5.0 * MEMORY
+"""Horizons after which a miss is left out, five memories: it would count less than 1 %."""
 _TURNS: Final = 3
 _LEAST_PRIOR: Final = 1e-10
 
@@ -49,7 +49,7 @@ class Forecaster(Protocol):
 def past_origins(past: Past, horizon: float) -> IntArray:
     """The steps from which forecasts are made, the last one among them."""
     stride = max(1, int(horizon / _PER_HORIZON / past.step))
-    oldest = max(past.first + round(LEARNT / past.step), past.now - int(_FORGOTTEN * MEMORY * horizon / past.step))
+    oldest = max(past.first + round(LEARNT / past.step), past.now - int(HORIZONS * horizon / past.step))
     return np.arange(past.now, oldest - 1, -stride, dtype=np.intp)[::-1]
 
 

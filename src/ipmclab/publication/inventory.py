@@ -16,7 +16,6 @@ from ipmclab.quality import measure
 from ipmclab.quality.metrics import Metric
 from ipmclab.run import Run, RunMetadata
 from ipmclab.store.run_file import read_run
-from ipmclab.toml_file import glance
 
 FORMATS: Final = {
     ".nc": "application/x-netcdf",
@@ -151,8 +150,8 @@ def _item(path: Path, name: str) -> Item:
     try:
         if path.suffix.lower() == ".nc":
             run = RunFacts.of(read_run(path))
-        elif path.suffix.lower() == ".toml" and "fit" in (glance(path) or {}):
+        elif path.suffix.lower() == ".toml":
             fit = read_fit(path)
-    except IpmclabError:  # a file of another program, or of an earlier version: it is taken along as it is
+    except IpmclabError:  # no fit, a file of another program, or of an earlier version: it is taken along as it is
         pass
     return Item(path, name, path.stat().st_size, checksum(path), run, fit)

@@ -83,7 +83,7 @@ def standalone_svg(text: str) -> str:
     '<path style="stroke: #0072b2"/></svg>\\n'
     """
     colours = {**COLOURS, "sans": "'DejaVu Sans', sans-serif"}
-    text = re.sub(r"var\(--(\w+)\)", lambda name: colours[name[1]], text)
+    text = re.sub(r"var\(--(\w+)\)", lambda name: colours.get(name[1], name[0]), text)
     head = '<svg xmlns="http://www.w3.org/2000/svg" style="background: #ffffff" '
     return text.replace("<svg ", head, 1) + "\n"
 
