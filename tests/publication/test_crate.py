@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import json
+import os
 import re
 import zipfile
 from dataclasses import replace
@@ -66,6 +67,8 @@ def opened(path: Path) -> tuple[zipfile.ZipFile, dict[str, dict[str, Any]]]:
 def test_every_file_is_there_unchanged_and_described(folder: Path, tmp_path: Path) -> None:
     export_crate(folder, tmp_path / "crate.zip", title="A strip", people=[ADA], organisation="Example University")
     archive, entities = opened(tmp_path / "crate.zip")
+    context = json.loads(archive.read("ro-crate-metadata.json"))["@context"]
+    assert any("sha256" in one for one in context if isinstance(one, dict))  # or nobody knows what it means
     made = {"tables/runs.csv", "tables/metrics.csv", "tables/parameters.csv", "manifest-sha256.txt"}
     given = {"step.nc", "more/sine.nc", "fit.toml", "notes.md", "other.nc"}
     assert set(archive.namelist()) == given | made | {"ro-crate-metadata.json"}
@@ -170,6 +173,34 @@ def test_the_same_folder_gives_the_same_bytes_and_a_crate_a_crate(folder: Path, 
     export_crate(tmp_path / "back", tmp_path / "again.zip", title="A strip")
     sums = [zipfile.ZipFile(tmp_path / name).read("manifest-sha256.txt") for name in ("one.zip", "again.zip")]
     assert sums[0] == sums[1]
+
+
+@pytest.mark.parametrize("name", [b"gr\xf6sse.md", b"two\nlines.md", b"back\\slash.md", b"in\\side/notes.md"])
+def test_a_name_that_other_computers_cannot_hold_is_refused(tmp_path: Path, name: bytes) -> None:
+    """Bytes that are no text were a UnicodeEncodeError, and a checksum of two lines checks nothing."""
+    path = os.path.join(os.fsencode(tmp_path), b"runs", name)
+    os.makedirs(os.path.dirname(path))
+    try:
+        with open(path, "w", encoding="utf-8"):
+            pass
+    except OSError:
+        pytest.skip("this file system has no such name")
+    with pytest.raises(InputError, match="other computers cannot hold a file with the name"):
+        export_crate(tmp_path / "runs", tmp_path / "crate.zip", title="Names")
+
+
+def test_no_file_is_lost_to_a_crate(folder: Path, tmp_path: Path) -> None:
+    """A link that is called like a crate may lead to a run: it was left out, and written over."""
+    place = tmp_path / "runs"
+    place.mkdir()
+    run = (folder / "step.nc").read_bytes()
+    (place / "step.nc").write_bytes(run)
+    (tmp_path / "crate.zip").symlink_to(place / "step.nc")
+    with pytest.raises(InputError, match="exists already"):  # before anything is read
+        export_crate(tmp_path / "no such folder", tmp_path / "crate.zip", title="A strip")
+    with pytest.raises(InputError, match="which is read here"):
+        export_crate(place, tmp_path / "crate.zip", title="A strip", overwrite=True)
+    assert (place / "step.nc").read_bytes() == run
 
 
 @pytest.mark.parametrize(

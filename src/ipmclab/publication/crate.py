@@ -113,7 +113,7 @@ def export_crate(
     address, name = licence_of(licence)
     persons = [_identified(one, "Person") for one in people]
     house = _identified(organisation, "Organization") if organisation else None
-    items = [one for one in inventory(Path(folder)) if one.path.resolve() != target.resolve()]
+    items = inventory(Path(folder))
     keep_what_is_read(target, [one.path for one in items])
     make = _library()
     # Beside its destination: a crate of many runs may be larger than what the system has for temporary files.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,8 @@ CHECKSUMS: Final = "manifest-sha256.txt"
 
 _OF_A_CRATE: Final = ("ro-crate-metadata.json", "ro-crate-preview.html", CHECKSUMS)
 _PIECE: Final = 1 << 20
+_ODD: Final = re.compile(r"[\x00-\x1f\x7f\\\ud800-\udfff]")
+"""What no name has everywhere: control characters, a backslash, bytes that are no text."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +112,22 @@ def inventory(folder: Path) -> tuple[Item, ...]:
     Raises
     ------
     InputError
-        No such folder, or nothing in it.
+        No such folder, nothing in it, or a file whose name other systems cannot hold.
     """
     if not folder.is_dir():
         raise InputError(
             "there is no such folder", code="no-such-folder", where=str(folder), repair="name a folder of runs"
         )
-    found = tuple(_item(path, path.relative_to(folder).as_posix()) for path in _files(folder))
+    names = {path: path.relative_to(folder).as_posix() for path in _files(folder)}
+    for name in names.values():
+        if _ODD.search(name):
+            raise InputError(
+                f"other computers cannot hold a file with the name {name!a}",
+                code="bad-name",
+                where=str(folder),
+                repair="rename it: letters, digits, spaces and hyphens are read everywhere",
+            )
+    found = tuple(_item(path, name) for path, name in names.items())
     if not found:
         raise InputError(
             "there is no run, fit, table or report in this folder",
