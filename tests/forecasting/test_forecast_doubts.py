@@ -74,6 +74,23 @@ def test_what_a_fit_left_open_is_no_prior_and_is_said(tmp_path: Path) -> None:
     assert "did not determine 1 of its parameters: coupling.gain" in finding.message
 
 
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"parameters": [{"determined": False}], "correlations": [[1.0]]},
+        {"parameters": 3, "correlations": 3},
+        {"parameters": [3], "correlations": [3]},
+        {"parameters": [{"name": RATIO, "determined": True}], "correlations": []},
+        {"runs": []},
+    ],
+)
+def test_a_table_that_no_fit_wrote_says_nothing(table: dict[str, object]) -> None:
+    """It was a KeyError, or an IndexError."""
+    by_hand = replace(strip(), fit_table=table)
+    assert codes(by_hand, record(strip())) == codes(strip(), record(strip()))
+    assert not (with_slow_modes(by_hand).fit_table or {}).get("parameters")
+
+
 def test_a_determined_fit_and_a_trend_carry_no_such_finding() -> None:
     fit = identify(strip(), record(strip()), free=[RATIO])
     assert codes(fit, record(strip())) == []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -41,12 +41,17 @@ def left_open(model: Actuator | Fit | None, channel: str) -> tuple[str, ...]:
         open_ones = [name for name, one in model.parameters.items() if not one.determined]
         known = model.actuator.parameter_values
     else:
-        open_ones = [
-            one["name"] for one in (model.fit_table or {}).get("parameters", ()) if not one.get("determined", True)
-        ]
+        open_ones = [one["name"] for one in _entries(model.fit_table) if not one.get("determined", True)]
         known = model.parameter_values
     other = "force" if channel == "displacement" else "displacement"
     return tuple(name for name in open_ones if name in known and stage_outputs(name) != (other,))
+
+
+def _entries(table: Mapping[str, Any] | None) -> list[Mapping[str, Any]]:
+    """The parameters of a ``[fit]`` table, which may have been written by hand: what is no parameter says nothing."""
+    found = (table or {}).get("parameters")
+    each = found if isinstance(found, Sequence) else ()
+    return [one for one in each if isinstance(one, Mapping) and isinstance(one.get("name"), str)]
 
 
 def without_open_ratios(actuator: Actuator, channel: str, names: Sequence[str]) -> tuple[Actuator, tuple[str, ...]]:
@@ -134,11 +139,13 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
 
 def table_without(table: dict[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
     """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stands."""
-    if table is None or not {"parameters", "correlations"} <= table.keys():
+    entries, rows = _entries(table), (table or {}).get("correlations")
+    sizes = [len(row) if isinstance(row, Sequence) else 0 for row in rows] if isinstance(rows, Sequence) else None
+    if table is None or sizes != len(entries) * [len(entries)]:
         return None
-    kept = [place for place, one in enumerate(table["parameters"]) if one["name"] not in gone]
-    correlations = [[table["correlations"][row][column] for column in kept] for row in kept]
-    return {**table, "parameters": [table["parameters"][place] for place in kept], "correlations": correlations}
+    kept = [place for place, one in enumerate(entries) if one["name"] not in gone]
+    correlations = [[rows[row][column] for column in kept] for row in kept]
+    return {**table, "parameters": [entries[place] for place in kept], "correlations": correlations}
 
 
 def free_length(actuator: Actuator | None, channel: str) -> float:
