@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from ipmclab import Run, RunMetadata, load_actuator, simulate
+from ipmclab import InputError, Run, RunMetadata, load_actuator, simulate
 from ipmclab.consistency import Fact, cross_check, facts_of_runs
 from ipmclab.consistency.flick import flicks
 from ipmclab.consistency.prefix import in_one_environment
@@ -98,3 +99,25 @@ def test_a_push_is_held_against_a_motion_of_its_own_air_alone() -> None:
         facts = [force, motion, replace(push, temperature=20.0 + warmer)]
         codes = {one.code for one in cross_check(STRIP, facts=facts)}
         assert ("push-against-motion" in codes) is is_told
+
+
+@pytest.mark.parametrize(
+    ("fact", "message"),
+    [
+        ({"amplitude": None}, "a: the amplitude of the step is missing; give amplitude, in V"),
+        ({"waveform": "sine"}, "a: the frequency of the sine is missing; give frequency, in Hz"),
+        ({"waveform": "sinus", "frequency": 1.0}, "a: unknown waveform 'sinus'; did you mean 'sine'?"),
+        ({"value": 0.0}, "a: the max_force is 0 with a standard uncertainty of 1e-05"),
+        ({"value": -1e-3}, "a: the max_force is -0.001"),
+        ({"value": float("nan")}, "a: the max_force is nan"),
+        ({"uncertainty": -1e-5}, "uncertainty of -1e-05; give the size"),
+        ({"where": "", "value": 0.0}, "max_force of the step: the max_force is 0"),
+    ],
+)
+def test_a_fact_that_nothing_can_be_held_against_is_refused(fact: dict[str, Any], message: str) -> None:
+    """The checks ended in a division by zero, a square root of less than 0, or in silence."""
+    whole = {"waveform": "step", "metric": "max_force", "value": 1e-3, "uncertainty": 1e-5, "amplitude": 1.0}
+    assert Fact("mine", **whole, where="a").value == 1e-3
+    with pytest.raises(InputError) as caught:
+        Fact("mine", **{**whole, "where": "a", **fact})
+    assert message in str(caught.value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, Protocol
@@ -12,6 +12,7 @@ from typing import Final, Literal, Protocol
 import numpy as np
 
 from ipmclab.data import measured_contacts, published_measurements
+from ipmclab.errors import InputError, suggest
 from ipmclab.measurement.uncertain import REPEATS
 from ipmclab.quality import measure, shows_zero
 from ipmclab.quality.check import check_record
@@ -38,6 +39,15 @@ _RIPPLE: Final = 0.1
 
 _FROM_REST: Final = frozenset({"peak_at_first_edge", "largest", "half_period_end"})
 """Metrics that an unknown zero of the sensor moves; the amplitude of a wave it does not."""
+
+_NEEDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "step": ("amplitude",),
+    "sine": ("amplitude", "frequency"),
+    "square": ("amplitude", "frequency"),
+    "push": (),
+    "flick": (),
+}
+"""What a fact of each waveform has to state."""
 
 _SAME: Final = 0.02
 _STEADY: Final = 0.1
@@ -80,6 +90,7 @@ class Fact:
         ``max_force`` [N] (of a sine or a square the amplitude), ``stiffness`` [N/m] of a push,
         ``resonance`` [Hz] of a flick.
     value : float [SI]
+        Its size, above 0.
     uncertainty : float [SI]
         One standard uncertainty.
     amplitude : float [V], optional
@@ -103,6 +114,11 @@ class Fact:
         Whether it was counted from a reading of zero, as the record does not say what the sensor reads at rest.
     temperature, relative_humidity : float [degC], [percent], optional
         Of the run. Facts that state different ones are not compared.
+
+    Raises
+    ------
+    InputError
+        An unknown waveform, a voltage that is not stated, a value that is not above 0.
     """
 
     sample: str | None
@@ -122,6 +138,32 @@ class Fact:
     zero_taken: bool = False
     temperature: float | None = None
     relative_humidity: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what nothing can be held against."""
+        said = self.where or f"{self.metric} of the {self.waveform}"
+        if self.waveform not in _NEEDS:
+            raise InputError(
+                f"unknown waveform {self.waveform!r}",
+                code="unknown-waveform",
+                where=said,
+                repair=suggest(self.waveform, _NEEDS),
+            )
+        for name in _NEEDS[self.waveform]:
+            if getattr(self, name) is None:
+                raise InputError(
+                    f"the {name} of the {self.waveform} is missing",
+                    code="missing-value",
+                    where=said,
+                    repair=f"give {name}, in {'V' if name == 'amplitude' else 'Hz'}",
+                )
+        if not (0.0 < self.value < math.inf and self.uncertainty >= 0.0):
+            raise InputError(
+                f"the {self.metric} is {self.value:g} with a standard uncertainty of {self.uncertainty:g}",
+                code="out-of-range",
+                where=said,
+                repair="give the size of what was measured, above 0, and an uncertainty of 0 or more, in SI units",
+            )
 
     @property
     def signal(self) -> str:
@@ -153,7 +195,7 @@ def zero_told(fact: Fact, agreeing: float) -> str:
 
     Examples
     --------
-    >>> step = Fact("mine", "step", "max_displacement", 3e-3, 1e-4, where="run 0", zero_taken=True)
+    >>> step = Fact("mine", "step", "max_displacement", 3e-3, 1e-4, 1.0, where="run 0", zero_taken=True)
     >>> zero_told(step, 1e-3)
     '; run 0 rests too short before the voltage to show the zero of its displacement: one of 2 mm explains it as well'
     """
@@ -320,7 +362,7 @@ def _facts_of(run: Run, place: int) -> Iterable[Fact]:
     sample = run.metadata.sample
     for metric in metrics:
         name = names.get((waveform, metric.name, metric.channel))
-        if name is None or metric.channel in noise:
+        if name is None or metric.channel in noise or metric.value == 0.0:
             continue
         if waveform == "step" and name.startswith("max_") and times.get(metric.channel, _RIPPLE) < _RIPPLE:
             continue
