@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+import scipy.signal
 
 from ipmclab import InputError, load_actuator, simulate
 from ipmclab.codegen import export_actuator
@@ -94,6 +95,24 @@ def test_a_strip_before_a_laser_passes_its_own_check(octave: str, tmp_path: Path
     assert told[0].startswith("% mine error('read as code'): an IPMC strip")
     assert any("what a laser reads of one that bends far is another" in line for line in told)
     assert any("do not follow water and temperature" in line for line in told)
+
+
+def test_states_are_of_order_1(tmp_path: Path) -> None:
+    """Displacements in metres are far below the absolute tolerance of an ODE solver, 1e-6."""
+    export_actuator(load_actuator("friend-2+relaxation.displacement+clamp"), tmp_path / "strip.m")
+    found = scipy.io.loadmat(tmp_path / "strip.mat")
+    time = np.arange(2000) * 2e-3
+    _, _, states = scipy.signal.lsim((found["A"], found["B"], found["C"], found["D"]), np.ones(2000), time)
+    largest = np.abs(states).max(axis=0)
+    assert 0.05 < largest.min() < largest.max() < 20.0
+
+
+def test_a_leak_is_there_with_its_slope_and_said_so(tmp_path: Path) -> None:
+    for name, is_small in (("friend-2+leak.cubic", True), ("friend-2", False)):
+        script, _ = export_actuator(load_actuator(name), tmp_path / "strip.m", overwrite=True)
+        text = script.read_text()
+        assert ("they hold for small voltages" in text) is is_small
+        assert ("these numbers do not give what ipmclab gave" in text) is not is_small
 
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
