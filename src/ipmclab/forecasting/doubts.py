@@ -140,8 +140,9 @@ def reach_finding(time: FloatArray, mean: FloatArray, free_length: float) -> Fin
 def table_without(table: dict[str, Any] | None, gone: Sequence[str]) -> dict[str, Any] | None:
     """A ``[fit]`` table without some parameters: what it says of the others, of its runs and findings, stands."""
     entries, rows = _entries(table), (table or {}).get("correlations")
-    sizes = [len(row) if isinstance(row, Sequence) else 0 for row in rows] if isinstance(rows, Sequence) else None
-    if table is None or sizes != len(entries) * [len(entries)]:
+    if table is None or not isinstance(rows, Sequence):
+        return None
+    if [len(row) if isinstance(row, Sequence) else 0 for row in rows] != len(entries) * [len(entries)]:
         return None
     kept = [place for place, one in enumerate(entries) if one["name"] not in gone]
     correlations = [[rows[row][column] for column in kept] for row in kept]
