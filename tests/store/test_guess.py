@@ -388,3 +388,17 @@ class TestRealRuns:
         np.testing.assert_array_equal(run.voltage, known.voltage)
         np.testing.assert_array_equal(run.current, known.current)
         np.testing.assert_array_equal(np.isnan(run.displacement), np.isnan(known.displacement))
+
+
+@pytest.mark.parametrize(
+    ("unit", "readings"),
+    [("K", (293.15, 298.15)), ("Kelvin", (293.15, 298.15)), ("°F", (68.0, 77.0)), ("degF", (68.0, 77.0))],
+)
+def test_degrees_of_other_scales_have_another_zero(tmp_path: Path, unit: str, readings: tuple[float, float]) -> None:
+    """How many degC 1 K is was asked, and the answer 1 made 293 degC of 20."""
+    file = tmp_path / "warm.csv"
+    file.write_text(f"time (s),voltage (V),temperature ({unit})\n0,0,{readings[0]}\n0.02,1,{readings[1]}\n", "utf-8")
+    guess = guess_map(file)
+    assert not guess.questions
+    assert f"temperature: column 'temperature ({unit})', {unit}" in guess.taken
+    assert import_run(file, guess.map).temperature == pytest.approx([20.0, 25.0])

@@ -33,6 +33,13 @@ _DAYS: Final = (
     (690_000.0, 800_000.0),
 )  # since 1900, as Excel counts, and since 0, as MATLAB does
 _SINCE: Final = {"s": ((1e9, 4.5e9),), "ms": ((1e12, 4.5e12),)}  # since 1970 or 1904
+_KELVIN: Final = (1.0, -273.15)
+_FAHRENHEIT: Final = (5.0 / 9.0, -160.0 / 9.0)
+_DEGREES: Final = {
+    **dict.fromkeys(("k", "kelvin"), _KELVIN),
+    **dict.fromkeys(("f", "fahrenheit"), _FAHRENHEIT),
+}
+"""Factor and offset to degC: no factor alone turns these units into it."""
 
 
 @dataclass(frozen=True)
@@ -447,7 +454,11 @@ class _Guesser:
         keys: dict[str, Any] = {"column": column.name}
         unit = heading.unit if channel in heading.of_unit else ""
         foreign = heading.foreign_unit or (heading.unit if heading.unit and not unit else "")
-        if foreign:
+        bare = foreign.lower().removeprefix("°").removeprefix("deg").strip(" _")
+        line = _DEGREES.get(bare) if channel == "temperature" else None
+        if line is not None:
+            keys |= {"factor": line[0], "offset": line[1], "unit": "degC"}
+        elif foreign:
             answer = self._ask(
                 Question(
                     f"channels.{channel}.factor",
@@ -475,7 +486,7 @@ class _Guesser:
             keys["sentinels"] = lost
         self.table["channels"][channel] = keys
         self._take(
-            f"{quantity.name}: column {self._label(column)}, {keys.get('unit', 'unit not known')}"
+            f"{quantity.name}: column {self._label(column)}, {foreign if line else keys.get('unit', 'unit not known')}"
             + (f"; {', '.join(f'{one:g}' for one in lost)} is no reading" if lost else "")
         )
 
