@@ -117,14 +117,16 @@ def test_before_contact_the_force_says_nothing() -> None:
     assert slope.uncertainty < 0.02 * K
 
 
+@pytest.mark.parametrize("distance", [0.0, 12.3e-3])
 @pytest.mark.parametrize("way_back", [False, True])
-def test_a_push_towards_negative_is_the_same_push(way_back: bool) -> None:
+def test_a_push_towards_negative_is_the_same_push(way_back: bool, distance: float) -> None:
+    """Also where a laser tells its distance: the way before contact was then taken for a strip that bends."""
     rng = np.random.default_rng(20261121)
     travel = np.linspace(0.0, 0.5e-3, 21)
     travel = np.concatenate([travel, travel[::-1]]) if way_back else travel
     force = K * np.maximum(travel - 0.2e-3, 0.0) + 2e-6 * rng.standard_normal(len(travel))
     slope, findings = stiffness(Push(travel, force))
-    other, others = stiffness(Push(-travel, -force))
+    other, others = stiffness(Push(distance - travel, -force))
     assert abs(other.value - K) < 3.0 * other.uncertainty
     assert (other.value, other.uncertainty) == pytest.approx((slope.value, slope.uncertainty))
     assert [(one.code, one.samples) for one in others] == [(one.code, one.samples) for one in findings]

@@ -10,7 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.errors import InputError
-from ipmclab.measurement.push_lines import FloatArray, Ways, columns_of, corner_of, line_of, squares, ways_of
+from ipmclab.measurement.push_lines import (
+    FloatArray,
+    Ways,
+    columns_of,
+    corner_of,
+    is_negative,
+    line_of,
+    squares,
+    ways_of,
+)
 from ipmclab.measurement.push_slips import apart_in
 from ipmclab.measurement.uncertain import REPEATS, Uncertain
 from ipmclab.measurement.written import Written
@@ -151,8 +160,8 @@ def in_contact(push: Push) -> Contact:
             where="modulus.displacement",
             repair="give force and displacement of every position",
         )
-    if -float(np.min(x)) > float(np.max(x)) and -float(np.min(f)) > float(np.max(f)):
-        x, f = -x, -f  # a push towards negative: the contact is sought on the far side of the travel
+    if is_negative(x, f):
+        x, f = -x, -f
     ways = ways_of(x)
     return Contact(x, f, ways, *_touching(x, f, ways))
 

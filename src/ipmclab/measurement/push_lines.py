@@ -17,6 +17,15 @@ _TURN: Final = 0.1  # of the whole travel, by which a push has to go back to hav
 _CORNERS: Final = np.linspace(0.04, 0.8, 20)  # of the travel, at which contact is sought
 
 
+def is_negative(x: FloatArray, f: FloatArray) -> bool:
+    """Whether a push goes towards negative, so that contact is sought on the far side of its travel.
+
+    Where the displacement is not counted from rest, such as the distance of a laser, its sign tells nothing.
+    """
+    from_rest = float(np.min(np.abs(x))) <= 0.5 * float(np.ptp(x))
+    return -float(np.min(f)) > float(np.max(f)) and (not from_rest or -float(np.min(x)) > float(np.max(x)))
+
+
 def ways_of(x: FloatArray) -> Ways:
     """The number of the way, in or out, that each reading belongs to: a new one begins where the push has turned."""
     back = _TURN * float(np.ptp(x))

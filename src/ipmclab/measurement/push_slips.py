@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.measurement.push_lines import FloatArray, columns_of, corner_of, squares, ways_of
+from ipmclab.measurement.push_lines import FloatArray, columns_of, corner_of, is_negative, squares, ways_of
 from ipmclab.measurement.written import Written
 
 _FEWEST: Final = 5
@@ -84,7 +84,7 @@ def _away(x: FloatArray, f: FloatArray, at: float, read: float) -> tuple[float, 
 
     if not float(np.ptp(x)) > 0.0:
         return None
-    sign = -1.0 if -float(np.min(x)) > float(np.max(x)) and -float(np.min(f)) > float(np.max(f)) else 1.0
+    sign = -1.0 if is_negative(x, f) else 1.0
     x, f, at, read = sign * x, sign * f, sign * at, sign * read
     ways = ways_of(x)
     corner, _ = corner_of(x, f, ways)
