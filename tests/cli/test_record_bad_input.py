@@ -201,6 +201,8 @@ def test_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
         (["bad.toml", "--answers", "answers.toml"], "bad-value"),
         (["bad.toml", "--repeats", "0"], "out-of-range"),
         (["--attach", "."], "no-recorder"),
+        (["bad.toml", "--attach", "."], "usage"),
+        (["--attach", ".", "--plan"], "usage"),
     ):
         assert run(["record", *words, "--json"]) == 2, words
         told = capsys.readouterr()

@@ -78,6 +78,13 @@ def record(
     keys = sys.stdin.isatty() and sys.stderr.isatty()
     view = View(quiet=as_json, keys=keys)
     if attach is not None:
+        if experiment is not None or answer or answers or pair or plan or repeats is not None:
+            raise InputError(
+                "who joins a recording begins none, so that nothing else counts beside --attach",
+                code="usage",
+                where="--attach",
+                repair="leave the rest away; or leave --attach away to begin another",
+            )
         from ipmclab.rig.process.aftermath import failures
         from ipmclab.rig.process.client import attach as attach_to
         from ipmclab.rig.process.client import others
