@@ -91,6 +91,7 @@ def test_a_usage_error_with_json_is_a_document_on_stdout_and_the_message_on_stde
     ("failure", "status", "code"),
     [
         (KeyboardInterrupt(), 130, "interrupted"),
+        (typer.Abort(), 130, "interrupted"),
         (RuntimeError("odd"), 1, "fault"),
         (MemoryError(), 1, "fault"),
         (PermissionError(13, "Permission denied", "a.nc"), 2, "file"),
@@ -106,6 +107,17 @@ def test_what_nobody_foresaw_is_one_message_too(command, monkeypatch, failure, s
     done = command("check", "a.nc", "--json")
     assert (done.status, done.document["error"]["code"]) == (status, code)
     assert done.err.count("\n") == 1
+
+
+def test_the_end_of_what_is_typed_at_a_question_is_no_fault(command, monkeypatch) -> None:
+    """Ctrl-D: nobody has to report it."""
+
+    def ask(*_: object) -> None:
+        raise EOFError
+
+    monkeypatch.setattr("ipmclab.cli.check.read_runs", ask)
+    done = command("check", "a.nc")
+    assert (done.status, done.err.split()) == (130, "error: stopped before the end; run the command again".split())
 
 
 def test_a_fault_names_the_way_to_its_traceback_which_shows_it_and_nothing_else_does(command, monkeypatch) -> None:

@@ -172,6 +172,8 @@ def run(arguments: Sequence[str]) -> int:
         # The reader of a pipe left, as `head` does. Python would complain once more when it closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except typer.Abort:  # at a question: Ctrl-C, or the end of what is typed
+        status = INTERRUPTED
     except Exception as error:
         explained = _explain(error)
         if explained.code == "fault" and os.environ.get(TRACEBACK, "").strip() == "1":
