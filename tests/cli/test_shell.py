@@ -117,7 +117,7 @@ def test_the_end_of_what_is_typed_at_a_question_is_no_fault(command, monkeypatch
 
     monkeypatch.setattr("ipmclab.cli.check.read_runs", ask)
     done = command("check", "a.nc")
-    assert (done.status, done.err.split()) == (130, "error: stopped before the end; run the command again".split())
+    assert (done.status, done.err.strip()) == (130, "error: stopped before the end; run the command again")
 
 
 def test_a_fault_names_the_way_to_its_traceback_which_shows_it_and_nothing_else_does(command, monkeypatch) -> None:
