@@ -101,6 +101,22 @@ def test_a_name_that_no_list_has_room_for_is_refused_at_its_field(lab: Lab, key:
     assert checked.experiment is not None
 
 
+def test_in_a_laboratory_folder_an_experiment_records_there(tmp_path: Path) -> None:
+    """A new one needs no file for that; one that does not say where means a folder that this page does not show."""
+    (tmp_path / "recording").mkdir()
+    lab = Lab.open(tmp_path)
+    draft = with_values(replace(Draft.new(), name="step"), sample="strip-1")
+    assert check(lab, draft).errors == {}
+    path = save(lab, draft)
+    assert load_experiment(path).folder == lab.root
+    path.write_text(path.read_text(encoding="utf-8").replace('folder = "."\n', ""), encoding="utf-8")
+    with pytest.raises(InputError, match="says something else"):
+        save(lab, Draft.read(lab, "step"))
+    assert load_experiment(save(lab, Draft.read(lab, "step"), replace=True)).folder == lab.root
+    path.write_text(path.read_text(encoding="utf-8").replace('folder = "."', 'folder = "runs"'), encoding="utf-8")
+    assert "change folder in the file" in check(lab, Draft.read(lab, "step")).errors[""]
+
+
 def test_a_disk_that_is_full_leaves_the_file_as_it_was(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     draft = with_values(replace(Draft.new(), name="step"), sample="strip-1")
     before = save(lab, draft).read_bytes()

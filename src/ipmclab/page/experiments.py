@@ -16,7 +16,7 @@ import numpy as np
 from ipmclab.destination import write_text
 from ipmclab.errors import InputError, suggest
 from ipmclab.page.curves import Panel, Series
-from ipmclab.page.lab import Lab, files_of, plain_name
+from ipmclab.page.lab import RUNS, Lab, files_of, plain_name
 from ipmclab.rig.experiments.experiment import VIRTUAL, Experiment, experiment_from_table
 from ipmclab.rig.safety.limits import Limits
 from ipmclab.toml_file import glance, parse_table, read_text
@@ -336,7 +336,7 @@ class Checked:
 def check(lab: Lab, draft: Draft) -> Checked:
     """Look at a draft: every field's own mistake at once, then the whole against its rig and limits."""
     errors: dict[str, str] = {}
-    table = draft.filled()
+    table = {"folder": _folder(lab), **draft.filled()}  # as it is saved
     is_idle = _is_idle(table)
     if is_idle:
         table["environment"] |= _AIR
@@ -455,10 +455,14 @@ def _outside(lab: Lab, table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             lab.path(name)
         except InputError as error:
             yield key, f"{error.message}; {error.repair}"
-    folder = table.get("folder", "runs")
+    folder, wanted = table["folder"], _folder(lab)
     if isinstance(folder, str) and os.path.realpath(lab.root / folder) != str(lab.laboratory_folder):
-        wanted = os.path.relpath(lab.laboratory_folder, lab.root)
         yield "", f"it records into {folder!r}, this page shows the runs in {wanted!r}; change folder in the file"
+
+
+def _folder(lab: Lab) -> str:
+    """Where runs are recorded, as the file of an experiment says it."""
+    return os.path.relpath(lab.laboratory_folder, lab.root)
 
 
 def _unknown(lab: Lab, named: str) -> str:
@@ -577,11 +581,10 @@ def save(lab: Lab, draft: Draft, *, replace: bool = False) -> Path:
     path = lab.new_file(draft.name, ".toml")
     for key in _damaged(draft):
         raise InputError(f"{_BY_KEY[key].label}: {_DAMAGED}", code="damaged-text", where=key, repair=_ANEW)
-    folder = os.path.relpath(lab.laboratory_folder, lab.root)
-    table = {"folder": folder, **draft.table()}
+    table = {"folder": _folder(lab), **draft.table()}
     if path.exists():
         try:
-            there = {"folder": folder, **Draft.read(lab, draft.name).table()}
+            there = {"folder": RUNS, **Draft.read(lab, draft.name).table()}  # what one means that does not say it
         except InputError:
             there = {}
         if there == table:
