@@ -210,6 +210,15 @@ def test_clipped_readings_are_bounds() -> None:
     assert worst(fit) < 3.5
 
 
+def test_a_voltage_at_the_end_of_its_range_is_told_beside_the_fit() -> None:
+    run = record(duration=10.0)
+    cut = replace(run, metadata=replace(run.metadata, ranges={"voltage": (-1.0, 1.0)}))
+    (told,) = [
+        one for one in identify(FRIEND, [cut], free="circuit.dc_resistivity").findings if one.channel == "voltage"
+    ]
+    assert (told.code, told.severity, told.message[:7]) == ("range-limit", "warning", "run 0: ")
+
+
 def test_offset_of_the_sensors_and_drift() -> None:
     run = record("step 1 V delay=4 s", keep=("force", "displacement"))
     assert run.force is not None

@@ -384,5 +384,6 @@ def _used_findings(records: Sequence[PreparedRun], found: Sequence[Sequence[Find
         for finding in findings
         if finding.severity == "error"
         or finding.code in _ALWAYS_TOLD
+        or (finding.channel == "voltage" and finding.samples)  # it drives the model
         or (finding.effect != "none" and (finding.channel is None or finding.channel in record.readings))
     )

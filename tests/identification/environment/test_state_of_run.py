@@ -187,6 +187,21 @@ def test_runs_that_are_not_given_count_where_all_are_numbered() -> None:
     assert doses_of(days, "runs") == [0.0, 1.0, 2.0]
 
 
+def test_what_only_some_runs_state_orders_none() -> None:
+    day = "2026-11-20T10:00:00+00:00"
+    some_times = [run(run_number=number, recorded_at=when) for number, when in ((20, day), (1, day), (2, None))]
+    assert doses_of(some_times, "runs") == [19.0, 0.0, 1.0]
+    assert doses_of([run(run_number=number) for number in (2, None, 1)], "runs") == [0.0, 1.0, 2.0]
+    # A number that is there twice tells nothing of what came between.
+    assert doses_of([run(run_number=number) for number in (1, 1, 2)], "runs") == [0.0, 1.0, 2.0]
+
+
+def test_a_run_adds_its_hours_and_what_is_not_known_adds_nothing() -> None:
+    long = Run.from_arrays(time=[100.0, 3700.0, 7300.0], voltage=[1.0] * 3)
+    assert dose.added_by(long, "hours", 0) == 2.0
+    assert dose_now([], "hours") == dose_now([RunState()], "hours") == 0.0
+
+
 def test_the_next_run_comes_after_the_last_one() -> None:
     runs = [run(run_number=number) for number in (1, 2, 3)]
     records = [prepare(one, place, ["current"], ()) for place, one in enumerate(runs)]

@@ -60,7 +60,7 @@ def doses_of(runs: Sequence[Run], scale: str) -> list[float]:
             repair="state recorded_at, or count the dose in runs",
         )
     elif all(number is not None for number in numbers):
-        keys = [float(number or 0) for number in numbers]
+        keys = [float(number) for number in numbers if number is not None]
     else:
         keys = list(map(float, range(len(runs))))
     if scale == "hours":
