@@ -250,6 +250,22 @@ def test_a_run_whose_air_moves_its_water_is_named() -> None:
     assert codes(water_content=12.0, water_content_origin="measured") == {"water-moves"}
     assert codes(minutes_out_of_water=10.0) == {"water-moves"}
     assert codes(minutes_out_of_water=300.0) == set()
+    assert codes(origin="simulated", water_content=12.0) == set()  # what was simulated need not move
+
+
+def test_a_short_run_moves_little_water_whenever_its_clock_began() -> None:
+    soon = replace(run(minutes_out_of_water=10.0), time=1e6 + np.array([0.0, 1.0, 2.0]))
+    assert doubtful(STRIP, soon, state(soon), "run") == []
+
+
+def test_a_wet_sensor_beside_a_run_reads_a_little_more_than_saturation() -> None:
+    wet = replace(run(), temperature=np.full(3, 20.0), relative_humidity=np.full(3, 100.4))
+    assert "water-moves" not in {one.code for one in doubtful(STRIP, wet, state(wet), "run")}
+
+
+@pytest.mark.parametrize("known", [RunState(), RunState(5.0, 0.1, "measured", 20.0), RunState(5.0, 0.1, "measured")])
+def test_a_state_of_which_little_is_known_is_not_doubted(known: RunState) -> None:
+    assert doubtful(STRIP, run(), known, "run") == []
 
 
 @pytest.mark.parametrize("of_its_own", [True, False])
