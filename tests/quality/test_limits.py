@@ -50,6 +50,16 @@ def test_a_voltage_at_the_end_of_its_range_is_told(read: Read, stated: bool) -> 
     assert all(mask.all() for mask in usable(run, [finding]).values())
 
 
+def test_a_voltage_that_the_recorder_could_not_read_is_told(read: Read) -> None:
+    """What was commanded stood there, and nothing was said."""
+    bits = np.zeros(2000, dtype=np.uint8)
+    bits[[500, 501, 900]] = QUALITY_FLAGS["missing"]
+    run = replace(read(STEP), quality={"voltage": bits})
+    (finding,) = check(run)
+    assert (finding.code, finding.channel, finding.samples) == ("reading-missing", "voltage", ((500, 502), (900, 901)))
+    assert all(mask.all() for mask in usable(run, [finding]).values())
+
+
 def test_rows_whose_voltage_the_operator_masked_are_used_in_no_channel(read: Read) -> None:
     """The message said that they are left out, and they were not."""
     bits = np.zeros(2000, dtype=np.uint8)

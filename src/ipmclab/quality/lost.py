@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ipmclab.quality.record import Channel, Record, counted, ranges_of
+from ipmclab.quality.record import Channel, IntArray, Record, counted, ranges_of
 from ipmclab.run import QUALITY_FLAGS, Finding
 
 
@@ -12,10 +12,17 @@ def lost_readings(record: Record) -> list[Finding]:
     """``laser-lost`` for the displacement, ``reading-missing`` for the others.
 
     Rows count that are NaN, that the importer marked as sentinel or missing, that hold one
-    far value exactly and repeatedly, and far values beside such rows.
+    far value exactly and repeatedly, and far values beside such rows. Of the voltage rows are
+    told in which the recorder had to put another number.
     """
     found = [_no_reading_at_all(record, name) for name in record.empty]
     found += [_lost(record, channel) for channel in record.channels.values() if channel.missing is not None]
+    flags = record.run.quality.get("voltage")
+    if (
+        flags is not None
+        and (rows := np.flatnonzero(flags & (QUALITY_FLAGS["missing"] | QUALITY_FLAGS["sentinel"]))).size
+    ):
+        found.append(_filled(record, rows))
     return found
 
 
@@ -81,6 +88,22 @@ def _lost(record: Record, channel: Channel) -> Finding:
             "out_of_range_count": len(channel.beyond),
             "blocks": len(samples),
         },
+    )
+
+
+def _filled(record: Record, rows: IntArray) -> Finding:
+    """The voltage drives the model, so that a number has to stand where none was read."""
+    return Finding(
+        code="reading-missing",
+        severity="warning",
+        channel="voltage",
+        message=(
+            f"the voltage was not read in {counted(len(rows), 'row')}, the first {record.at(rows[0])}: what was "
+            "commanded stands there, or the last reading"
+        ),
+        repair="look at the wiring and the range of the channel; see whether the current there is that of this voltage",
+        samples=ranges_of(rows),
+        values={"first_row": int(rows[0]), "count": len(rows)},
     )
 
 
