@@ -76,6 +76,9 @@ def test_a_run_begins_where_the_one_before_it_left_the_strip() -> None:
     later, before = states_of(STRIP, [second, first], ["second", "first"])
     assert (before.how, later.how) == ("assumed", "computed")
     assert 3.4855 < (later.water_content or 0.0) < (before.water_content or 0.0)
+    # No longer than since the run before, however long the strip has been in this air in all.
+    third = run(recorded_at="2026-11-23T10:05:00+00:00", relative_humidity=50.0, minutes_in_environment=20.0)
+    assert states_of(STRIP, [first, third], ["first", "third"])[1].water_content == later.water_content
     # Nobody knows where the strip was before a run of which no time is stated.
     alone = replace(second, metadata=replace(second.metadata, recorded_at=None))
     assert states_of(STRIP, [first, alone], ["first", "second"])[1].how == "assumed"
@@ -126,6 +129,26 @@ def test_a_simulated_run_knows_its_water() -> None:
     assert (found.water_content, found.standard_uncertainty, found.how) == (22.0, 0.0, "assumed")
     read = replace(wet, metadata=replace(wet.metadata, origin="measured"))
     assert state(read).water_content == pytest.approx(14.003)
+
+
+@pytest.mark.parametrize(("membrane", "of_sites"), [(None, 0.25), (1.83e-4, 0.05)])
+@pytest.mark.parametrize(("stated", "of_mass"), [({}, 0.01), ({"mass": 1e-6}, 0.1)])
+def test_a_weighed_water_is_as_sure_as_its_balance_and_its_sites(
+    membrane: float | None, of_sites: float, stated: dict[str, float], of_mass: float
+) -> None:
+    """The sites are those of every weighed run; 0.1 mg, 5 % or (plated thickness) 25 % where nothing is stated."""
+    sample = Sample(id="a", dry_mass=1.1e-4, nominal_membrane_thickness=membrane)
+    found = state(run(mass=1.2e-4, sample=sample, uncertainties=stated))
+    water = found.water_content or 0.0
+    assert found.standard_uncertainty == pytest.approx(water * math.hypot(of_mass, of_sites))
+    assert found.shared_uncertainty == pytest.approx(water * of_sites)
+
+
+def test_what_is_assumed_of_a_start_is_in_the_water() -> None:
+    just_out = state(run(minutes_out_of_water=0.0))
+    assert just_out.water_content == pytest.approx(22.0)
+    assert just_out.standard_uncertainty == pytest.approx(2.2)
+    assert state(run(origin="simulated")).standard_uncertainty == 0.0  # its air is known
 
 
 def test_a_wet_sensor_reads_a_little_more_than_saturation() -> None:
