@@ -136,3 +136,15 @@ def test_a_folder_of_another_campaign_is_refused(made: Path, tmp_path: Path) -> 
         recorded_runs(load_campaign(other), made.with_suffix(""))
     with pytest.raises(InputError, match="nothing is known of a sample"):
         known_of(load_campaign(other), ())
+
+
+def test_a_run_that_is_flagged_because_nobody_can_read_it_is_not_left_to_record(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.toml"
+    file.write_text(CAMPAIGN)
+    campaign = load_campaign(file)
+    plan = [one.id for block in blocks_of(campaign) for one in block.runs]
+    with State(tmp_path) as state:
+        state.add("campaign", checksum=campaign.checksum, plan=plan)
+        state.add("recorded", run=plan[0], uuid="u", path="runs/gone.nc", verdict="flagged", findings=[])
+        state.add("recorded", run=plan[1], uuid="v", path="runs/other.nc", verdict="repeat", findings=[])
+    assert recorded_runs(campaign, tmp_path) == ((), len(plan) - 1)

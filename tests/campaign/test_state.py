@@ -35,7 +35,7 @@ def test_one_at_a_time(tmp_path):
 
 def test_failures_count_towards_the_attempts_and_breaks_do_not(tmp_path):
     with State(tmp_path) as state:
-        for verdict in ("interrupted", "repeat", "interrupted", "flagged"):
+        for verdict in ("interrupted", "repeat", "interrupted", "interrupted", "flagged"):
             state.add("recorded", run="a", uuid=verdict, verdict=verdict)
         assert state.failures == {"a": 2}
         assert state.done == {"a"}
@@ -46,3 +46,21 @@ def test_the_name_of_a_new_log_is_on_the_disk_too(tmp_path, monkeypatch):
     monkeypatch.setattr(state_module, "sync_folder", synced.append)
     with State(tmp_path):
         assert synced == [tmp_path]
+
+
+def test_an_event_is_on_the_disk_when_it_is_told(tmp_path, monkeypatch):
+    synced = []
+    monkeypatch.setattr(state_module, "sync_file", lambda _: synced.append(len(read_events(tmp_path))))
+    with State(tmp_path) as state:
+        for place in range(3):
+            state.add("absent", uuids=[str(place)])
+            assert synced == list(range(1, place + 2))
+
+
+def test_the_last_word_on_how_it_was_begun_counts(tmp_path):
+    with State(tmp_path) as state:
+        assert state.begun is None
+        for title in ("a", "b"):
+            state.add("campaign", title=title)
+            state.add("absent", uuids=[])
+        assert state.begun["title"] == "b"

@@ -67,7 +67,8 @@ def recorded_runs(campaign: Campaign, folder: Path) -> tuple[tuple[RunResult, ..
     recorded = {one["run"]: one for one in events if one["event"] == "recorded"}
     results = read_results(folder, blocks_of(campaign), recorded)
     kept = tuple(one for one in results if one.verdict == "kept" and one.run.planned.purpose == "signal")
-    return kept, len(begun["plan"]) - len(results)
+    done = [name for name, one in recorded.items() if one["verdict"] in ("kept", "flagged")]
+    return kept, len(set(begun["plan"]) - set(done))
 
 
 def known_of(

@@ -109,3 +109,8 @@ def test_any_text_is_a_date_or_refused(text: str) -> None:
         code = error.code
     assert code == "bad-date"
     assert seconds_of(text) is None or isinstance(seconds_of(text), float)
+
+
+@pytest.mark.parametrize("text", ["2026-11-21 00:00", "2026-11-21T00", "2026-11-21T00:00"])
+def test_a_midnight_that_is_written_is_no_end_of_a_day(text: str) -> None:
+    assert parse_moment(text, where="x", end=True) == parse_moment("2026-11-21", where="x")

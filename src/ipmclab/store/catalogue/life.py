@@ -83,12 +83,11 @@ def life_of(sample: str, rows: Sequence[CatalogueRow]) -> Life:
     """
     dated = sorted((row for row in rows if row.recorded is not None), key=lambda row: (row.recorded, row.id))
     events: list[Event] = []
-    before: CatalogueRow | None = None
+    over = float("-inf")  # when the run before was
     clamped: str | None = None
     out: CatalogueRow | None = None
     for row in dated:
         assert row.recorded is not None
-        over = (before.recorded or 0.0) + (before.duration or 0.0) if before is not None else float("-inf")
         if row.minutes_out_of_water is not None:
             taken_out = row.recorded - 60.0 * row.minutes_out_of_water
             # Less time out of the water than at an earlier run, or taken out after it: it was in the water in between.
@@ -100,5 +99,5 @@ def life_of(sample: str, rows: Sequence[CatalogueRow]) -> Life:
             events.append(Event("clamped", row.recorded, row))
             clamped = row.mounting
         events.append(Event("run", row.recorded, row))
-        before = row
+        over = row.recorded + (row.duration or 0.0)
     return Life(sample, tuple(events), tuple(row for row in rows if row.recorded is None))
