@@ -87,6 +87,7 @@ def test_a_listed_order_stays_as_it_is_and_visits_are_counted() -> None:
         ({"environments": [{}], "reference": {"relative_humidity": "30 percent"}}, "reference"),
         ({"environments": [{}], "reference": {"signal": "step 1 V delay=50 s"}}, "reference.signal"),
         ({"environment": AIR | {"longest_wait": "1 s"}}, "environment.longest_wait"),
+        ({"environment": AIR | {"longest_wait": "3 min"}}, "environment.longest_wait"),  # never settled in time
         ({"environment": AIR | {"order": "random"}}, "environment.order"),
     ],
 )

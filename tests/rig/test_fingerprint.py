@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from ipmclab.rig.experiments.fingerprint import Fingerprint, differences, read_fingerprint
-from ipmclab.run import Run
+from ipmclab.run import Run, RunMetadata
 
 
 @pytest.mark.parametrize(("away", "is_outside"), [(2.5, False), (3.5, True)])
@@ -50,3 +52,34 @@ def test_lost_rows_are_no_charge_and_no_resistance() -> None:
         assert found.capacitance == pytest.approx(whole.capacitance, rel=0.01)
     for lost in (slice(0, 100), slice(100, 101), slice(102, 103), slice(100, 250), slice(None)):
         assert read_fingerprint(step(lost)) is None
+
+
+def fingerprint_of(volts: float = 0.1, *, rest: int = 50, rows: int = 50, zero: float = 0.0, **about: Any) -> Any:
+    """What a step tells whose current is a quarter steady, read by a sensor that reads ``zero`` [A] at rest."""
+    voltage = np.concatenate([np.zeros(rest), np.full(rows, volts), np.zeros(20)])
+    since = np.arange(rows) / 50
+    current = np.concatenate([np.zeros(rest), volts / 20.0 * (0.25 + 0.75 * np.exp(-since / 0.1)), np.zeros(20)])
+    time = np.arange(len(voltage)) / 50
+    return read_fingerprint(
+        Run.from_arrays(time=time, voltage=voltage, current=current + zero, metadata=RunMetadata(**about))
+    )
+
+
+@pytest.mark.parametrize("volts", [0.1, -0.1, 0.01])
+@pytest.mark.parametrize("zero", [0.0, 2e-3])
+def test_of_both_polarities_and_from_the_reading_at_rest(volts: float, zero: float) -> None:
+    found = fingerprint_of(volts, zero=zero)
+    assert found.series_resistance == pytest.approx(20.0)
+    # A sum over rows of 0.75/20 exp(-t/0.1 s), the step of 20 ms included.
+    assert found.capacitance == pytest.approx(0.75 / 20.0 * 0.02 / (1.0 - np.exp(-0.2)), rel=2e-3)
+
+
+def test_what_is_no_step_from_rest_tells_nothing() -> None:
+    assert fingerprint_of(0.0099) is None
+    assert fingerprint_of(rows=9) is None
+    assert fingerprint_of(rows=10) is not None
+    assert fingerprint_of(rest=2) is None
+    assert fingerprint_of(rest=3) is not None
+    assert fingerprint_of(starts_from_rest=False) is None
+    assert fingerprint_of(starts_from_rest=True) is not None
+    assert read_fingerprint(Run.from_arrays(time=[0.0, 1.0], voltage=[0.0, 0.0])) is None

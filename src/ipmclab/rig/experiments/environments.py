@@ -264,9 +264,9 @@ def _target(table: EnvironmentTable, place: Callable[[str], str]) -> TargetEnvir
         temperature_drift=value("temperature_drift", TEMPERATURE, 0.01, 50.0),
         humidity_drift=value("humidity_drift", RELATIVE_HUMIDITY, 0.1, 50.0),
     )
-    if target.longest_wait < target.settle:
+    if target.settle and target.longest_wait <= target.settle:
         raise InputError(
-            f"longest_wait is {target.longest_wait:g} s, shorter than settle, {target.settle:g} s",
+            f"longest_wait is {target.longest_wait:g} s, not longer than settle, {target.settle:g} s",
             code="out-of-range",
             where=place("environment.longest_wait"),
             repair="wait longer than the environment has to be settled",
