@@ -19,11 +19,15 @@ def run(name: str, sample: str = "a", signal: str = "step 1 V", humidity: float 
 
 
 def test_work_is_of_the_means_of_the_runs_that_differ_in_nothing() -> None:
-    rows = [run("1", free=-2e-3, energy=0.5), run("2", free=4e-3, energy=3.5), run("3", blocked=-4e-3, humidity=79.0)]
+    rows = [
+        run("1", free=-2e-3, energy=5e-4),
+        run("2", free=4e-3, energy=35e-4),
+        run("3", blocked=-4e-3, humidity=79.0),
+    ]
     (found,) = performances(rows, {})
     assert (found.free_displacement, found.blocked_force) == (pytest.approx(3e-3), pytest.approx(4e-3))
     assert found.work == pytest.approx(3e-6)
-    assert found.efficiency == pytest.approx(1.5e-6)  # of 2 J
+    assert found.efficiency == pytest.approx(1.5e-3)  # of 2 mJ
     assert found.work_density is None
     assert (found.sample, found.signal, found.runs) == ("a", "step 1 V", ("1", "2", "3"))
     assert found.conditions == {"humidity": pytest.approx(79.6667, abs=1e-4)}
