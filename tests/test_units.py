@@ -80,7 +80,12 @@ def test_a_numpy_number_is_written_as_a_number() -> None:
     ("text", "code", "words"),
     [
         ("1,5 mm", "decimal-comma", "'1.5 mm'"),
-        ("1.000,5 mm", "decimal-comma", "comma"),
+        ("1.000,5 mm", "decimal-comma", "without a comma, and its unit: for example '2.5 mm'"),
+        ("1,5e-3 mm", "decimal-comma", "write a decimal point and no thousands mark: '1.5e-3 mm'"),
+        ("1,500 mm", "decimal-comma", "'1.500 mm' or '1500 mm'"),
+        ("1 mm,", "decimal-comma", "without a comma"),
+        ("1mm,2mm", "decimal-comma", "without a comma"),
+        ("1,5 mm, 2", "decimal-comma", "without a comma"),
         ("25", "missing-unit", "'25 mm'"),
         ("25 V", "bad-unit", "not a length"),
         ("25 km", "bad-unit", "m, cm, mm, um, nm"),

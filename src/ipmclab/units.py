@@ -219,7 +219,7 @@ def parse_number(text: str, *, where: str, unit: str = "mm") -> tuple[float, str
             f"{text!r} has a comma",
             code="decimal-comma",
             where=where,
-            repair=f"write a decimal point and no thousands mark: {stripped.replace(',', '.')!r}",
+            repair=_without_comma(stripped, unit),
         )
     if match is None or re.match(r"[\w.+-]*\d", rest.split(" ")[0]):
         raise InputError(
@@ -234,6 +234,16 @@ def parse_number(text: str, *, where: str, unit: str = "mm") -> tuple[float, str
             f"{text!r} is too large for a number", code="bad-number", where=where, repair="correct the number"
         )
     return number, spell_unit(rest)
+
+
+def _without_comma(text: str, unit: str) -> str:
+    """What to write in the place of a number with a comma."""
+    number = re.match(r"[+-]?[0-9]*,[0-9]+(?![0-9.])", text)
+    if number is None or text.count(",") > 1:
+        return f"write one number without a comma, and its unit: for example '2.5 {unit}'"
+    with_point = f"write a decimal point and no thousands mark: {text.replace(',', '.', 1)!r}"
+    is_open = re.fullmatch(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}", number.group())
+    return f"{with_point} or {text.replace(',', '', 1)!r}" if is_open else with_point
 
 
 def parse_quantity(text: str, quantity: Quantity, *, where: str) -> float:

@@ -237,6 +237,7 @@ def test_a_foreign_record_that_cannot_be_used(command, tmp_path: Path, content: 
         ),
         (("identify", "friend-2", "step.nc", "--free", "electrical", "--out", "o.nc"), ("o.nc", ".toml")),
         (("check", "step.nc", "--fail-on", "warn"), ("--fail-on", "'warn'", "warning")),
+        ((*simulate(signal="step"), "1", "V"), ("(1 V); put a text or a path that has blanks in quotes",)),
         (("plot", "step.nc", "--out", "plot.gif"), ("plot.gif", ".svg")),
         (("export", "step.nc", "--out", "step.docx"), ("step.docx", ".csv or .xlsx or .mat")),
         (("report", "step.nc", "--runs", "step.nc", "--out", "r.html"), ("step.nc",)),

@@ -202,7 +202,8 @@ def _explain(error: Exception) -> IpmclabError:
         path = context.command_path if context else PROGRAM
         message = " ".join(error.format_message().split()).rstrip(".")
         example = _example(context) if type(error).__name__ == "MissingParameter" else ""
-        return InputError(message, code="usage", where=path, repair=example or f"see {path} --help")
+        quotes = "put a text or a path that has blanks in quotes; " if "unexpected extra argument" in message else ""
+        return InputError(message, code="usage", where=path, repair=example or f"{quotes}see {path} --help")
     if isinstance(error, UnicodeDecodeError):
         return InputError(
             f"this is not UTF-8 text (byte {error.start})", code="not-utf-8", repair="save the file as UTF-8"
