@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ipmclab.cli.files import read_runs
+from ipmclab.cli.files import means_actuator, read_runs
 from ipmclab.cli.options import Json
 from ipmclab.cli.output import finding_document, print_findings, print_json, progress
 from ipmclab.errors import InputError, suggest
-from ipmclab.toml_file import glance
 
 if TYPE_CHECKING:
     from ipmclab.run import Finding, Run
@@ -58,7 +57,7 @@ def check(
         from ipmclab import load_actuator
 
         model = load_actuator(actuator)
-    strips = [item for item in items if _is_actuator(item)]
+    strips = [item for item in items if means_actuator(item)]
     runs = [Path(item) for item in items if item not in strips]
     loaded = read_runs(runs)
     with progress("checking"):
@@ -101,17 +100,6 @@ def check(
 def _print(name: str, findings: Sequence[Finding]) -> None:
     print(f"{name}: {len(findings) or 'no'} finding{'' if len(findings) == 1 else 's'}")
     print_findings(findings)
-
-
-def _is_actuator(item: str) -> bool:
-    """Whether a word names an actuator: in the library, a variant of one, or a TOML file with a geometry."""
-    base = item if Path(item).exists() else item.partition("+")[0].strip()
-    path = Path(base)
-    if path.suffix.lower() == ".toml":
-        table = glance(path)
-        return table is None or "geometry" in table  # its reader tells what is wrong with it
-    # A name without an ending that is no file is meant for the library, rightly or not.
-    return not path.suffix and not path.exists() and path.name == base
 
 
 def _conflicts(strip: str, runs: Sequence[Run]) -> tuple[Finding, ...]:

@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
-from ipmclab.cli.files import actuator_files, check_output, fit_or_actuator, read_runs
+from ipmclab.cli.files import actuator_files, check_output, fit_or_actuator, means_actuator, read_runs
 from ipmclab.cli.options import Force, Json
 from ipmclab.cli.output import print_json, progress
+from ipmclab.errors import InputError, suggest
+from ipmclab.platform import as_typed
 
 SUFFIXES = (".csv", ".xlsx", ".mat")
 
@@ -42,6 +44,7 @@ def export(
     ipmclab export fitted.toml --to matlab --out strip.m
     ipmclab export runs --to ro-crate --out runs.zip --title "Steps of strip 1" --person "Ada Example"
     """
+    _refuse_other_kind(what, to)
     if to == "ro-crate":
         _export_crate(
             what, out, title, licence, people=person or [], organisation=organisation, force=force, as_json=as_json
@@ -61,6 +64,41 @@ def export(
         print_json({"run": run, "rows": len(loaded), "channels": list(loaded.channels), "out": out})
     else:
         print(f"wrote {out}: {len(loaded)} rows of {', '.join(['time', *loaded.channels])}")
+
+
+def _refuse_other_kind(what: str, to: str | None) -> None:
+    """Refuse what is exported in another way than it is asked for, with the command that does it."""
+    from ipmclab.codegen import TARGETS
+
+    if to is not None and to not in (known := (*TARGETS, "ro-crate")):
+        raise InputError(f"unknown tool {to!r}", code="unknown-target", where="--to", repair=suggest(to, known))
+    path = Path(what)
+    if path.is_dir():
+        kind, needs, out = "a folder", "ro-crate", f"{path.resolve().name or 'crate'}.zip"
+    elif path.suffix.lower() == ".nc":
+        kind, needs, out = "a run", None, f"{path.stem}.csv"
+    elif means_actuator(what) and to != "matlab" and _is_there(what):
+        kind, needs, out = "an actuator", "matlab", "strip.m"
+    else:
+        return  # who reads it says what is wrong with it
+    if needs != to:
+        tool = "" if needs is None else f" --to {needs}"
+        raise InputError(
+            f"this is {kind}",
+            code="wrong-kind",
+            where=what,
+            repair=f"write for example: ipmclab export {as_typed(what)}{tool} --out {as_typed(out)}",
+        )
+
+
+def _is_there(actuator: str) -> bool:
+    from ipmclab import load_actuator
+
+    try:
+        load_actuator(actuator)
+    except InputError:
+        return Path(actuator).exists()
+    return True
 
 
 def _export_actuator(name: str, out: Path, to: str, *, force: bool, as_json: bool) -> None:

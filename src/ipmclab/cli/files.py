@@ -108,6 +108,17 @@ def actuator_files(*names: str | None) -> list[str]:
     return [stages_after(name)[0] for name in names if name is not None]
 
 
+def means_actuator(word: str) -> bool:
+    """Whether a word names an actuator: in the library, a variant of one, or a TOML file with a geometry."""
+    base = word if Path(word).exists() else word.partition("+")[0].strip()
+    path = Path(base)
+    if path.suffix.lower() == ".toml":
+        table = glance(path)
+        return table is None or "geometry" in table  # its reader tells what is wrong with it
+    # A name without an ending that is no file is meant for the library, rightly or not.
+    return not path.suffix and not path.exists() and path.name == base
+
+
 def fit_or_actuator(name: str) -> Fit | Actuator:
     """The fit of a file that has one, else the actuator.
 
