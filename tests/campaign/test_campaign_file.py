@@ -152,3 +152,25 @@ def test_another_signal_in_a_file_is_another_campaign(tmp_path, key):
         (tmp_path / "ramp.csv").write_text(volts)
         found.append(campaign_from_text(text, folder=tmp_path).checksum)
     assert found[0] == found[2] != found[1]
+
+
+@pytest.mark.parametrize("folder", ["lab", "a lab"])
+def test_a_signal_in_a_file_is_the_same_run_wherever_its_campaign_is_named_from(tmp_path, monkeypatch, folder):
+    """From another folder the campaign was said to be another one, and a virtual state looked for the file there."""
+    (tmp_path / folder).mkdir()
+    (tmp_path / folder / "ramp.csv").write_text("0,0\n1,1\n")
+    text = '[[samples]]\nid = "a"\nactuator = "friend-1-measured"\n'
+    text += 'virtual = [{ signal = "file ramp.csv", set = { "geometry.width" = "4 mm" } }]\n'
+    text += '[[experiments]]\nname = "f"\nrate = "50 Hz"\nduration = "2 s"\nmeasured = ["current"]\n'
+    text += 'signals = ["file ramp.csv", "step 0 V for 1 s then file ramp.csv"]'
+    (tmp_path / folder / "c.toml").write_text(text)
+    found = []
+    for place, name in ((folder, "c.toml"), (".", f"{folder}/c.toml"), ("/", str(tmp_path / folder / "c.toml"))):
+        monkeypatch.chdir(tmp_path / place)
+        campaign = load_campaign(name)
+        runs = blocks_of(campaign)[0].runs
+        strip = campaign.strips[0].virtual(runs[0].measured, runs[0].label, runs[0].condition)
+        found.append(([one.id for one in runs], campaign.checksum, strip["geometry.width"]))
+    assert found[0] == found[1] == found[2]
+    assert found[0][0] == ["a/f/room/file ramp.csv/1", "a/f/room/step 0 V for 1 s then file ramp.csv/1"]
+    assert found[0][2] == 4e-3

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import random
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final, TypeVar
 
 from ipmclab.campaign.campaign import ROOM, Campaign, Part, Strip
@@ -13,7 +15,8 @@ from ipmclab.errors import InputError
 from ipmclab.rig.experiments.experiment import Experiment, ListedRun
 from ipmclab.rig.experiments.steps import PlannedRun, planned_runs, planned_visits
 from ipmclab.rig.experiments.visits import Visit
-from ipmclab.signals import Step
+from ipmclab.signals import Samples, Signal, Step
+from ipmclab.signals import Sequence as SignalSequence
 from ipmclab.signals.signal import shortened
 
 Thing = TypeVar("Thing")
@@ -106,7 +109,8 @@ def blocks_of(campaign: Campaign) -> tuple[Block, ...]:
             continue
         experiment = _under(part.experiments[strip.sample.id], visit)
         block = Block(len(found) + 1, strip, part.name, _condition(visit), experiment, ())
-        named = tuple(_named(one, block, visit, count + at) for at, one in enumerate(runs, start=1))
+        folder = Path(campaign.where).parent
+        named = tuple(_named(one, block, visit, count + at, folder) for at, one in enumerate(runs, start=1))
         found.append(replace(block, runs=named))
         count += len(named)
     _refuse_double(found, campaign.where)
@@ -176,10 +180,33 @@ def _condition(visit: Visit | None) -> str:
     return ROOM if visit is None else visit.environment.name
 
 
-def _named(planned: PlannedRun, block: Block, visit: Visit | None, number: int) -> CampaignRun:
+def label_of(signal: Signal, folder: Path) -> str:
+    """A signal as people call it; one in a file by its path from the campaign's folder, wherever that is named from.
+
+    Parameters
+    ----------
+    signal : Signal
+    folder : Path
+        Of the campaign's file, as it was named.
+    """
+    return shortened(str(_from_there(signal, folder)))
+
+
+def _from_there(signal: Signal, folder: Path) -> Signal:
+    if isinstance(signal, SignalSequence):
+        return replace(signal, signals=tuple(_from_there(one, folder) for one in signal.signals))
+    if not isinstance(signal, Samples) or not signal.path:
+        return signal
+    path, found = Path(signal.path), copy(signal)
+    inside = path.relative_to(folder) if path.is_relative_to(folder) else path
+    object.__setattr__(found, "path", inside.as_posix())
+    return found
+
+
+def _named(planned: PlannedRun, block: Block, visit: Visit | None, number: int, folder: Path) -> CampaignRun:
     if planned.signal == Step(0.0):
         planned = replace(planned, purpose="baseline")  # however it was asked for
-    label = shortened(str(planned.signal)) if planned.purpose in ("signal", "reference") else BASELINE
+    label = label_of(planned.signal, folder) if planned.purpose in ("signal", "reference") else BASELINE
     label = f"{label} (reference)" if planned.purpose == "reference" else label
     again = f" ({visit.number})" if visit is not None and visit.of > 1 else ""
     sample = block.strip.sample.id

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
-from ipmclab.campaign.blocks import BASELINE
+from ipmclab.campaign.blocks import BASELINE, label_of
 from ipmclab.campaign.campaign import ROOM, Campaign, Clamped, Fact, Order, Part, Strip, VirtualState, with_water
 from ipmclab.campaign.lines import line_of
 from ipmclab.errors import InputError, suggest
@@ -229,7 +229,7 @@ def _strip(table: Mapping[str, Any], folder: Path, place: str) -> Strip:
 def _state(read: _State, model: Actuator | None, folder: Path, place: str) -> VirtualState:
     signal = read.signal
     if signal not in (None, BASELINE):
-        signal = _placed(lambda: str(parse(read.signal or "")), f"{place}.signal")
+        signal = _placed(lambda: label_of(parse(read.signal or "", folder=folder), folder), f"{place}.signal")
     named = _beside(read.actuator, folder)
     base = model if named is None else _loaded(named, f"{place}.actuator")
     if base is None and read.set:
