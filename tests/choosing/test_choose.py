@@ -50,6 +50,17 @@ def test_the_smaller_of_two_that_cannot_be_told_apart_is_preferred() -> None:
     assert choice.effective_readings < 0.2 * choice.readings
 
 
+def test_how_fast_a_parameter_ages_is_refused() -> None:
+    """No comparison fits it; it was left out without a word."""
+    with pytest.raises(InputError, match="no comparison of models fits"):
+        ipmclab.choose(
+            record("friend-2", "step 1 V", 3),
+            "branches=1,2",
+            actuator="friend-2",
+            free="electrical, age.runs.coupling.gain",
+        )
+
+
 def test_whole_runs_are_predicted_from_the_others() -> None:
     runs = [record("friend-2", signal, 3) for signal in ("step 1 V", "square 1 V 0.2 Hz", "sine 1 V 0.5 Hz")]
     told: list[tuple[str, int, int]] = []

@@ -8,9 +8,8 @@ from scipy.stats import multivariate_normal
 
 from ipmclab.choosing.blocks import run_blocks, time_blocks
 from ipmclab.choosing.held_out import Division, Fold, score_blocks
-from ipmclab.choosing.held_out import _seen as seen_by_the_fit
 from ipmclab.choosing.noise import FadingNoise, Part
-from ipmclab.identification.problem.record import prepare
+from ipmclab.identification.problem.record import as_read, prepare
 from ipmclab.run import Run
 
 SEED, ROWS = 20261121, 90
@@ -107,7 +106,7 @@ def test_what_is_held_out_is_hidden_and_its_voltage_is_not() -> None:
     divided = division(whole_runs=False)
     record = divided.records[0]
     held = divided.held_rows(record, 0)
-    run = seen_by_the_fit(record, held)
+    run = as_read(record, held)
     assert np.isnan(run.current[held]).all()
     assert np.array_equal(run.current[~held], record.run.current[~held])
     assert np.array_equal(run.voltage, record.run.voltage)

@@ -8,10 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ipmclab import Actuator, InputError, Run, identify, load_actuator
+from ipmclab import Actuator, InputError, Run, RunMetadata, identify, load_actuator
 from ipmclab.choosing import spread
 from ipmclab.choosing.spread import slopes
+from ipmclab.fit.run_state import RunState
+from ipmclab.identification.environment.strip_in_state import strip_in_state
 from ipmclab.identification.problem.record import prepare
+from ipmclab.model.environment import Environment
 from ipmclab.model.outputs import simulate_outputs
 
 STRIP = load_actuator("friend-2+branches=1")
@@ -24,6 +27,33 @@ VOLTAGE = np.sin(np.pi * TIME)
 def current(dc: float, later: float = LATE) -> npt.NDArray[np.float64]:
     strip = STRIP.replace(**{DC: dc})
     return np.asarray(simulate_outputs(strip, TIME, VOLTAGE, "zero", outputs=["current"], delay=later))[0]
+
+
+def test_slopes_are_those_of_the_strip_as_wet_as_it_was() -> None:
+    """Of a run that the fit saw and of one that it did not: the law makes the capacitance another one there."""
+    strip = load_actuator("friend-2+branches=1+environment.permittivity")
+    free = ["circuit.branches.0.permittivity"]
+    runs = []
+    for number, humidity in enumerate((80.0, 40.0)):
+        there = strip.at(Environment(20.0, humidity))
+        values = np.asarray(simulate_outputs(there, TIME, VOLTAGE, "zero", outputs=["current"]))[0]
+        values = values + 1e-5 * np.random.default_rng(number).standard_normal(len(TIME))
+        about = RunMetadata(temperature=20.0, relative_humidity=humidity, run_number=number)
+        runs.append(Run.from_arrays(time=TIME, voltage=VOLTAGE, current=values, metadata=about))
+    fit = identify(strip, runs, free=free)
+    for place, seen in ((1, 1), (1, None)):
+        found = slopes(fit, prepare(runs[place], 0, ["current"], ()), ["current"], in_fit=seen, delay=None)["current"]
+        state = fit.observations[place].state
+        assert state is not None
+
+        def at(name: str, factor: float, state: RunState = state) -> npt.NDArray[np.float64]:
+            moved = strip_in_state(fit.actuator.replace(**{name: factor * fit.actuator[name]}), state, {})
+            return np.asarray(simulate_outputs(moved, TIME, VOLTAGE, "zero", outputs=["current"]))[0]
+
+        for column, name in enumerate(fit.parameters):
+            expected = (at(name, 1.001) - at(name, 0.999)) / 2e-3
+            assert found[:, column] == pytest.approx(expected, abs=0.01 * float(np.max(np.abs(expected)))), name
+            assert np.max(np.abs(expected)) > 0.0
 
 
 def test_slopes_are_those_of_the_model_and_of_the_sensor(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from ipmclab import InputError, Run, RunMetadata, check, identify, import_run, load_actuator, simulate, validate
+from ipmclab.identification.problem.excitation import excitation
+from ipmclab.identification.problem.record import ASSUMED_REST, as_read, prepare
 from ipmclab.prediction.fitted import fitted_outputs
 
 SEED = 20261121
@@ -48,6 +50,52 @@ def test_a_channel_of_noise_is_left_out_and_said() -> None:
     assert "step 1 V delay=2 s: force held nothing but noise and was left out of the fit" in told[0].message
     with pytest.raises(InputError, match=r"coupling\.gain is free.*no usable.*force held nothing but noise"):
         identify(FRIEND, [replace(run, displacement=None) for run in with_noise], free="coupling")
+
+
+@pytest.mark.parametrize("channel", ["displacement", "current"])
+def test_a_channel_that_was_lost_throughout_is_left_out_and_said(channel: str) -> None:
+    """A laser that never met the strip, or a wire of the current that was off: the other channel and run count."""
+    runs = [
+        measured(one, "current", "displacement", rate=10.0) for one in ("step 1 V delay=2 s", "step 0.8 V delay=2 s")
+    ]
+    runs[1] = replace(runs[1], **{channel: np.full(len(runs[1]), np.nan)})
+    fit = identify(FRIEND, runs, free=f"{RHO_1}, coupling.gain")
+    (told,) = [finding.message for finding in fit.findings if finding.code == "channel-left-out"]
+    assert told == f"step 0.8 V delay=2 s: {channel} held no usable reading and was left out of the fit"
+    assert channel not in fit.observations[1].noise
+    assert all(one.determined for one in fit.parameters.values())
+
+
+def test_a_leak_is_found_beside_a_run_without_its_current() -> None:
+    strip = load_actuator("friend-2+leak.cubic")
+    runs = [simulate(strip, one, duration=4.0, rate=25.0) for one in ("sine 2 V 0.5 Hz", "sine 1.5 V 0.5 Hz")]
+    runs[1] = replace(runs[1], current=np.full(100, np.nan))
+    fit = identify(strip, runs, free="leak, coupling.gain")
+    for name, one in fit.parameters.items():
+        assert one.value == pytest.approx(strip[name], rel=1e-3, abs=1e-6), name
+
+
+def test_a_voltage_in_millivolts_is_refused_and_not_searched() -> None:
+    """So large a voltage that an exponential leak would draw what no number holds."""
+    strip = load_actuator("friend-2+leak.exponential")
+    run = simulate(FRIEND, "step 1 V", duration=4.0, rate=25.0)
+    with pytest.raises(InputError, match="do not show where a search could start"):
+        identify(strip, replace(run, voltage=1000.0 * run.voltage), free=f"{RHO_1}, leak, coupling")
+
+
+@pytest.mark.parametrize("spike", [0.0, 5.0], ids=["clean", "spike"])
+def test_a_masked_spike_does_not_make_a_start_look_like_rest(spike: float) -> None:
+    """At 0 V the strip still gives back what it held: a reading of 5 A, which no fit uses, is no scale for that."""
+    time = 0.02 * np.arange(1500)
+    voltage = np.where((time < 10.0) | (time >= 12.0), 1.0, 0.0)
+    whole = simulate(FRIEND, voltage, rate=50.0, duration=30.0)
+    assert whole.current is not None
+    current = whole.current + 1e-5 * np.random.default_rng(SEED).standard_normal(1500)
+    current[900] += spike
+    run = Run.from_arrays(time=time[505:] - time[505], voltage=voltage[505:], current=current[505:])
+    assert ("spike" in {finding.code for finding in check(run)}) == (spike > 0.0)
+    assert prepare(run, 0, ["current"], check(run)).start == ASSUMED_REST
+    assert excitation(FRIEND, [as_read(prepare(run, 0, ["current"], check(run)))], ["current"]).current_density < 1e4
 
 
 def test_errors_of_a_record_stand_in_its_fit_and_in_its_message() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, refit, simulate
+from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, refit, simulate, simulate_many
 from ipmclab.engine import Here
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.search.again import Fitted, Shifted, fits_again
@@ -108,6 +108,22 @@ def test_rows_that_the_fit_did_not_use_may_hold_anything() -> None:
     found = refit(fit, [{"current": gap}, {"current": second.current}])
     for name in ELECTRICAL:
         assert found[name][0] == pytest.approx(fit.parameters[name].value, rel=1e-6)
+
+
+def test_of_no_readings_there_is_no_value_of_each_parameter(fit: Fit) -> None:
+    none = [{"current": np.zeros((0, len(record.run.time)))} for record in fitted(fit).problem.records]
+    assert {name: values.shape for name, values in refit(fit, none).values.items()} == dict.fromkeys(ELECTRICAL, (0,))
+
+
+def test_a_branch_that_became_the_slower_one_is_called_so() -> None:
+    """Where one branch alone is free it has the other's name there, and a fit that calls it otherwise has none."""
+    time = 0.1 * np.arange(200)
+    fast, slow = "circuit.branches.0.permittivity", "circuit.branches.1.permittivity"
+    current = simulate_many(FRIEND, "step 1 V", {fast: [0.12, 60.0]}, duration=20.0, rate=10.0)["current"]
+    run = Run.from_arrays(time=time, voltage=np.ones(200), current=current[0])
+    found = refit(identify(FRIEND, run, free=fast), [{"current": current}])
+    assert found[fast] == pytest.approx([0.12, np.nan], rel=1e-6, nan_ok=True)
+    assert found[slow] == pytest.approx([np.nan, 60.0], rel=1e-6, nan_ok=True)
 
 
 @pytest.mark.parametrize(

@@ -304,6 +304,7 @@ def test_a_direction_that_somebody_spoiled_says_nothing_of_the_coupling(
         ({"parameters": ["gone"]}, "fit.parameters.0"),
         ({"runs": [{"content_sha256": "0", "noise": 1.0}]}, "fit.runs.0.noise"),
         ({"runs": [{"content_sha256": "0", "offset": ["a"]}]}, "fit.runs.0.offset"),
+        ({"runs": [{"content_sha256": "0", "drift": 3.0}]}, "fit.runs.0.drift"),
     ],
 )
 def test_a_fit_table_that_somebody_spoiled_is_named(actuator: Actuator, edited: dict[str, object], key: str) -> None:

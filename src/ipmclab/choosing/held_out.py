@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +17,7 @@ from ipmclab.choosing.spread import directions, slopes
 from ipmclab.errors import IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.identify import identify
-from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun
+from ipmclab.identification.problem.record import PreparedRun, as_read
 from ipmclab.model import Actuator
 from ipmclab.prediction.fitted import fitted_outputs
 from ipmclab.prediction.scores import Comparison
@@ -141,7 +140,7 @@ def hold_out(
     kept = [place for place in range(len(runs)) if not (division.whole_runs and held[place].any())]
     part = identify(
         actuator,
-        [_seen(division.records[place], held[place]) for place in kept],
+        [as_read(division.records[place], held[place]) for place in kept],
         free=free,
         per_run=per_run,
         labels=[division.records[place].label for place in kept],
@@ -170,14 +169,6 @@ def hold_out(
 def residuals(division: Division, fit: Fit, run: Run, place: int, in_fit: int) -> dict[Key, ResidualSeries]:
     """What a fit leaves of a run that it saw, in all its rows; ``in_fit`` is the run's place in that fit."""
     return _series(division, place, fitted_outputs(fit, run, in_fit))
-
-
-def _seen(record: PreparedRun, held: npt.NDArray[np.bool_]) -> Run:
-    """The run as the fit may see it: what ``check`` masked and what is held out is missing."""
-    channels: dict[str, Any] = dict.fromkeys(READ_OUTPUTS)
-    for output, reading in record.readings.items():
-        channels[output] = np.where(reading.used & ~held, reading.values, np.nan)
-    return replace(record.run, **channels)
 
 
 def _series(division: Division, place: int, comparisons: Mapping[str, Comparison]) -> dict[Key, ResidualSeries]:

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from ipmclab.errors import InputError
+from ipmclab.identification.problem.age import AGE
 from ipmclab.identification.problem.free import OBSERVATION_NAMES, parse_free
 from ipmclab.model import Actuator, load_actuator
 from ipmclab.model.actuator_file import library_names
 from ipmclab.model.declared import ELECTRICAL, MOTION, in_group
 from ipmclab.model.kinds import stage_groups
-from ipmclab.model.variants import stage_names
+from ipmclab.model.variants import stage_names, with_stages
 
 _FURTHER: Final = re.compile(r"\d{1,3}")
 
@@ -86,8 +87,6 @@ def _model(word: str, base: str | Actuator | None) -> Actuator:
         )
     stages = word.removeprefix("+")
     if isinstance(base, Actuator):
-        from ipmclab.model.variants import with_stages
-
         return with_stages(base, *stages.split("+"))
     return load_actuator(f"{base}+{stages}")
 
@@ -133,10 +132,17 @@ def refuse_unknown(given: Sequence[str], actuators: Iterable[Actuator]) -> None:
     Raises
     ------
     InputError
-        As ``identify`` would for the richest of them.
+        As ``identify`` would for the richest of them; how fast a parameter ages.
     """
     every = list(dict.fromkeys(name for actuator in actuators for name in actuator.parameter_values))
     for word in given:
+        if word.startswith(AGE):
+            raise InputError(
+                f"{word!r} is how fast a parameter ages, which no comparison of models fits",
+                code="not-of-a-choice",
+                where="free",
+                repair="leave it out, and give runs between which the strip hardly aged",
+            )
         if not _has(every, word):
             parse_free(every, word)
 

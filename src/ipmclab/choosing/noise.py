@@ -150,9 +150,7 @@ def fit_noise(series: Sequence[ResidualSeries]) -> FadingNoise:
     """
     used = [one for one in series if one.seen.any()]
     count = sum(int(np.count_nonzero(one.seen)) for one in used)
-    scatter = math.sqrt(
-        sum(float(np.sum((one.residual[one.seen] / one.noise) ** 2)) for one in used if one.noise > 0) / max(count, 1)
-    )
+    scatter = math.sqrt(sum(float(np.sum((one.residual[one.seen] / one.noise) ** 2)) for one in used) / max(count, 1))
     best = FadingNoise(max(scatter, 1e-12))
     likely = sum(best.filter(one).total for one in used)
     penalty = 0.5 * math.log(max(count, 2))

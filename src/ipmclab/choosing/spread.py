@@ -18,9 +18,11 @@ from ipmclab.choosing.kernels import correlate
 from ipmclab.choosing.noise import FadingNoise, ResidualSeries
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
+from ipmclab.identification.environment.strip_in_state import strip_in_state
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model.outputs import simulate_outputs
+from ipmclab.prediction.in_state import state_in
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,10 +57,13 @@ def slopes(
         if name.endswith(ending) and not name.startswith("observation.")
     }
     shift = observation.delay if observation is not None else delay or 0.0
+    state = observation.state if observation is not None else state_in(fit, fit.actuator, record.run)
     since = record.run.time - record.run.time[0]
 
     def predicted(changes: dict[str, float], later: float = 0.0) -> FloatArray:
         model = seen_from_sensor(fit.actuator.replace(**{**own, **changes}), record.series_resistance)
+        if state is not None:
+            model = strip_in_state(model, state, {})
         start = observation.initial_state if observation is not None else None
         return np.asarray(
             simulate_outputs(

@@ -166,7 +166,7 @@ def _identify(
     else:
         records = disambiguated(records)
     earlier = fitted_runs(actuator.fit_table)
-    circuit_is_free = any(electrical(name) for name in names.actuator)
+    circuit_is_free = any(electrical(name) for name in names.moved.values())
     records = [
         as_read_before(record, earlier[content], circuit_is_free=circuit_is_free)
         if earlier and (content := run.content_sha256) in earlier
@@ -176,7 +176,17 @@ def _identify(
     records = with_states(actuator, given, records, names.age)
     _refuse_twice(given, records)
     _need_readings(names, given, records, silent)
-    left_out = tuple(_left_out(record, silent[record.place]) for record in records if silent[record.place])
+    lost = [{output for output, one in record.readings.items() if not one.used.any()} for record in records]
+    records = [
+        replace(record, readings={name: one for name, one in record.readings.items() if name not in gone})
+        for record, gone in zip(records, lost, strict=True)
+    ]
+    left_out = [
+        _left_out(record, which, why)
+        for record in records
+        for which, why in ((silent[record.place], "nothing but noise"), (lost[record.place], "no usable reading"))
+        if which
+    ]
     result = estimate(actuator, names, records)
     diagnoses, lacking = _what_it_lacks(actuator, names, result) if diagnosed else ((), ())
     stage("errors and intervals", 0.8, 1.0)
@@ -234,8 +244,8 @@ def _what_it_lacks(
 
 
 def _refuse_counts(actuator: Actuator, names: FreeParameters) -> None:
-    for name in names.actuator:
-        if actuator.structure.declarations[name].transform == "count":
+    for name, moved in names.moved.items():
+        if actuator.structure.declarations[moved].transform == "count":
             raise InputError(
                 f"{name!r} is a count, which a fit does not move",
                 code="count-not-fitted",
@@ -310,19 +320,19 @@ def _outputs(names: FreeParameters) -> tuple[str, ...]:
     better. They are asked where current alone is known not to be enough.
     """
     chosen = {name.split(".")[2] for name in names.observation}
-    for name in names.actuator:
+    for name in names.moved.values():
         chosen |= set(READ_OUTPUTS if name in SERIES else stage_outputs(name))
     return tuple(output for output in READ_OUTPUTS if output in chosen)
 
 
-def _left_out(record: PreparedRun, silent: Set[str]) -> Finding:
-    listed, verb = " and ".join(sorted(silent)), "was" if len(silent) == 1 else "were"
+def _left_out(record: PreparedRun, which: Set[str], why: str) -> Finding:
+    listed, verb = " and ".join(sorted(which)), "was" if len(which) == 1 else "were"
     return Finding(
         "channel-left-out",
         "warning",
-        f"{record.label}: {listed} held nothing but noise and {verb} left out of the fit",
+        f"{record.label}: {listed} held {why} and {verb} left out of the fit",
         "check that the instrument was connected and in range",
-        channel=min(silent) if len(silent) == 1 else None,
+        channel=min(which) if len(which) == 1 else None,
     )
 
 
@@ -330,13 +340,13 @@ def _need_readings(
     names: FreeParameters, given: Sequence[Run], records: Sequence[PreparedRun], silent: Sequence[Set[str]]
 ) -> None:
     """Refuse a free parameter that no run can show."""
-    for name in names.actuator:
-        channels = outputs_of(name)
+    for name, moved in names.moved.items():
+        channels = outputs_of(moved)
         wanting = [record for record in records if not _shows(record, channels)]
         if name in names.per_mounting:
             shown = {record.run.metadata.mounting_id for record in records if record not in wanting}
             wanting = [record for record in wanting if record.run.metadata.mounting_id not in shown]
-        own = name not in names.shared
+        own = name in (*names.per_run, *names.per_mounting)
         if channels and ((own and wanting) or (not own and len(wanting) == len(records))):
             noisy = sorted({output for record in wanting for output in silent[record.place] & set(channels)})
             because = f": the {' and '.join(noisy)} held nothing but noise" if noisy else ""

@@ -95,9 +95,10 @@ def refit(
         thetas = fits_again(start, _shifts(start, pieces, count), count, engine or Here())
     converged = np.array([theta is not None for theta in thetas], dtype=bool)
     values = {}
-    for name, of_ended in values_of(start.problem, [theta for theta in thetas if theta is not None]).items():
+    # Beside the fit itself, which has every name though no other one ends.
+    for name, found in values_of(start.problem, [start.theta, *(one for one in thetas if one is not None)]).items():
         values[name] = np.full(count, np.nan)
-        values[name][converged] = of_ended
+        values[name][converged] = found[1:]
     return Refits(values, converged)
 
 

@@ -79,13 +79,14 @@ def fitted(fit: Fit) -> Fitted:
 def values_of(problem: Problem, thetas: Sequence[FloatArray]) -> dict[str, FloatArray]:
     """The value [SI] of each parameter in each of some fits, shape (n_fits,).
 
-    Branches and modes are named by their place in the row of time constants, in each fit anew.
+    Branches and modes are named by their place in the row of time constants, in each fit anew; NaN where what is free
+    has another place there.
     """
     first = problem.records[0].place
     asked = [(place, unknown) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
-    found: dict[str, list[float]] = {}
+    each = []
     for theta in thetas:
         order = Order(problem.in_reference(theta, first))
-        for place, unknown in asked:
-            found.setdefault(order(unknown.name), []).append(unknown.value(float(theta[place])))
-    return {name: np.array(values) for name, values in found.items()}
+        each.append({order(unknown.name): unknown.value(float(theta[place])) for place, unknown in asked})
+    names = dict.fromkeys(name for one in each for name in one)
+    return {name: np.array([one.get(name, np.nan) for one in each]) for name in names}

@@ -62,6 +62,36 @@ def test_a_prior_of_the_literature_is_marked_as_such(fit: Fit, tmp_path: Path) -
     assert read_fit(tmp_path / "fitted.toml").parameters[LAW].prior_of_literature
 
 
+def test_how_fast_a_parameter_ages_is_read_from_the_outputs_that_it_moves() -> None:
+    """Nothing but the rate of the coupling is free: the displacement is asked, and missed where it is not there."""
+    strip = load_actuator("friend-2")
+    aged = []
+    for number in range(3):
+        clean = simulate(
+            strip.replace(**{"coupling.gain": strip["coupling.gain"] * np.exp(-0.05 * number)}),
+            f"step {1 + number} V",
+            duration=4.0,
+            rate=20.0,
+        )
+        about = RunMetadata(run_number=number)
+        aged.append(
+            Run.from_arrays(
+                time=clean.time,
+                voltage=clean.voltage,
+                current=clean.current,
+                displacement=clean.displacement,
+                metadata=about,
+            )
+        )
+    rate = identify(strip, aged, free="age.runs.coupling.gain").parameters["age.runs.coupling.gain"]
+    assert rate.value == pytest.approx(-0.05, rel=1e-6)
+    with pytest.raises(InputError, match=r"age\.runs\.coupling\.gain is free, and there is no usable"):
+        identify(strip, [replace(run, displacement=None) for run in aged], free="electrical, age.runs.coupling.gain")
+    line = load_actuator("friend-2+line.segments")
+    with pytest.raises(InputError, match="is a count, which a fit does not move"):
+        identify(line, aged, free="electrical, age.runs.line.segments")
+
+
 def test_a_group_has_the_priors_that_are_known() -> None:
     names = parse_free(STRIP.parameter_values, [*BRANCHES, "environment"])
     assert list(with_priors(STRIP, names, "environment").priors) == [LAW]

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ipmclab.identification.problem.problem import Evaluation
+from ipmclab import Run, load_actuator, simulate
+from ipmclab.identification.problem.free import parse_free
+from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.record import ASSUMED_REST, prepare
+from ipmclab.identification.search.pose import problem_at
 from ipmclab.identification.search.solve import entry_errors, minimise, null_directions, polish
+from ipmclab.identification.search.starts.start import StartingPoint
 
 
 class _TwoReadingsOfThree:
@@ -27,3 +34,19 @@ def test_with_fewer_readings_than_unknowns_the_readings_are_met_and_the_rest_is_
         assert found.evaluation.triangle.shape == (4, 4)
         np.testing.assert_allclose(np.abs(null_directions(found.evaluation)), [[0.0, 0.5**0.5, 0.5**0.5]], atol=1e-9)
         np.testing.assert_allclose(entry_errors(found.evaluation), [0.5, np.inf, np.inf])
+
+
+def test_a_foreign_run_that_begins_at_rest_after_all_is_read_from_rest() -> None:
+    """Its start was free in the fit before; its edges still are, and they may lie before its first row."""
+    strip = load_actuator("friend-2")
+    clean = simulate(strip, "step 1 V", duration=2.0, rate=20.0)
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, displacement=clean.displacement, hold="unknown")
+    names, parameters = parse_free(strip.parameter_values, "coupling.gain"), strip.parameters()
+    record = prepare(run, 0, ["displacement"], ())
+    point, noise = StartingPoint({}, {0: record.at_its_rows}), {(0, "displacement"): 1e-6}
+    free = problem_at(strip, parameters, names, [replace(record, start="free")], point, noise)
+    resting = [replace(record, start=ASSUMED_REST)]
+    after = Problem(free.base, resting, [u for u in free.unknowns if not u.is_start], free.responder, free.noise)
+    theta = np.array([u.entry(-0.3 * u.scale if u.base == "observation.delay" else 1e-6) for u in after.unknowns])
+    new = problem_at(strip, parameters, names, resting, point, noise)
+    np.testing.assert_array_equal(after.evaluate(theta).rows, new.evaluate(theta).rows)

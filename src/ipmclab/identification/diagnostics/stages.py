@@ -12,6 +12,7 @@ from ipmclab.identification.diagnostics.extend import Extended, afresh, from_her
 from ipmclab.identification.diagnostics.left import Left
 from ipmclab.identification.diagnostics.score_directions import ScoreDirection, score_directions
 from ipmclab.identification.problem.free import FreeParameters
+from ipmclab.identification.problem.record import as_read
 from ipmclab.model import Actuator
 from ipmclab.ties import largest_first
 
@@ -59,7 +60,7 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         return []
     problem, theta = doubted[0].problem, doubted[0].theta
     strip = actuator.replace(**problem.values(theta, problem.records[0].place))
-    some = score_directions(strip, [record.run for record in problem.records], [left.output for left in every])
+    some = score_directions(strip, [as_read(record) for record in problem.records], [left.output for left in every])
     found: dict[str, Extended] = {}
     for name, (_, direction, size) in _hints(actuator, doubted, some).items():
         extended = from_here(problem, theta, strip, direction, size if direction.both_ways else max(size, _AT_LEAST))

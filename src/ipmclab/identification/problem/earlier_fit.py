@@ -18,7 +18,7 @@ def fitted_runs(table: Mapping[str, Any] | None) -> dict[str, Mapping[str, Any]]
         if not isinstance(entry, Mapping) or "content_sha256" not in entry:
             continue
         values = _values_of_fit(table or {})
-        for key in ("noise", "offset"):
+        for key in ("noise", "offset", "drift"):
             if not isinstance(entry.get(key, {}), Mapping):
                 raise _bad_fit_table(f"runs.{place}.{key}", "a table of outputs")
         own = own_values(values, own_endings(place, str(entry.get("mounting", ""))))

@@ -32,10 +32,10 @@ def excitation(actuator: Actuator, runs: Sequence[Run], outputs: Sequence[str]) 
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     row = min(1.0 / run.rate for run in runs)
     area = float(np.real(geometry.area_per_thickness(values))) * values["geometry.thickness"]
-    currents = [float(np.nanmax(np.abs(run.current))) for run in runs if run.current is not None]
+    currents = [np.abs(run.current[np.isfinite(run.current)]) for run in runs if run.current is not None]
     return Excitation(
         outputs=tuple(outputs),
         lags=tuple(part * longest for part in _LAGS if part * longest >= _FEWEST_ROWS * row),
         voltage=max(float(np.abs(run.voltage).max()) for run in runs),
-        current_density=max(currents, default=0.0) / area,
+        current_density=max((float(one.max(initial=0.0)) for one in currents), default=0.0) / area,
     )

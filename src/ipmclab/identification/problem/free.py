@@ -82,6 +82,11 @@ class FreeParameters:
         return (*self.shared, *self.per_run, *self.per_mounting)
 
     @property
+    def moved(self) -> dict[str, str]:
+        """Which parameter of the actuator each name moves: its own, or that which ages."""
+        return {name: name for name in self.actuator} | {name: Age.of(name).parameter for name in self.age}
+
+    @property
     def without_priors(self) -> FreeParameters:
         """What is free where the readings are asked alone."""
         held = {name for name, prior in self.priors.items() if prior.merely_uncertain}
@@ -220,7 +225,7 @@ def names_of(known: Iterable[str], given: str | Iterable[str], where: str) -> se
                     where=where,
                     repair=f"give {', '.join(map(repr, of_these[:-1]))} or {of_these[-1]!r}",
                 )
-            elif name.startswith("observation.") and name not in OBSERVATION_NAMES:
+            elif name.startswith("observation."):
                 raise InputError(
                     f"{name!r} cannot be freed by name",
                     code="unknown-parameter",

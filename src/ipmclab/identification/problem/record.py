@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -184,7 +184,7 @@ def prepare(
 
     ``channels`` are the run's as the check saw them, with what it computed of them.
     """
-    label, start = label_of(run, place), _start(run)
+    label = label_of(run, place)
     shunt = series_shunt(run, where=label)
     masks, bounds = usable(run, findings), censored(run, findings)
     readings: dict[str, Reading] = {}
@@ -212,7 +212,7 @@ def prepare(
         place,
         label,
         readings,
-        start,
+        _start(run, masks["current"] | (bounds["current"] != 0) if run.current is not None else None),
         shunt,
         frozenset(unsettled | shown),
         frozenset(shown),
@@ -273,16 +273,24 @@ def rest_rows(run: Run) -> int:
     return int(moved[0]) if len(moved) else len(run)
 
 
-def _start(run: Run) -> Start:
+def as_read(record: PreparedRun, held: Mask | None = None) -> Run:
+    """The run as a fit sees it: a reading that is not used, or ``held`` out, is missing; so is a channel not read."""
+    channels: dict[str, Any] = dict.fromkeys(READ_OUTPUTS)
+    for output, reading in record.readings.items():
+        channels[output] = np.where(reading.used if held is None else reading.used & ~held, reading.values, np.nan)
+    return replace(record.run, **channels)
+
+
+def _start(run: Run, readable: Mask | None) -> Start:
+    """Whether a run began at rest, by what it states, else by its current in the rows that can be read."""
     stated = run.metadata.starts_from_rest
     if stated is not None:
         return "stated rest" if stated else "free"
     # Up to a few rows before the edge may belong to it already: a channel can lead another.
     quiet = rest_rows(run) - LONGEST_DELAY
-    if quiet < LONGEST_DELAY or run.current is None:
+    if quiet < LONGEST_DELAY or run.current is None or readable is None:
         return ASSUMED_REST
-    current = run.current[np.isfinite(run.current)]
-    before = run.current[:quiet][np.isfinite(run.current[:quiet])]
+    current, before = run.current[readable], run.current[:quiet][readable[:quiet]]
     if len(before) == 0:
         return ASSUMED_REST
     allowed = 0.01 * float(np.max(np.abs(current))) + 4.0 * _noise(current) / np.sqrt(len(before))

@@ -211,7 +211,7 @@ class ActuatorResponder:
         self, record: PreparedRun, values: Mapping[str, float], names: Sequence[str], delay: float, start: FloatArray
     ) -> Sensitivities:
         """Outputs and their derivatives."""
-        basis = self._bases.get(record.place)
+        basis = self._bases.get(record.place) if record.start == "free" else None
         state = None if basis is None else basis @ start if len(start) else np.zeros(len(basis))
         asked = [*(["states"] if basis is not None else []), *(["delay"] if record.delay_is_free else [])]
         found = self._sensitivities(record, values, names, delay, state, asked=asked)

@@ -134,6 +134,8 @@ def _circuit_first(
     for point in points:
         problem = problem_at(actuator, parameters, fewer, with_current, point, noise)
         tried.append((problem, minimum(problem, entries_at(problem, point), evaluations=SHORTLY)))
+    if not tried:
+        return None
     problem, solution = to_the_end(tried)[0]
     found = problem.values(solution.theta, with_current[0].place)
     return StartingPoint({name: found[name] for name in own_electrical}, points[0].delays)

@@ -125,7 +125,7 @@ def _told(fit: Fit, thetas: list[FloatArray | None], count: int) -> Bootstrap:
     problem = solved(fit).problem
     done = [theta for theta in thetas if theta is not None]
     samples = values_of(problem, done)
-    found = {name: samples[name] for name in fit.parameters if len(samples.get(name, ())) == len(done) > 0}
+    found = {name: samples[name] for name in fit.parameters if np.isfinite(samples.get(name, np.nan)).all()}
     seen = {name: np.isfinite(fit.parameters[name].standard_error) for name in found}
     ends = {name: np.quantile(values, [0.025, 0.975]) for name, values in found.items()}
     return Bootstrap(

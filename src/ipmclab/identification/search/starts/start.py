@@ -56,7 +56,7 @@ def starting_points(
         bases = [{**usual, **circuit.values}]
         delays.update(circuit.delays)
     elif any(name.startswith("circuit.") for name in free):
-        with_current = [record for record in records if "current" in record.readings]
+        with_current = _with_current(records)
         series_known = None
         if not free & _SERIES:
             series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
@@ -73,8 +73,7 @@ def starting_points(
             electric, exact = circuit_values(seen, values, series)
             bases.append({**usual, **series_values, **electric})
     elif any(name.startswith("leak.") for name in free):
-        with_current = [record for record in records if "current" in record.readings]
-        bases = _with_leak(actuator, free, with_current, delays, usual)
+        bases = _with_leak(actuator, free, _with_current(records), delays, usual)
     share = "clamp.direct_share"
     if share in free and circuit is None:
         bases = [{**base, share: part} for base in bases for part in _DIRECT_SHARES]
@@ -107,6 +106,11 @@ def known_first(
     )
     about = starting_points(actuator.replace(**_allowed(actuator, known)), rest, records, circuit)
     return [*(replace(point, values={**point.values, **known}) for point in about), *points]
+
+
+def _with_current(records: Sequence[PreparedRun]) -> list[PreparedRun]:
+    """Those with a current that was measured: one that is at the end of its range throughout shows no circuit."""
+    return [one for one in records if "current" in one.readings and one.readings["current"].exact.any()]
 
 
 def _with_leak(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from ipmclab.identification.problem.excitation import excitation
-from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun
+from ipmclab.identification.problem.record import READ_OUTPUTS, PreparedRun, as_read
 from ipmclab.model import Actuator
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.beam import VISCOELASTIC
@@ -68,7 +68,7 @@ def _free_kinds(actuator: Actuator, free: set[str]) -> list[StageKind]:
 def _from_trials(actuator: Actuator, kind: StageKind, records: Sequence[PreparedRun]) -> list[dict[str, float]]:
     """A clear amount of the stage, at each of the shapes that it has itself tried where it is missing."""
     read = [output for output in READ_OUTPUTS if any(output in record.readings for record in records)]
-    asked = excitation(actuator, [record.run for record in records], read)
+    asked = excitation(actuator, [as_read(record) for record in records], read)
     rest = {name: value for name, value in actuator.parameter_values.items() if kind_of(name) is not kind}
     usual = {
         name: declared.usual
