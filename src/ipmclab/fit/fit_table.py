@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from ipmclab.fit.fit import Fit
+from ipmclab.fit.tables import in_toml
 from ipmclab.run import Finding
 
 
@@ -22,81 +23,23 @@ def fit_to_table(fit: Fit) -> dict[str, Any]:
         "singular_values": list(fit.singular_values),
         # Who edits them afterwards has another actuator than the one whose errors these are.
         "values": dict(fit.actuator.parameter_values),
-        "parameters": [
-            {
-                "name": parameter.name,
-                "value": parameter.value,
-                "unit": parameter.unit,
-                "symbol": parameter.symbol,
-                "standard_error": parameter.standard_error,
-                "interval": list(parameter.interval),
-                "determined": parameter.determined,
-                "at_bound": parameter.at_bound,
-                **_pair("interval_next_mounting", parameter.interval_next_mounting),
-                **_pair("prior", parameter.prior),
-                **({"prior_of_literature": True} if parameter.prior_of_literature else {}),
-            }
-            for parameter in fit.parameters.values()
-        ],
+        "parameters": in_toml(list(fit.parameters.values())),
         "correlations": [[fit.correlations[a][b] for b in names] for a in names],
-        "undetermined": [
-            {
-                "coefficients": dict(direction.coefficients),
-                "sentence": direction.sentence,
-                "error": direction.error,
-                "cures": list(direction.cures),
-            }
-            for direction in fit.undetermined
-        ],
+        "undetermined": in_toml(fit.undetermined),
         "covariance": {
             "names": list(fit.covariance),
             "rows": [[row[other] for other in fit.covariance] for row in fit.covariance.values()],
         },
-        **({"mountings": fit.mountings.to_table()} if fit.mountings else {}),
-        "left_out": [one.to_table() for one in fit.left_out],
-        "known": [one.to_table() for one in fit.known],
-        "diagnoses": [one.to_table() for one in fit.diagnoses],
-        **({"procedure": dict(fit.procedure)} if fit.procedure else {}),
-        **({"practical": fit.practical.to_table()} if fit.practical else {}),
-        **({"profiles": {name: one.to_table() for name, one in fit.profiles.items()}} if fit.profiles else {}),
-        "runs": [
-            {
-                "label": run.label,
-                "content_sha256": run.content_sha256,
-                "hold": run.hold,
-                "delay": run.delay,
-                "start": run.start,
-                "initial_state": dict(run.initial_state),
-                "offset": dict(run.offset),
-                "drift": dict(run.drift),
-                "noise": dict(run.noise),
-                "samples": dict(run.samples),
-                "span": dict(run.span),
-                "series_resistance": run.series_resistance,
-                "mounting": run.mounting,
-                "noise_model": {output: noise.to_table() for output, noise in run.noise_model.items()},
-                **({} if run.state is None else {"state": run.state.to_table()}),
-            }
-            for run in fit.observations
-        ],
+        **({"mountings": in_toml(fit.mountings)} if fit.mountings else {}),
+        **{name: in_toml(getattr(fit, name)) for name in ("left_out", "known", "diagnoses")},
+        **{name: in_toml(one) for name in ("procedure", "practical", "profiles") if (one := getattr(fit, name))},
+        "runs": in_toml(fit.observations),
         "findings": _findings(fit.findings),
     }
 
 
 def _findings(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    return [
-        {
-            "code": finding.code,
-            "severity": finding.severity,
-            "message": finding.message,
-            "repair": finding.repair,
-            "channel": finding.channel or "",
-            "samples": [list(pair) for pair in finding.samples],
-            "effect": finding.effect,
-            "values": {key: value for key, value in finding.values.items() if value is not None},
-        }
-        for finding in findings
-    ]
+    return [in_toml(replace(finding, channel=finding.channel or "")) for finding in findings]
 
 
 def changed(fit: Fit, **changes: Any) -> Fit:
@@ -112,8 +55,3 @@ def with_findings(fit: Fit, more: Sequence[Finding]) -> Fit:
     findings = (*fit.findings, *more)
     table = {**(fit.actuator.fit_table or {}), "findings": _findings(findings)}
     return replace(fit, findings=findings, actuator=replace(fit.actuator, fit_table=table))
-
-
-def _pair(name: str, values: tuple[float, float] | None) -> dict[str, list[float]]:
-    """TOML has nothing for what is not known: the key is left out."""
-    return {} if values is None else {name: list(values)}

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ipmclab.fit.tables import Tabled
 from ipmclab.model.quantities import derived
 from ipmclab.units import Quantity
 
 
 @dataclass(frozen=True)
-class Known:
+class Known(Tabled):
     """A quantity that follows from all parameters of a fit together.
 
     Parameters
@@ -40,10 +41,6 @@ class Known:
     def quantity(self) -> Quantity:
         """What it is a number of."""
         return derived(self.name.partition("[")[0]).quantity
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has."""
-        return {"name": self.name, "value": self.value, "interval": list(self.interval), "leans": list(self.leans)}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Known:

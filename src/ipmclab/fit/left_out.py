@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from ipmclab.fit.tables import Tabled
+
 _NAMED: Final = 2
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class LeftOut(Tabled):
     """One run, predicted by a fit of the others.
 
     Parameters
@@ -56,16 +58,3 @@ class LeftOut:
     def from_table(cls, table: Mapping[str, Any]) -> LeftOut:
         """From what ``to_table`` gave."""
         return cls(**{**table, "undetermined": tuple(table["undetermined"])})
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has."""
-        return {
-            "label": self.label,
-            "fit_percent": dict(self.fit_percent),
-            "rmse": dict(self.rmse),
-            "inside": dict(self.inside),
-            "standardised": dict(self.standardised),
-            "undetermined": list(self.undetermined),
-            "shifts": dict(self.shifts),
-            "p_value": self.p_value,
-        }

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from ipmclab.fit.tables import Tabled
+
 NEXT_STRIP: Final = (
     "what another strip of this make will do is not known from one: ipmclab compare tells it from fits, or runs, of "
     "three strips or more"
@@ -42,7 +44,7 @@ class Mounting:
 
 
 @dataclass(frozen=True)
-class Mountings:
+class Mountings(Tabled):
     """How a strip differs from mounting to mounting.
 
     Parameters
@@ -68,41 +70,5 @@ class Mountings:
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Mountings:
         """From what ``to_table`` gave."""
-        each = tuple(
-            Mounting(
-                str(one["name"]),
-                tuple(one["runs"]),
-                dict(one["values"]),
-                dict(one["errors"]),
-                dict(one["noise"]),
-                {name: dict(moved) for name, moved in one.get("loadings", {}).items()},
-            )
-            for one in table["each"]
-        )
-        return cls(
-            each,
-            dict(table["between"]),
-            tuple(table["logarithms"]),
-            dict(table["p_value"]),
-            dict(table["unknown"]),
-        )
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has."""
-        return {
-            "each": [
-                {
-                    "name": one.name,
-                    "runs": list(one.runs),
-                    "values": dict(one.values),
-                    "errors": dict(one.errors),
-                    "noise": dict(one.noise),
-                    "loadings": {name: dict(moved) for name, moved in one.loadings.items()},
-                }
-                for one in self.each
-            ],
-            "between": dict(self.between),
-            "logarithms": list(self.logarithms),
-            "p_value": dict(self.p_value),
-            "unknown": dict(self.unknown),
-        }
+        each = tuple(Mounting(**{**one, "runs": tuple(one["runs"])}) for one in table["each"])
+        return cls(**{**table, "each": each, "logarithms": tuple(table["logarithms"])})

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
+from ipmclab.fit.tables import Tabled
+
 Verdict = Literal["white", "autocorrelated", "follows the voltage", "bends with the voltage"]
 """``autocorrelated``: in time, but not related to the voltage. ``bends with the voltage``: as no linear model would."""
 
@@ -19,7 +21,7 @@ WORDS: Final[Mapping[Verdict, str]] = {
 
 
 @dataclass(frozen=True)
-class OutputDiagnosis:
+class OutputDiagnosis(Tabled):
     """What was left of one output of one run.
 
     Parameters
@@ -55,10 +57,6 @@ class OutputDiagnosis:
     whitened: tuple[float, ...]
     with_voltage: tuple[float, ...]
     band: float
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> OutputDiagnosis:

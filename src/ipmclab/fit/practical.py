@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ipmclab.fit.tables import Tabled
+
 
 @dataclass(frozen=True)
 class Combination:
@@ -32,7 +34,7 @@ class CollinearSet:
 
 
 @dataclass(frozen=True)
-class Practical:
+class Practical(Tabled):
     """How well readings tell the free parameters apart.
 
     Parameters
@@ -49,14 +51,6 @@ class Practical:
     combinations: tuple[Combination, ...]
     collinearity: Mapping[str, float]
     sets: tuple[CollinearSet, ...]
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has."""
-        return {
-            "combinations": [{"coefficients": dict(c.coefficients), "error": c.error} for c in self.combinations],
-            "collinearity": dict(self.collinearity),
-            "sets": [{"names": list(one.names), "index": one.index} for one in self.sets],
-        }
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Practical:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
+
+from ipmclab.fit.tables import Tabled
 
 
 @dataclass(frozen=True)
-class Profile:
+class Profile(Tabled):
     """How much worse the readings are explained as one parameter is held and all others are fitted again.
 
     Parameters
@@ -33,10 +35,6 @@ class Profile:
     interval: tuple[float, float]
     is_open: tuple[bool, bool]
     parabola: float
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Profile:

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ipmclab.fit.tables import Tabled
+
 How = Literal["measured", "computed", "assumed"]
 """How the water content of a run is known: from a mass, from the history of temperature and humidity, or as that of
 equilibrium."""
 
 
 @dataclass(frozen=True)
-class RunState:
+class RunState(Tabled):
     """The state of a strip in one run.
 
     Parameters
@@ -48,14 +50,6 @@ class RunState:
     adds: Mapping[str, float] = field(default_factory=dict)
     found: float | None = None
     shared_uncertainty: float = 0.0
-
-    def to_table(self) -> dict[str, Any]:
-        """In the types that TOML has, without what is not known."""
-        every = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {name: value for name, value in every.items() if value is not None} | {
-            "doses": dict(self.doses),
-            "adds": dict(self.adds),
-        }
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> RunState:

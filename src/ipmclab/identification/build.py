@@ -185,7 +185,7 @@ def build_fit(
         residuals=residuals(problem, result.correlated),
         software_version=__version__,
         practical=practical(problem, solution, order),
-        covariance=_covariance(asked, values, found, stated, problem.base, order),
+        covariance=_covariance(asked, values, found, stated, order),
         diagnoses=diagnoses,
         known=known_quantities(actuator, points),
         estimate=result,
@@ -291,15 +291,11 @@ def _covariance(
     values: FloatArray,
     found: Uncertainty,
     stated: Table,
-    base: Mapping[str, float],
     order: Order,
 ) -> dict[str, dict[str, float]]:
     names = [order(unknown.name) for unknown in asked]
     chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
-    # A leverage is the change for 1 %.
-    slopes = {name: found.leverage[name] / (0.01 * abs(base[name])) for name in stated if base[name]}
-    held = {name: {other: stated[name][other] for other in slopes} for name in slopes}
-    return covariance_table(names, found.covariance, chains, slopes, held)
+    return covariance_table(names, found.covariance, chains, found.slopes, stated)
 
 
 def _fitted_actuator(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from os import PathLike
 from typing import Final
@@ -23,7 +23,8 @@ from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
 from ipmclab.identification.mountings.mountings import differ, each_mounting, places_of_mountings, with_mountings
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
-from ipmclab.identification.problem.free import FreeParameters, parse_free
+from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
+from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.priors import prior_findings, with_priors
 from ipmclab.identification.problem.record import (
     READ_OUTPUTS,
@@ -194,18 +195,20 @@ def _identify(
     fit = build_fit(actuator, given, result, told, diagnoses)
     beyond = [*beyond_findings(fit, records), *environment_findings(actuator, given, fit, result)]
     if names.priors:
-        fit = _of_literature(fit, names)
+        order = Order(result.problem.in_reference(result.solution.theta, result.problem.records[0].place))
+        priors = {order(name): prior for name, prior in names.priors.items()}
+        fit = _of_literature(fit, priors)
         with part("without what is known beforehand", 0.8, 1.0):
             alone = build_fit(actuator, given, estimate(actuator, names.without_priors, records), ())
-        beyond += prior_findings(actuator, names.priors, fit, alone)
+        beyond += prior_findings(actuator, priors, fit, alone)
     return with_findings(fit, beyond)
 
 
-def _of_literature(fit: Fit, names: FreeParameters) -> Fit:
+def _of_literature(fit: Fit, priors: Mapping[str, Prior]) -> Fit:
     """The fit, with the parameters marked of which only the literature was known beforehand."""
     parameters = {
         name: replace(one, prior_of_literature=True)
-        if one.prior is not None and names.priors[name.partition("[")[0]].of_literature
+        if one.prior is not None and priors[name.partition("[")[0]].of_literature
         else one
         for name, one in fit.parameters.items()
     }

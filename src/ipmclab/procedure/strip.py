@@ -140,7 +140,7 @@ def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> Fitt
         wider = _wider(parameter, float(np.sqrt(max(found.covariance[number, number], 0.0))))
         parts = {f"{source}#{k}": wider * float(part) for k, part in enumerate(root[number]) if part}
         for other in names:
-            _add(parts, held[other], float(found.leverage[other][number]) / (0.01 * abs(problem.base[other])))
+            _add(parts, held[other], float(found.slopes[other][number]))
         relative[name] = parts
     used = [held[name] for name in names if np.any(np.abs(found.leverage[name]) > _NO_LEVERAGE)]
     assumed = frozenset().union(*(one.assumed for one in used))

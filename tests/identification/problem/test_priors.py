@@ -242,3 +242,19 @@ def test_what_is_held_with_an_uncertainty_may_make_a_prior_worse_and_the_fit_say
     (said,) = [finding for finding in fit.findings if finding.code == "prior"]
     assert "what is held with an uncertainty of its own makes it worse" in said.message
     assert said.repair.endswith("under its own prior")
+
+
+def test_a_prior_follows_its_branch_where_branches_are_sorted() -> None:
+    """An actuator whose slow branch stands first: the fit calls it the second, and its prior too."""
+    strip = load_actuator("friend-2")
+    names = [f"circuit.branches.{k}.permittivity" for k in (0, 1)]
+    other = [f"circuit.branches.{k}.resistivity" for k in (0, 1)]
+    swapped = {one: strip[two] for pair in (names, other) for one, two in (pair, pair[::-1])}
+    slow_first = replace(strip.replace(**swapped), standard_uncertainties={names[0]: 0.05 * strip[names[1]]})
+    clean = simulate(strip, "step 1 V", duration=30.0, rate=10.0)
+    noise = 1e-4 * np.random.default_rng(20261121).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise)
+    fit = identify(slow_first, run, free=[*names, *other], prior=names[0])
+    assert [name for name, one in fit.parameters.items() if one.prior is not None] == [names[1]]
+    (said,) = [finding.message for finding in fit.findings if finding.code == "prior"]
+    assert said.startswith(names[1])

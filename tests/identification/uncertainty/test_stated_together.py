@@ -170,3 +170,21 @@ def test_what_is_stated_beyond_the_earlier_fit_is_each_parameters_own() -> None:
     after = stated_covariance(replace(fitted, standard_uncertainties=wider), [SHEET, RHO_1])
     assert after[RHO_1][RHO_1] == pytest.approx(4.0 * before[RHO_1][RHO_1])
     assert after[SHEET] == pytest.approx(before[SHEET])
+
+
+def test_a_value_of_zero_passes_on_what_is_stated_of_it_as_any_other_does() -> None:
+    """Contacts of 0 ± 0.5 ohm: as those of a millionth of an ohm, for parameters, quantities and predictions alike."""
+    contact = "circuit.contact_resistance"
+    clean = simulate(FRIEND, "step 1 V delay=1 s", duration=20.0, rate=20.0)
+    noise = 1e-4 * np.random.default_rng(SEED).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise)
+    none, hardly = (
+        identify(replace(FRIEND.replace(**{contact: value}), standard_uncertainties={contact: 0.5}), run)
+        for value in (0.0, 1e-6)
+    )
+    assert none.covariance[contact] == pytest.approx(hardly.covariance[contact], rel=1e-3)
+    assert [one.name for one in none.known] == [one.name for one in hardly.known]
+    for one, other in zip(none.known, hardly.known, strict=True):
+        assert one.interval == pytest.approx(other.interval, rel=1e-4), one.name
+    (told,) = [finding.message for finding in none.findings if finding.code == "fixed-uncertainty"]
+    assert "one standard uncertainty of circuit.contact_resistance moves circuit.branches.0.resistivity by" in told

@@ -131,6 +131,7 @@ def prior_findings(actuator: Actuator, priors: Mapping[str, Prior], fit: Fit, al
     actuator : Actuator
         As it was given.
     priors : mapping of name to Prior
+        By the names that the fit has: its branches and modes are sorted.
     fit : Fit
     alone : Fit
         To the same runs, with nothing known beforehand.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -39,13 +40,17 @@ class Uncertainty:
     singular_values : float array, shape (n,)
         Of the weighted Jacobian, largest first.
     leverage : mapping of name to float array, shape (n,)
-        Change of each entry for 1 % of a fixed parameter.
+        Change of each entry for 1 % of a fixed parameter; of one that is 0, for its stated uncertainty.
     coloured : tuple of (place, output)
         Residuals that the noise that was found does not make white.
     freedom : float array, shape (n,)
         Degrees of freedom with which each variance is known.
     growing : mapping of (place, output) to Growth
         Noise that is larger where the answer is, as the covariance allows for where the noise does not drift.
+    slopes : mapping of name to float array, shape (n,) [1/SI]
+        Change of each entry with a fixed parameter.
+    zero : frozenset of str
+        Fixed parameters that are 0.
     """
 
     covariance: FloatArray
@@ -56,6 +61,8 @@ class Uncertainty:
     coloured: tuple[tuple[int, str], ...]
     freedom: FloatArray
     growing: Mapping[tuple[int, str], Growth] = field(default_factory=dict)
+    slopes: Mapping[str, FloatArray] = field(default_factory=dict)
+    zero: frozenset[str] = frozenset()
 
     @property
     def rank(self) -> int:
@@ -92,9 +99,8 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
     if nuisance.all():
         nothing = np.zeros((0, 0))
-        return Uncertainty(
-            nothing, nothing, nothing, np.zeros(0), dict.fromkeys((*fixed, *exact), np.zeros(0)), (), np.zeros(0)
-        )
+        none = dict.fromkeys((*fixed, *exact), np.zeros(0))
+        return Uncertainty(nothing, nothing, nothing, np.zeros(0), none, (), np.zeros(0), slopes=none)
     singular, directions = _of_the_asked(evaluation, nuisance)
     asked = len(directions)
     seen = singular > least_seen(evaluation, singular[0]) if singular[0] > 0 else np.zeros(asked, dtype=bool)
@@ -141,14 +147,20 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     covariance = covariance + moved @ moved.T
     names = [*fixed, *exact]
     leverage: dict[str, FloatArray] = {}
+    slopes: dict[str, FloatArray] = {}
     if names:
         answer = -plain @ (own.T @ problem.fixed_jacobian(theta, names))
         for column, name in enumerate(names):
-            leverage[name] = answer[:, column] * 0.01 * abs(problem.base[name])
+            slopes[name], value = answer[:, column], problem.base[name]
+            uncertain = math.sqrt(fixed[name][name]) if name in fixed else 0.0
+            leverage[name] = slopes[name] * (0.01 * abs(value) if value else uncertain)
         together = np.array([[row[other] for other in fixed] for row in fixed.values()])
         passed_on = answer[:, : len(fixed)]
         covariance = covariance + passed_on @ together.reshape(len(fixed), len(fixed)) @ passed_on.T
-    return Uncertainty(covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing)
+    zero = frozenset(name for name in names if problem.base[name] == 0.0)
+    return Uncertainty(
+        covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing, slopes, zero
+    )
 
 
 def _root(middle: FloatArray) -> FloatArray:

@@ -148,11 +148,12 @@ class _Seen:
         below, above = (self.at(np.where(np.arange(len(theta)) == entry, end, theta)) for end in ends)
         return _Beside(below, above, ends[1] - ends[0])
 
-    def along_fixed(self, theta: FloatArray, name: str, value: float) -> _Beside:
-        """On both sides of a fixed value [1/SI]."""
-        step = _STEP * abs(value)
-        below, above = (self.at(theta, **{name: value + sign * step}) for sign in (-1.0, 1.0))
-        return _Beside(below, above, 2.0 * step)
+    def along_fixed(self, theta: FloatArray, name: str, value: float, variance: float) -> _Beside:
+        """On both sides of a fixed value [1/SI]; above one that is 0."""
+        step = _STEP * (abs(value) or math.sqrt(variance))
+        ends = value - step if value else 0.0, value + step
+        below, above = (self.at(theta, **{name: end}) for end in ends)
+        return _Beside(below, above, ends[1] - ends[0])
 
     def sides(self, beside: Sequence[_Beside]) -> list[_Sides]:
         """The quantities there."""
@@ -187,18 +188,18 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
     """Each quantity of one run that moves with what is free, and with nothing about which the readings say nothing."""
     problem, found, theta = point.problem, point.found, point.theta
     base = problem.values(theta, seen.record.place)
-    stated = [name for name in point.stated if base.get(name)]
+    stated = [name for name in point.stated if name in base]
     exact = [name for name in found.leverage if name not in point.stated and base.get(name)]
     held = (*stated, *exact)
     moved = [seen.along(theta, place) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
-    every = seen.sides([*moved, *(seen.along_fixed(theta, name, base[name]) for name in held)])
+    variances = [point.stated[name][name] if name in stated else 0.0 for name in held]
+    fixed = [seen.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
+    every = seen.sides([*moved, *fixed])
     sides, of_held = every[: len(moved)], every[len(moved) :]
     here, *others = seen.quantities(
         [base, *(seen.at(rival.vector_of(problem.unknowns, theta)) for rival in point.rivals)]
     )
-    # A leverage is the change of each entry for 1 % of a fixed value.
-    sizes = np.array([0.01 * abs(base[name]) for name in held])
-    follows = np.array([found.leverage[name] for name in held]).reshape(len(held), len(sides)) / sizes[:, None]
+    follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(sides))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
     together = together.reshape(len(stated), len(stated))
     told = {}
@@ -217,7 +218,7 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         freedom = float(np.min(found.freedom[np.abs(free) > _MOVED * scale], initial=math.inf))
         few = wider_for_few(freedom) if math.isfinite(freedom) else 1.0
         reach = NORMAL_95 * few * math.sqrt(max(variance, 0.0))
-        moves = np.abs(sizes * (follows @ free + direct))[len(stated) :]
+        moves = np.abs(follows @ free + direct)[len(stated) :] * [0.01 * abs(base[name]) for name in exact]
         felt = moves > max(reach, _MOVED * scale)
         leans = tuple(exact[k] for k in largest_first(moves) if felt[k]) if felt.any() else ()
         ends = _value(name, min(each) - reach), _value(name, max(each) + reach)

@@ -32,6 +32,8 @@ def leaning_findings(
 ) -> list[Finding]:
     """``fixed-uncertainty`` and ``exact-fixed-value``: what 1 % of each fixed value does to the parameters.
 
+    Of a value of 0 it is what one standard uncertainty of it does.
+
     The second is a warning where 1 % moves a parameter beyond its interval, and either the value is one of the
     coupling, which no handbook gives and which differs from strip to strip by far more, or it moves it five times as
     far. The hardest stand first.
@@ -58,7 +60,9 @@ def leaning_findings(
         if largest < (1e-9 if name in stated else _FELT):
             continue
         most = [k for k in largest_first(moved)[:_NAMED] if moved[k] >= min(_FELT, largest)]
-        leans = f"1 % of {name} moves " + ", ".join(f"{order(asked[k].name)} by {100.0 * moved[k]:.2g} %" for k in most)
+        amount = "1 %" if name not in found.zero else "one standard uncertainty"
+        leans = f"{amount} of {name} moves "
+        leans += ", ".join(f"{order(asked[k].name)} by {100.0 * moved[k]:.2g} %" for k in most)
         if name in stated:
             message = f"the stated uncertainty of {name} is passed on to the errors: {leans}"
             told.append((largest, Finding("fixed-uncertainty", "info", message, "", values={"leverage": largest})))

@@ -18,11 +18,10 @@ from ipmclab.identification.search.starts.start_further import further_starts, w
 from ipmclab.identification.search.starts.start_leak import leak_starts
 from ipmclab.identification.search.starts.start_relaxation import relaxation_start
 from ipmclab.model import Actuator, geometry
+from ipmclab.model.stages.circuit import CONTACT, DC, SERIES, SHEET
 
 _SERIES_PARTS: Final = (0.9, 0.5, 0.97, 0.2)
 """Parts of the first resistance V/I(0+) that are tried as series resistance where it is free."""
-
-_SERIES: Final = frozenset({"circuit.sheet_resistance", "circuit.contact_resistance"})
 
 _DIRECT_SHARES: Final = (0.5, 0.95, 0.1)
 """Shares of the clamped section that are tried as fed at once."""
@@ -58,7 +57,7 @@ def starting_points(
     elif any(name.startswith("circuit.") for name in free):
         with_current = _with_current(records)
         series_known = None
-        if not free & _SERIES:
+        if free.isdisjoint(SERIES):
             series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
         found = find_circuit(with_current, actuator.circuit.branches, series_known)
         delays.update(found.delays)
@@ -123,7 +122,7 @@ def _with_leak(
     """Starting points of a circuit that leaks: a few for each series resistance that is tried."""
     strip = actuator.replace(**_allowed(actuator, base))
     located = {place: delay.value for place, delay in delays.items()}
-    most = _LEAK_STARTS if free & _SERIES else _LEAK_STARTS + 1
+    most = _LEAK_STARTS + free.isdisjoint(SERIES)
     starts = leak_starts(strip, free, [in_means(record) or record for record in records], located, most)
     return [{**base, **_freed(start, free)} for start in starts]
 
@@ -157,9 +156,7 @@ def _freed(values: Mapping[str, float], free: set[str]) -> dict[str, float]:
 
 def _only_electrical(actuator: Actuator, free: set[str], records: Sequence[PreparedRun]) -> bool:
     """Whether the poles and residues of all currents together are the whole problem."""
-    electrical = {n for n in actuator.parameter_values if n.startswith("circuit.branches.")} | {
-        "circuit.dc_resistivity"
-    }
+    electrical = {DC, *(name for name in actuator.parameter_values if name.startswith("circuit.branches."))}
     return free == electrical and len({record.series_resistance for record in records}) == 1
 
 
@@ -174,8 +171,7 @@ def _series_values(
     actuator: Actuator, free: set[str], base: Mapping[str, float], direct: float
 ) -> list[dict[str, float]]:
     """Values of the free ones of sheet and contact resistance; one empty mapping where both are fixed."""
-    sheet, contact = "circuit.sheet_resistance" in free, "circuit.contact_resistance" in free
-    if not sheet and not contact:
+    if free.isdisjoint(SERIES):
         return [{}]
     values = {**actuator.parameter_values, **base}
     squares = 2.0 * float(np.real(geometry.squares(values)))
@@ -183,16 +179,12 @@ def _series_values(
     found = []
     for part in _SERIES_PARTS:
         series = part * first
-        if sheet and contact:
-            found.append(
-                {"circuit.sheet_resistance": 0.9 * series / squares, "circuit.contact_resistance": 0.1 * series}
-            )
-        elif sheet:
-            rest = max(series - values["circuit.contact_resistance"], 0.05 * series)
-            found.append({"circuit.sheet_resistance": rest / squares})
+        if free.issuperset(SERIES):
+            found.append({SHEET: 0.9 * series / squares, CONTACT: 0.1 * series})
+        elif SHEET in free:
+            found.append({SHEET: max(series - values[CONTACT], 0.05 * series) / squares})
         else:
-            rest = max(series - values["circuit.sheet_resistance"] * squares, 0.01 * series)
-            found.append({"circuit.contact_resistance": rest})
+            found.append({CONTACT: max(series - values[SHEET] * squares, 0.01 * series)})
     return found
 
 

@@ -38,22 +38,19 @@ class CircuitStart:
 
 
 def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) -> list[SearchedRun]:
-    """The currents of these records, ready for the search of poles."""
+    """The currents of these records, ready for the search of poles; straight between the rows that were measured."""
     found = []
     for record in records:
-        reading = record.readings.get("current")
-        if reading is None:
-            continue
+        reading = record.readings["current"]
+        given = drive(record, delays.get(record.place, 0.0))
+        used = np.flatnonzero(reading.exact)
+        since = record.run.time - record.run.time[0]
+        current = np.interp(since, since[used], reading.values[used])
         weight = np.where(reading.exact, 1.0 / max(reading.noise, 1e-300), 0.0)
-        found.append(
-            SearchedRun(
-                drive(record, delays.get(record.place, 0.0)),
-                record.run.time - record.run.time[0],
-                reading.values,
-                weight,
-                record.start == "free",
-            )
-        )
+        step = None
+        if reading.weights is not None:
+            weight, step = weight * reading.weights, float(np.diff(since).min())
+        found.append(SearchedRun(given, since, current, weight, record.start == "free", step))
     return found
 
 

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.admittance import Admittance, admittance
 from ipmclab.identification.problem.drive import responses
-from ipmclab.identification.problem.record import PreparedRun, drive
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
-from ipmclab.identification.search.starts.start_circuit import circuit_values
+from ipmclab.identification.search.starts.start_circuit import circuit_values, current_series
 from ipmclab.identification.search.varpro import SearchedRun, search_poles
 from ipmclab.model import Actuator
 
@@ -144,22 +144,13 @@ class _Node:
 
     @classmethod
     def of(cls, actuator: Actuator, records: Sequence[PreparedRun], delays: Mapping[int, float]) -> _Node:
-        series, nodes = [], []
-        for record in records:
-            reading = record.readings["current"]
-            given = drive(record, delays.get(record.place, 0.0))
-            resistance = lumped(actuator.structure.branches, actuator.parameter_values, record.series_resistance).series
-            used = np.flatnonzero(reading.exact)
-            since = record.run.time - record.run.time[0]
-            current = np.interp(since, since[used], reading.values[used])
-            weight = np.where(reading.exact, 1.0 / max(reading.noise, 1e-300), 0.0)
-            step = None
-            if reading.weights is not None:
-                weight, step = weight * reading.weights, float(np.diff(since).min())
-            series.append(SearchedRun(given, since, current, weight, record.start == "free", step))
-            nodes.append(given.present - resistance * current)
-        first = lumped(actuator.structure.branches, actuator.parameter_values, records[0].series_resistance).series
-        return cls(series, np.concatenate(nodes), first)
+        series = current_series(records, delays)
+        resistances = [
+            lumped(actuator.structure.branches, actuator.parameter_values, record.series_resistance).series
+            for record in records
+        ]
+        nodes = [run.drive.present - one * run.readings for run, one in zip(series, resistances, strict=True)]
+        return cls(series, np.concatenate(nodes), resistances[0])
 
     @property
     def readings(self) -> FloatArray:
