@@ -84,6 +84,16 @@ def test_an_actuator_that_was_changed_since_its_fit_has_no_band() -> None:
     assert finding.message.startswith("circuit.dc_resistivity is no longer what it was when its fit was made")
 
 
+def test_an_uncertainty_that_was_stated_after_the_fit_is_said_not_to_count() -> None:
+    """As the message of `exact-fixed-value` asks for, but in the file of the fit, which held the value as exact."""
+    generator = np.random.default_rng(SEED)
+    fit = identify(FRIEND, noisy(generator, "step 1 V"))
+    stated = {**fit.actuator.standard_uncertainties, "circuit.sheet_resistance": 0.05}
+    told = validate(replace(fit.actuator, standard_uncertainties=stated), noisy(generator, "sine 1 V 0.4 Hz"))
+    (finding,) = [one for one in told.findings if one.code == "changed-since-fit"]
+    assert finding.message.startswith("the stated uncertainty of circuit.sheet_resistance is no longer what it was")
+
+
 def test_a_run_of_the_fit_has_its_own_band() -> None:
     """With the contact of its own, and the noise of its own."""
     generator = np.random.default_rng(SEED)

@@ -36,9 +36,10 @@ def why_changed(fit: Fit) -> str:
     moved = [name for name, value in expected.items() if not _same(values[name], value)]
     stated = fit.actuator.standard_uncertainties
     held = {name: math.sqrt(max(row[name], 0.0)) for name, row in fit.covariance.items() if name not in fit.parameters}
-    moved += [
-        f"the stated uncertainty of {name}" for name, one in held.items() if not _same(stated.get(name, 0.0), one)
-    ]
+    own = {name.partition("[")[0] for name in fit.parameters}
+    held |= dict.fromkeys(stated.keys() - held.keys() - own, 0.0)
+    told = sorted(name for name, one in held.items() if not _same(stated.get(name, 0.0), one))
+    moved += [f"the stated uncertainty of {name}" for name in told]
     verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
     return f"{listed(moved)} {verb} when its fit was made" if moved else ""
 

@@ -295,7 +295,8 @@ def _covariance(
 ) -> dict[str, dict[str, float]]:
     names = [order(unknown.name) for unknown in asked]
     chains = [unknown.chain(float(value)) for unknown, value in zip(asked, values, strict=True)]
-    return covariance_table(names, found.covariance, chains, found.slopes, stated)
+    held = {order(one): {order(other): value for other, value in row.items()} for one, row in stated.items()}
+    return covariance_table(names, found.covariance, chains, {order(one): found.slopes[one] for one in stated}, held)
 
 
 def _fitted_actuator(

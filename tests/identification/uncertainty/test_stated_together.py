@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from ipmclab import Actuator, Run, RunMetadata, identify, load_actuator, simulate, write_actuator
+from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.stated import stated_covariance
 
@@ -188,3 +189,23 @@ def test_a_value_of_zero_passes_on_what_is_stated_of_it_as_any_other_does() -> N
         assert one.interval == pytest.approx(other.interval, rel=1e-4), one.name
     (told,) = [finding.message for finding in none.findings if finding.code == "fixed-uncertainty"]
     assert "one standard uncertainty of circuit.contact_resistance moves circuit.branches.0.resistivity by" in told
+
+
+def test_what_is_held_has_the_name_that_the_fit_gives_its_branch() -> None:
+    """An actuator whose slow branch stands first: the fit of it calls it the second, and what it holds the first."""
+    fast, slow = (f"circuit.branches.{k}.permittivity" for k in (0, 1))
+    rho_1, rho_2 = (f"circuit.branches.{k}.resistivity" for k in (0, 1))
+    swapped = {fast: FRIEND[slow], slow: FRIEND[fast], rho_1: FRIEND[rho_2], rho_2: FRIEND[rho_1]}
+    slow_first = replace(FRIEND.replace(**swapped), standard_uncertainties={slow: 0.1 * FRIEND[fast]})
+    straight = replace(FRIEND, standard_uncertainties={fast: 0.1 * FRIEND[fast]})
+    clean = simulate(FRIEND, "step 1 V delay=1 s", duration=20.0, rate=10.0)
+    noise = 1e-4 * np.random.default_rng(SEED).standard_normal(len(clean))
+    run = Run.from_arrays(time=clean.time, voltage=clean.voltage, current=clean.current + noise)
+    one, other = identify(slow_first, run, free=fast), identify(straight, run, free=slow)
+    assert list(one.parameters) == [slow]
+    assert {name: dict(row) for name, row in one.covariance.items()} == {
+        name: pytest.approx(dict(row), rel=1e-4) for name, row in other.covariance.items()
+    }
+    assert not why_changed(one)
+    (told,) = [finding.message for finding in one.findings if finding.code == "fixed-uncertainty"]
+    assert told.startswith(f"the stated uncertainty of {fast} is passed on")

@@ -61,16 +61,16 @@ def leaning_findings(
             continue
         most = [k for k in largest_first(moved)[:_NAMED] if moved[k] >= min(_FELT, largest)]
         amount = "1 %" if name not in found.zero else "one standard uncertainty"
-        leans = f"{amount} of {name} moves "
+        leans = f"{amount} of {order(name)} moves "
         leans += ", ".join(f"{order(asked[k].name)} by {100.0 * moved[k]:.2g} %" for k in most)
         if name in stated:
-            message = f"the stated uncertainty of {name} is passed on to the errors: {leans}"
+            message = f"the stated uncertainty of {order(name)} is passed on to the errors: {leans}"
             told.append((largest, Finding("fixed-uncertainty", "info", message, "", values={"leverage": largest})))
             continue
         beyond = finite & (moved > half) & (moved >= _FELT)
         if not in_group(MOTION, [name]):
             beyond &= moved > _AMPLIFIED
-        message = f"{name} is taken as exact, because no uncertainty is stated for it: {leans}"
+        message = f"{order(name)} is taken as exact, because no uncertainty is stated for it: {leans}"
         if beyond.any():
             message += ", farther than the 95 % interval reaches"
         told.append(
