@@ -248,6 +248,8 @@ def test_an_edited_table_is_read_or_refused_in_plain_words(
         (lambda t: t["parameters"][1].update(determined="yes"), "parameters[1].determined", "neither true nor false"),
         (lambda t: t["parameters"][1].update(eror=1.0), "parameters[1].eror", "unknown key 'eror'"),
         (lambda t: t["parameters"][1].update(t["parameters"][0]), "parameters[1].name", "is there twice"),
+        (lambda t: t["runs"][0].update(series_resistance="2 ohm"), "runs[0].series_resistance", "is not a number"),
+        (lambda t: t["runs"][0].update(mounting=3), "runs[0].mounting", "3 is not a text"),
         (lambda t: t.update(rank=-3), "rank", "-3 is not a whole number from 0 to 6, the number of parameters"),
         (lambda t: t.update(rank=7), "rank", "7 is not"),
         (lambda t: t.update(rank=5.0), "rank", "5 is not a whole number"),

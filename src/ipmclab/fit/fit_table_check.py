@@ -175,7 +175,8 @@ def _check_covariance(table: Mapping[str, Any]) -> None:
 def _check_run(run: Mapping[str, Any], key: str) -> None:
     for name in _TEXTS_OF_RUN:
         _text(run, name, key)
-    _number(_at(run, "delay", key), f"{key}.delay")
+    _numbers({"delay": _at(run, "delay", key), "series_resistance": run.get("series_resistance", 0.0)}, key)
+    _is_text(run.get("mounting", ""), f"{key}.mounting")
     if "state" in run:
         state = _table_of(run["state"], f"{key}.state", RunState)
         _text(state, "how", f"{key}.state")
