@@ -33,12 +33,12 @@ def why_changed(fit: Fit) -> str:
         if known.keys() != values.keys():
             return "the actuator has other stages than when its fit was made"
         expected |= known
-    moved = [name for name, value in expected.items() if not _same(values[name], value)]
+    moved = [name for name, value in expected.items() if not is_same(values[name], value)]
     stated = fit.actuator.standard_uncertainties
     held = {name: math.sqrt(max(row[name], 0.0)) for name, row in fit.covariance.items() if name not in fit.parameters}
     own = {name.partition("[")[0] for name in fit.parameters}
     held |= dict.fromkeys(stated.keys() - held.keys() - own, 0.0)
-    told = sorted(name for name, one in held.items() if not _same(stated.get(name, 0.0), one))
+    told = sorted(name for name, one in held.items() if not is_same(stated.get(name, 0.0), one))
     moved += [f"the stated uncertainty of {name}" for name in told]
     verb = "is no longer what it was" if len(moved) == 1 else "are no longer what they were"
     return f"{listed(moved)} {verb} when its fit was made" if moved else ""
@@ -87,5 +87,6 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def _same(one: float, other: object) -> bool:
+def is_same(one: float, other: object) -> bool:
+    """Whether a value is still the one that a fit's table has, which anybody may have edited."""
     return isinstance(other, int | float) and math.isclose(one, other, rel_tol=_SAME)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -86,11 +86,17 @@ class FreeParameters:
         """Which parameter of the actuator each name moves: its own, or that which ages."""
         return {name: name for name in self.actuator} | {name: Age.of(name).parameter for name in self.age}
 
+    def of(self, names: Collection[str]) -> FreeParameters:
+        """Those of the actuator that are among some names; the others are held."""
+        each = self.shared, self.per_run, self.per_mounting
+        shared, per_run, per_mounting = (tuple(name for name in own if name in names) for own in each)
+        return replace(self, shared=shared, per_run=per_run, per_mounting=per_mounting)
+
     @property
     def without_priors(self) -> FreeParameters:
         """What is free where the readings are asked alone."""
         held = {name for name, prior in self.priors.items() if prior.merely_uncertain}
-        return replace(self, shared=tuple(name for name in self.shared if name not in held), priors={}, together={})
+        return replace(self.of(set(self.actuator) - held), priors={}, together={})
 
 
 def parse_free(

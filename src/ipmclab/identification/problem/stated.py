@@ -8,12 +8,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.fit.as_fitted import is_same
 from ipmclab.model import Actuator
 
 FloatArray = npt.NDArray[np.float64]
 
 _SAME: Final = 1e-9
-"""Part of a number by which one that went through a file in another unit may differ."""
+"""Part of a variance, and of the largest eigenvalue: what is less is rounding."""
 
 
 def stated_covariance(actuator: Actuator, names: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -67,10 +68,7 @@ def _of_earlier_fit(actuator: Actuator, names: Sequence[str]) -> FloatArray:
 
 def _is_unchanged(actuator: Actuator, name: str) -> bool:
     values = (actuator.fit_table or {}).get("values", {})
-    then = values.get(name) if isinstance(values, Mapping) else None
-    if not isinstance(then, int | float):
-        return False
-    return abs(actuator[name] - then) <= _SAME * abs(then)
+    return isinstance(values, Mapping) and is_same(actuator[name], values.get(name))
 
 
 def _is_covariance(matrix: FloatArray) -> bool:

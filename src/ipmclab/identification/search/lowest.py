@@ -122,12 +122,8 @@ def _circuit_first(
     if not with_current or set(SERIES) & set(names.actuator) or any(n in DIMENSIONS for n in names.actuator):
         return None
     own = [f"observation.{what}.current" for what in ("offset", "drift")]
-    fewer = FreeParameters(
-        tuple(name for name in names.shared if name in own_electrical),
-        tuple(name for name in names.per_run if name in own_electrical),
-        tuple(name for name in names.per_mounting if name in own_electrical),
-        tuple(name for name in names.observation if name in own),
-    )
+    observed = tuple(name for name in names.observation if name in own)
+    fewer = replace(names.of(own_electrical), observation=observed, priors={}, together={}, age=())
     noise = {(record.place, "current"): max(record.readings["current"].noise, 1e-300) for record in with_current}
     points = starting_points(actuator, fewer, with_current)
     tried = []

@@ -59,9 +59,8 @@ def starting_points(
         series_known = None
         if free.isdisjoint(SERIES):
             series_known = lumped(actuator.circuit.branches, actuator.parameter_values).series
-        found = find_circuit(with_current, actuator.circuit.branches, series_known)
-        delays.update(found.delays)
-        seen = found.admittance
+        seen, located = find_circuit(with_current, actuator.circuit.branches, series_known)
+        delays.update(located)
         bases = []
         for series_values in _series_values(actuator, free, usual, seen.direct):
             values = {**actuator.parameter_values, **usual, **series_values}
@@ -97,12 +96,7 @@ def known_first(
     if not names.priors:
         return points
     known = {name: prior.value for name, prior in names.priors.items()}
-    rest = replace(
-        names,
-        shared=tuple(name for name in names.shared if name not in known),
-        per_run=tuple(name for name in names.per_run if name not in known),
-        per_mounting=tuple(name for name in names.per_mounting if name not in known),
-    )
+    rest = names.of(set(names.actuator) - known.keys())
     about = starting_points(actuator.replace(**_allowed(actuator, known)), rest, records, circuit)
     return [*(replace(point, values={**point.values, **known}) for point in about), *points]
 

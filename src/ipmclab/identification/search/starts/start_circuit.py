@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -24,19 +24,6 @@ _ROWS_AFTER_EDGE: Final = 2500
 _SAME_COST: Final = 4.0  # of chi-square: two standard deviations
 
 
-@dataclass(frozen=True, eq=False)
-class CircuitStart:
-    """What the currents show of the circuit, and where the edges of foreign records lie."""
-
-    found: PoleFit
-    delays: Mapping[int, EdgeDelay]
-
-    @property
-    def admittance(self) -> Admittance:
-        """Poles and residues."""
-        return _admittance(self.found)
-
-
 def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) -> list[SearchedRun]:
     """The currents of these records, ready for the search of poles; straight between the rows that were measured."""
     found = []
@@ -54,8 +41,10 @@ def current_series(records: Sequence[PreparedRun], delays: Mapping[int, float]) 
     return found
 
 
-def find_circuit(records: Sequence[PreparedRun], branches: int, series: float | None) -> CircuitStart:
-    """Poles and residues of the current, with the edges of foreign records located on the way.
+def find_circuit(
+    records: Sequence[PreparedRun], branches: int, series: float | None
+) -> tuple[Admittance, dict[int, EdgeDelay]]:
+    """Poles and residues of the current, and where the edges of foreign records lie, by their places.
 
     Parameters
     ----------
@@ -71,7 +60,7 @@ def find_circuit(records: Sequence[PreparedRun], branches: int, series: float | 
         if record.place in delays and record.shows_edges:
             # Each by itself: beside another whose edges are no better known it would only seem to be located.
             delays[record.place] = _locate([*timed, record], record, branches, series)
-    return CircuitStart(_search(records, {place: delay.value for place, delay in delays.items()}, branches), delays)
+    return _admittance(_search(records, {place: delay.value for place, delay in delays.items()}, branches)), delays
 
 
 def _locate(records: Sequence[PreparedRun], record: PreparedRun, branches: int, series: float | None) -> EdgeDelay:

@@ -50,7 +50,7 @@ def coupling_starts(
     if slow["displacement"] == slow["force"] == 0:
         every = moving if separate else seen
         found = _from(every, _worth_it(all_minima(every.series, 2, sensors(every))))
-        stiffness = _stiffness(_best(moving), pressing.series) if separate else 1.0
+        stiffness = _stiffness(all_minima(moving.series, 2, sensors(moving))[0], pressing.series) if separate else 1.0
         return [_named(start) | _modulus(actuator, stiffness, separate) for start in found]
     starts = []
     for of, other in ((moving, pressing), (pressing, moving)):
@@ -123,10 +123,6 @@ def _named(start: _Start) -> dict[str, float]:
         "coupling.p1": start.p1,
         "coupling.p2": start.p2,
     }
-
-
-def _best(seen: MotionSeries) -> PoleFit:
-    return min(all_minima(seen.series, 2, sensors(seen)), key=lambda found: found.cost)
 
 
 def _from(seen: MotionSeries, minima: Sequence[PoleFit]) -> list[_Start]:

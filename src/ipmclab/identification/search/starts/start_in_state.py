@@ -58,15 +58,8 @@ def there_alone(
     values = _in_state(actuator, names, records)
     stages = {name: value for name, value in values.items() if not is_of_environment(name)}
     stated = {name: one for name, one in actuator.standard_uncertainties.items() if name in stages}
-    fewer = replace(
-        names,
-        shared=tuple(name for name in names.shared if name in stages),
-        per_run=tuple(name for name in names.per_run if name in stages),
-        per_mounting=tuple(name for name in names.per_mounting if name in stages),
-        priors={name: prior for name, prior in names.priors.items() if name in stages},
-        together={},
-        age=(),
-    )
+    priors = {name: prior for name, prior in names.priors.items() if name in stages}
+    fewer = replace(names.of(stages), priors=priors, together={}, age=())
     return Actuator(actuator.name, stages, stated, actuator.sample), fewer
 
 
