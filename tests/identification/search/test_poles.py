@@ -46,7 +46,7 @@ def test_a_cost_is_that_of_the_residuals_where_residues_cancel() -> None:
 
 def test_the_edge_is_located_within_its_row() -> None:
     record = prepare(a_leaking_strip(), 0, ["current"], ())
-    delay = find_circuit([record], 2, None).delays[0]
+    delay = find_circuit([record], 2, None)[1][0]
     assert -0.1 <= delay.value <= 0.0
 
 
@@ -67,7 +67,7 @@ def test_the_edge_is_located_after_a_long_rest(signal: str) -> None:
         ["current"],
         (),
     )
-    delay = find_circuit([record], 2, None).delays[0]
+    delay = find_circuit([record], 2, None)[1][0]
     assert abs(delay.value) < record.period
     assert delay.error < 0.5 * record.period
 
@@ -81,7 +81,7 @@ def test_an_edge_is_located_where_it_lies_between_rows(late: float) -> None:
     clean = np.asarray(simulate_outputs(strip, time, voltage, "zero", outputs=["current"], delay=0.05 * late))[0]
     noise = 1e-4 * np.random.default_rng(20261121).standard_normal(300)
     run = Run.from_arrays(time=time, voltage=voltage, current=clean + noise, hold="unknown")
-    delay = find_circuit([prepare(run, 0, ["current"], ())], 1, None).delays[0]
+    delay = find_circuit([prepare(run, 0, ["current"], ())], 1, None)[1][0]
     assert abs(delay.value / 0.05 - late) < 0.5
     assert delay.error == pytest.approx(0.05 / np.sqrt(12.0))
 
