@@ -39,6 +39,7 @@ def test_strips_of_other_structures_are_compared_by_what_they_share(fit: Fit) ->
         of_strip(slow, "b", **{LEAK: 40.0, RATIO: 0.2}),
         of_strip(slow, "c", **{LEAK: 36.0, RATIO: 0.3}),
     ]
+    assert not any(one.sampled for one in compare_fits(fits))  # chains are walked when asked for
     assert {one.name: one.strips for one in compare_fits(fits)} == {LEAK: ("a", "b", "c"), RATIO: ("b", "c")}
 
 

@@ -114,3 +114,32 @@ def test_short_and_silent_residuals_have_no_autocorrelation() -> None:
     assert autocorrelation(np.zeros(100))[0].size == 0
     assert autocorrelation(np.array([1.0, -1.0, np.nan]))[0].size == 0
     assert score("force", [comparison(PERIODS, PERIODS)]).lags_outside is None
+
+
+def test_the_worst_reading_is_that_of_the_rows_that_count() -> None:
+    """Whichever run it is in: one of which nothing counts has none, one of which a part counts may."""
+    level, nothing = np.linspace(0.0, 1.0, 4), np.zeros(4, dtype=bool)
+    unused = comparison(level, level + 9.0, nothing)
+    partly = comparison(level, level + np.array([9.0, 0.1, 0.4, 0.2]), np.array([False, True, True, True]))
+    whole = comparison(level, level + 0.3)
+    one = score("force", [unused, whole, partly])
+    assert (one.max_error_run, one.max_error_sample, one.max_error_time) == (2, 2, 0.04)
+    assert one.max_error == pytest.approx(0.4)
+    assert score("force", [unused, whole]).max_error == pytest.approx(0.3)
+
+
+def test_of_several_runs_one_may_be_constant() -> None:
+    moving, still = np.linspace(0.0, 1.0, 4), np.ones(4)
+    one = score("force", [comparison(still, still), comparison(moving, moving)])
+    assert (one.fit_percent, one.reason) == (100.0, "")
+    none = score("force", [comparison(still, still), comparison(2.0 * still, still)])
+    assert none.fit_percent is None
+    assert none.reason.startswith("the measured output is constant")
+
+
+@pytest.mark.parametrize(("rows", "lags"), [(20, 0), (21, 1), (40, 20), (45, 25), (1000, 25)])
+def test_a_lag_needs_twenty_pairs_of_readings(rows: int, lags: int) -> None:
+    found, band = autocorrelation(np.random.default_rng(SEED).standard_normal(rows))
+    assert len(found) == len(band) == lags
+    if lags == 20:
+        assert band[-1] == pytest.approx(1.959964 / np.sqrt(20.0))

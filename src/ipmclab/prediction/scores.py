@@ -205,7 +205,7 @@ def autocorrelation(error: FloatArray, *, lags: int = LAGS) -> tuple[FloatArray,
     error : float array, shape (n_time,)
         Residual on consecutive rows, NaN where a row does not count.
     lags : int
-        How many lags; fewer when the record is short.
+        How many lags at most.
 
     Returns
     -------
@@ -226,7 +226,7 @@ def autocorrelation(error: FloatArray, *, lags: int = LAGS) -> tuple[FloatArray,
     power /= np.count_nonzero(used)
     correlation: list[float] = []
     band: list[float] = []
-    for lag in range(1, min(lags, len(error) - 1) + 1):
+    for lag in range(1, lags + 1):
         pairs = int(np.count_nonzero(used[:-lag] & used[lag:]))
         if pairs < 20:
             break
