@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from ipmclab import InputError, Sample, identify, load_actuator, simulate
 from ipmclab.comparison.fits import compare_fits, mixture_quantiles
@@ -70,6 +71,36 @@ def test_what_strips_differ_by_is_less_the_errors_of_their_fits(fit: Fit) -> Non
     assert [low, high] == pytest.approx([10.0 * math.exp(-reach), 10.0 * math.exp(reach)], rel=1e-3)
     typical, between, _ = found(0.5)
     assert (typical, between) == (pytest.approx(10.0), 0.0)
+
+
+def test_samples_of_the_scatter_are_those_of_quadrature(fit: Fit) -> None:
+    """One number, the logarithm of the standard deviation: its density is summed on a grid, beside the chains."""
+    errors, sizes = np.array([0.05, 0.1, 0.02, 0.08]), np.array([30.0, 40.0, 36.0, 33.0])
+    each = zip("abcd", errors, sizes, strict=True)
+    (found,) = compare_fits(
+        [of_strip(fit, name, error=error, **{LEAK: size}) for name, error, size in each], posterior=True
+    )
+    values = np.log(sizes)
+    wide = 3.0 * float(np.std(values, ddof=1))
+    grid = np.linspace(math.log(1e-4 * wide), math.log(1e4 * wide), 4001)
+    squares = np.exp(2.0 * grid)
+    weights = 1.0 / (errors**2 + squares[:, None])
+    total = weights.sum(axis=1)
+    mean = weights @ values / total
+    density = 0.5 * (
+        np.log(weights).sum(axis=1) - np.log(total) - (weights * (values - mean[:, None]) ** 2).sum(axis=1)
+    )
+    density += grid - np.log1p(squares / wide**2)  # half Cauchy beforehand
+    chance = np.exp(density - density.max())
+    chance /= chance.sum()
+    low, middle, high = np.exp(np.interp([0.025, 0.5, 0.975], np.cumsum(chance), grid))
+    assert found.sampled is not None
+    assert found.sampled.between[0] == pytest.approx(middle, rel=0.05)
+    assert found.sampled.between[1] == pytest.approx((low, high), rel=0.1)
+    spread = np.sqrt(1.0 / total + squares)
+    for end, share in zip(found.sampled.next_strip, (0.025, 0.975), strict=True):
+        assert float(chance @ ndtr((math.log(end) - mean) / spread)) == pytest.approx(share, abs=0.005)
+    assert found.sampled.convergence.r_hat < 1.01
 
 
 def test_one_strip_or_the_same_strip_twice_is_refused(fit: Fit) -> None:
