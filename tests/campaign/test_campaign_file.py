@@ -174,3 +174,14 @@ def test_a_signal_in_a_file_is_the_same_run_wherever_its_campaign_is_named_from(
     assert found[0] == found[1] == found[2]
     assert found[0][0] == ["a/f/room/file ramp.csv/1", "a/f/room/step 0 V for 1 s then file ramp.csv/1"]
     assert found[0][2] == 4e-3
+
+
+def test_two_polarities_of_every_signal_share_a_pair_of_their_own(tmp_path):
+    """Those of a signal in a file did not, and two signals whose offsets differ in their sign shared one."""
+    (tmp_path / "ramp.csv").write_text("0,0\n1,1\n")
+    signals = ["file ramp.csv", "step 1 V", "sine 1 V 1 Hz offset=0.5 V", "sine 1 V 1 Hz offset=-0.5 V"]
+    text = '[[samples]]\nid = "a"\n[[experiments]]\nname = "f"\nrate = "50 Hz"\nduration = "2 s"\npair = true\n'
+    (block,) = blocks_of(campaign_from_text(f"{text}signals = {signals}", folder=tmp_path))
+    pairs = [one.planned.pair_id for one in block.runs]
+    assert pairs[::2] == pairs[1::2]
+    assert len(set(pairs)) == len(signals)

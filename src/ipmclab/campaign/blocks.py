@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 from ipmclab.campaign.campaign import ROOM, Campaign, Part, Strip
 from ipmclab.errors import InputError
 from ipmclab.rig.experiments.experiment import Experiment, ListedRun
-from ipmclab.rig.experiments.steps import PlannedRun, planned_runs, planned_visits
+from ipmclab.rig.experiments.steps import PlannedRun, planned_runs, planned_visits, reversed_signal
 from ipmclab.rig.experiments.visits import Visit
 from ipmclab.signals import Samples, Signal, Step
 from ipmclab.signals import Sequence as SignalSequence
@@ -212,14 +212,11 @@ def _named(planned: PlannedRun, block: Block, visit: Visit | None, number: int, 
     sample = block.strip.sample.id
     name = f"{sample}/{block.part}/{block.condition}{again}/{label}/{planned.repeat}"
     if planned.pair_id is not None:
-        pair = f"{sample}/{block.part}/{block.condition}{again}/{_unsigned(label)}/{planned.repeat}"
+        either = min(label, label_of(reversed_signal(planned.signal), folder))
+        pair = f"{sample}/{block.part}/{block.condition}{again}/{either}/{planned.repeat}"
         planned = replace(planned, pair_id=hashlib.sha256(pair.encode()).hexdigest()[:12])
     measured = next((one for one in ("displacement", "force") if one in planned.measured), "current")
     return CampaignRun(name, number, sample, block.part, block.condition, label, measured, planned)
-
-
-def _unsigned(label: str) -> str:
-    return label.replace("-", "")
 
 
 def _refuse_double(blocks: Sequence[Block], where: str) -> None:
