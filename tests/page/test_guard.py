@@ -298,7 +298,10 @@ def test_an_address_that_others_reach_needs_token_and_https(settings: Settings, 
 
 
 def test_loopback_needs_nothing_and_a_proxy_only_what_it_states() -> None:
-    assert checked(Settings(), proxy=False).host == "127.0.0.1"
+    for host in ("127.0.0.1", "localhost", "::1", "127.8.8.8"):
+        assert checked(Settings(host=host), proxy=False).host == host
+    with pytest.raises(InputError, match="others reach lab"):  # a name may be anybody's
+        checked(Settings(host="lab"), proxy=False)
     stated = Settings(token=TOKEN, origin="https://lab.example.org")
     assert checked(stated, proxy=True) is stated
 

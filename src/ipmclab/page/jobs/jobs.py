@@ -24,9 +24,6 @@ State = Literal["waiting", "running", "done", "failed", "cancelled"]
 _GRACE: Final = 1.0
 """How long [s] a cancelled job may take to come to its next word of progress before its worker is ended."""
 
-_KEPT: Final = 50
-"""Finished jobs that are remembered."""
-
 
 class JobCancelled(Exception):
     """What waiting for a job raises that was cancelled, or that a newer one took the place of."""
@@ -106,7 +103,6 @@ class Jobs:
     def __init__(self) -> None:
         self._numbers = itertools.count(1)
         self._lanes = {name: _Lane(name) for name in (SIMULATE, LOOK, WORK)}
-        self.recent: deque[Job] = deque(maxlen=_KEPT)
 
     def __enter__(self) -> Jobs:
         return self
@@ -129,8 +125,6 @@ class Jobs:
             A job under the same name that still waits is dropped: only the newest position of a slider counts.
         """
         job = Job(next(self._numbers), task, arguments, title, replaces)
-        if TASKS[task].lane == WORK:
-            self.recent.append(job)
         self._lanes[TASKS[task].lane].put(job)
         return job
 

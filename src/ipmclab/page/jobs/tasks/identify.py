@@ -42,8 +42,7 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         progress=progress,
     )
     write_fit(fit, arguments["out"], overwrite=True)
-    document, arrays = fit_frame(fit, runs)
-    return Frame({**document, "out": arguments["out"]}, arrays)
+    return fit_frame(fit, runs)
 
 
 def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
@@ -57,7 +56,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     from ipmclab.reporting.many_runs import left_out_rows
     from ipmclab.reporting.profiles import profiles_csv, profiles_part
     from ipmclab.reporting.svg import standalone_svg
-    from ipmclab.reporting.tables import fit_rows, fixed_rows, known_rows, parameter_rows
+    from ipmclab.reporting.tables import fit_rows, known_rows, parameter_rows
     from ipmclab.units import CHANNELS
 
     fitted = [fitted_outputs(fit, one, place) for place, one in enumerate(runs)]
@@ -72,7 +71,6 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
     if profiles is not None:
         profiles["files"] = {"svg": standalone_svg(profiles["svg"]), "csv": profiles_csv(fit)}
     document = {
-        "actuator": fit.actuator.name,
         "converged": fit.converged,
         "message": fit.message,
         "verdict": verdict(fit),
@@ -80,7 +78,6 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         "free": len(fit.parameters),
         "parameters": rows_of(parameter_rows(fit)),
         "known": rows_of(known_rows(fit)),
-        "fixed": rows_of(fixed_rows(fit.actuator, list(fit.parameters))),
         "averaged": sorted(averages(fit)),
         "next_mounting_unknown": why_unknown(fit),
         "undetermined": [one.sentence for one in fit.undetermined],
@@ -89,7 +86,7 @@ def fit_frame(fit: Fit, runs: list[Run]) -> Frame:
         ],
         "profiles": profiles,
         "left_out": rows_of(left_out_rows(fit)),
-        "runs": [{"label": one.label, "content_sha256": one.content_sha256} for one in fit.observations],
+        "runs": [{"label": one.label} for one in fit.observations],
         "findings": [finding_row(one) for one in fit.findings if one.code != "undetermined"],
     }
     return Frame(document, arrays)

@@ -13,14 +13,13 @@ if TYPE_CHECKING:
 def run(arguments: dict[str, Any], progress: Progress) -> Frame:
     """Write the report of the fit in the file ``fit`` from the files ``runs`` and ``validation`` to ``out``.
 
-    ``also`` are further models; ``overwrite`` says whether a report of that name may be replaced.
+    ``overwrite`` says whether a report of that name may be replaced.
 
     Raises
     ------
     InputError
         What ``report`` refuses.
     """
-    from ipmclab import load_actuator
     from ipmclab.fit.fit_file import read_fit
     from ipmclab.page.jobs.tasks.given import read_runs
     from ipmclab.reporting import report
@@ -33,7 +32,6 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:
         fit,
         runs=used,
         validation_runs=unseen,
-        also=[load_actuator(one) for one in arguments.get("also") or ()],
         path=arguments["out"],
         command=arguments.get("command", ""),
         overwrite=bool(arguments.get("overwrite")),

@@ -53,7 +53,6 @@ def run(arguments: dict[str, Any], progress: Progress) -> Frame:  # noqa: ARG001
     arrays = {"time": run_.time, "voltage": run_.voltage}
     arrays |= {name: run_.channels[name] for name in _OUTPUTS if name in run_.channels}
     if measured is not None:
-        document["overlay"] = {name: None for name in measured.channels if name in _OUTPUTS}
         arrays |= {f"measured.{name}": measured.channels[name] for name in _OUTPUTS if name in measured.channels}
     if assumed_hold is not None:
         document["assumed_hold"] = assumed_hold
