@@ -62,6 +62,7 @@ AIR = {"temperature": 20.0, "relative_humidity": 80.0}
         ({"relative_humidity": 78.9}, False),
         ({"relative_humidity": None}, True),
         ({"temperature": 19.0}, True),
+        ({"temperature": 18.9}, False),
         ({"temperature": 45.0}, False),
         ({"temperature": 45.0, "relative_humidity": None}, False),
     ],
@@ -110,6 +111,7 @@ def test_a_push_is_held_against_a_motion_of_its_own_air_alone() -> None:
         ({"value": 0.0}, "a: the max_force is 0 with a standard uncertainty of 1e-05"),
         ({"value": -1e-3}, "a: the max_force is -0.001"),
         ({"value": float("nan")}, "a: the max_force is nan"),
+        ({"value": float("inf")}, "a: the max_force is inf"),
         ({"uncertainty": -1e-5}, "uncertainty of -1e-05; give the size"),
         ({"where": "", "value": 0.0}, "max_force of the step: the max_force is 0"),
     ],
@@ -117,7 +119,34 @@ def test_a_push_is_held_against_a_motion_of_its_own_air_alone() -> None:
 def test_a_fact_that_nothing_can_be_held_against_is_refused(fact: dict[str, Any], message: str) -> None:
     """The checks ended in a division by zero, a square root of less than 0, or in silence."""
     whole = {"waveform": "step", "metric": "max_force", "value": 1e-3, "uncertainty": 1e-5, "amplitude": 1.0}
-    assert Fact("mine", **whole, where="a").value == 1e-3
+    assert Fact("mine", **{**whole, "uncertainty": 0.0}, where="a").value == 1e-3
     with pytest.raises(InputError) as caught:
         Fact("mine", **{**whole, "where": "a", **fact})
     assert message in str(caught.value)
+
+
+def test_signals_are_the_same_within_two_percent() -> None:
+    sine = Fact("mine", "sine", "max_force", 1e-3, 1e-5, 1.0, 0.1)
+    for amplitude, frequency, is_same in (
+        (1.019, 0.1, True),
+        (1.021, 0.1, False),
+        (1.0, 0.1019, True),
+        (1.0, 0.103, False),
+    ):
+        other = replace(sine, amplitude=amplitude, frequency=frequency)
+        assert sine.like(other) is other.like(sine) is is_same
+    assert not sine.like(replace(sine, waveform="square"))
+    assert not sine.like(replace(sine, conditions="20 degC, 80 %RH"))
+
+
+@pytest.mark.parametrize(("waveform", "swing"), [("step", 2.0), ("sine", 4.0), ("square", 4.0)])
+def test_a_wave_reverses_a_charged_strip(waveform: Any, swing: float) -> None:
+    assert Fact("mine", waveform, "peak_current", 0.1, 1e-3, -2.0, 0.1).swing == swing
+
+
+@pytest.mark.parametrize(("mean", "is_fact"), [(0.19, True), (0.21, False)])
+def test_a_wave_about_another_voltage_than_zero_is_no_fact(mean: float, is_fact: bool) -> None:
+    """A strip that is charged on the average answers otherwise: a tenth of the height is allowed."""
+    voltage = mean + np.sin(2.0 * np.pi * 0.1 * np.arange(2000) / 50.0)
+    voltage[:1] = 0.0
+    assert bool(facts_of_runs([recorded(voltage)])) is is_fact
