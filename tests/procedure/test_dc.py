@@ -12,6 +12,7 @@ from ipmclab import InputError, Run, load_actuator, simulate
 from ipmclab.measurement.uncertain import exact
 from ipmclab.procedure.dc import dc_resistance
 from ipmclab.procedure.procedure_file import _Reader
+from ipmclab.run import QUALITY_FLAGS
 from ipmclab.store.run_file import write_run
 
 TRUTH = load_actuator("friend-2")
@@ -176,3 +177,23 @@ def test_runs_that_are_called_alike_have_a_noise_each(tmp_path: Path) -> None:
     assert {"noise of a/step.nc", "noise of b/step.nc"} <= alike.parts.keys()
     assert {"noise of other.nc", "noise of step.nc"} <= apart.parts.keys()
     assert alike.uncertainty == pytest.approx(apart.uncertainty, rel=0.3)
+
+
+@pytest.mark.parametrize("rows", [slice(4000, 4400), slice(5900, 6100)])
+def test_rows_that_are_masked_are_no_current(rows: slice) -> None:
+    """Somebody touched the clamp, and masked what was read meanwhile: it counted in the limit."""
+    run = held(125.0)
+    flags = np.zeros(len(run), dtype=np.uint8)
+    flags[rows] = QUALITY_FLAGS["masked_by_operator"]
+    current = np.array(run.current)
+    current[rows] += 2e-3
+    touched = Run.from_arrays(
+        time=run.time,
+        voltage=run.voltage,
+        current=current,
+        quality={"current": flags},
+        hold=run.hold,
+        metadata=run.metadata,
+    )
+    found, expected = (dc_resistance([("step", one)], KNOWN).also["R_dc"].amount for one in (touched, run))
+    assert abs(found.value - expected.value) < 2.0 * expected.uncertainty

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -13,9 +14,10 @@ from ipmclab.errors import InputError
 from ipmclab.measurement.uncertain import Uncertain, derived, exact, weighted_mean
 from ipmclab.model.simulate import series_shunt
 from ipmclab.procedure.step import Result, Step, advice_for, assumed_finding
-from ipmclab.quality import measure
+from ipmclab.quality import check, measure
 from ipmclab.quality.record import Record
 from ipmclab.quality.steady import settle
+from ipmclab.quality.usable import usable
 from ipmclab.run import Finding, Run
 from ipmclab.units import RESISTANCE, RESISTIVITY
 
@@ -98,7 +100,8 @@ def dc_resistance(runs: Sequence[tuple[str, Run]], known: Mapping[str, Uncertain
 
 def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncertain | None, tuple[Finding, ...]]:
     run = _until_the_rest(run)
-    metrics = {metric.name: metric for metric in measure(run) if metric.channel == "current"}
+    told = check(run)
+    metrics = {metric.name: metric for metric in measure(run, told) if metric.channel == "current"}
     steady, last = metrics.get("steady_value"), metrics.get("mean_of_last_tenth")
     record = Record.of(run)
     if steady is None or last is None or steady.interval is None or not len(record.edges):
@@ -108,6 +111,9 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
             where=label,
             repair="give a run with a step that is held, and with its current",
         )
+    assert run.current is not None
+    good = usable(run, [finding for finding in told if finding.effect == "mask"])["current"]
+    run = replace(run, current=np.where(good, run.current, np.nan))
     edge = int(record.edges[-1])
     volts = float(np.median(run.voltage[edge:]))
     if abs(volts) <= max(_SIGMAS * float(np.std(run.voltage[edge:])), _NO_PART * abs(float(record.heights[-1]))):
