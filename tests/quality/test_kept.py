@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
 
-from ipmclab import Run, check
+import numpy as np
+import pytest
+
+from ipmclab import Run, check, measure
+from ipmclab.errors import InputError
+from ipmclab.quality import check_together
 from ipmclab.quality.kept import kept
 
 
@@ -35,3 +40,10 @@ def test_two_runs_share_nothing() -> None:
     spiked = current.copy()
     spiked[200] = 0.15
     assert [one.code for one in check(Run.from_arrays(time=time, voltage=np.ones(500), current=spiked))] == ["spike"]
+
+
+@pytest.mark.parametrize("ask", [check, measure, lambda path: measure(path, ()), lambda path: check_together([path])])
+def test_a_path_is_no_run_and_who_reads_it_is_named(ask: Callable[[str], object]) -> None:
+    """It was an AttributeError."""
+    with pytest.raises(InputError, match=r"give read_run\('step\.nc'\)"):
+        ask("step.nc")
