@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -15,9 +15,11 @@ from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment import dose
 from ipmclab.identification.environment.dose import dose_now, doses_of
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
-from ipmclab.identification.environment.state_of_run import states_of, with_states
+from ipmclab.identification.environment.state_of_run import states_of, water_after, with_states
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model import Actuator
+from ipmclab.model.environment import Environment, WaterState
+from ipmclab.model.environment.hydration import FILM
 
 STRIP = load_actuator("friend-2+environment.coupling_gain")
 
@@ -111,6 +113,45 @@ def test_liquid_water_after_the_run_before_is_the_start() -> None:
     today = run(recorded_at="2026-11-23T10:00:00+00:00", minutes_out_of_water=35.0, minutes_in_environment=30.0)
     found = states_of(STRIP, [yesterday, today], ["yesterday", "today"])[1]
     assert found.water_content == state(run(minutes_out_of_water=35.0)).water_content
+
+
+@pytest.mark.parametrize("began", [0.0, 1e6])
+@pytest.mark.parametrize(("minutes", "from_water"), [(30.0, False), (60.0, True)])
+def test_of_liquid_water_and_the_run_before_the_later_one_is_the_start(
+    minutes: float, from_water: bool, began: float
+) -> None:
+    then = datetime.fromisoformat("2026-11-23T10:00:00+00:00")
+    first = run(recorded_at=then.isoformat(), relative_humidity=40.0)
+    first = replace(first, time=first.time + began)  # whenever its clock began
+    later = (then + timedelta(minutes=minutes)).isoformat()
+    second = run(recorded_at=later, minutes_out_of_water=35.0, minutes_in_environment=minutes)
+    found = states_of(STRIP, [first, second], ["first", "second"])[1].water_content
+    assert (found == state(run(minutes_out_of_water=35.0)).water_content) is from_water
+
+
+def test_lock_step_counts_the_minutes_that_are_stated() -> None:
+    about = {"minutes_in_environment": 20.0, "sample": Sample(id="a")}
+    first = run(relative_humidity=45.0, recorded_at="2026-11-23T05:00:00+00:00", sample=Sample(id="a"))
+    at_once, waited = (run(recorded_at=f"2026-11-23T05:{when}+00:00", **about) for when in ("00:01", "20:00"))
+    found = [states_of(STRIP, [first, one], ["first", "second"])[1].water_content for one in (at_once, waited)]
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+def test_a_water_that_is_computed_is_as_sure_as_its_start_and_its_film() -> None:
+    """10 % of the liquid content and 30 % of the film, where the actuator states nothing."""
+    values, air, minutes = STRIP.parameter_values, Environment(20.0, 80.0), 5.0
+    wet, wetter = WaterState(22.0, 20.0), WaterState(24.2, 20.0)
+    middle = water_after(values, wet, air, 60.0 * minutes)
+    more = water_after(values, wetter, air, 60.0 * minutes) - middle
+    faster = water_after({**values, FILM: 1.3 * values[FILM]}, wet, air, 60.0 * minutes) - middle
+    found = state(run(minutes_out_of_water=minutes, uncertainties={"relative_humidity": 0.0}))
+    assert found.water_content == middle
+    assert found.standard_uncertainty == pytest.approx(math.hypot(more, faster), rel=1e-9)
+
+
+@pytest.mark.parametrize("humidity", [0.0, 100.0])
+def test_no_air_is_drier_than_dry_or_wetter_than_saturated(humidity: float) -> None:
+    assert state(run(relative_humidity=humidity, minutes_out_of_water=5.0)).standard_uncertainty > 0.0
 
 
 def test_metal_holds_no_water() -> None:
