@@ -140,6 +140,16 @@ def test_the_spread_of_least_squares_is_that_of_the_dense_covariance(terms: Term
 
 
 @pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
+def test_terms_count_and_name_what_they_have(terms: Terms, entries: tuple[float, ...]) -> None:
+    assert terms.shapes == len(entries) == len(terms.bounds)
+    assert all(low < entry < high for entry, (low, high) in zip(entries, terms.bounds, strict=True))
+    words = str(terms)
+    assert terms.constants == ("offset" in words) + ("trend" in words)
+    assert terms.drifts == ("walk" in words or "trend" in words)
+    assert terms.is_white == (words == "white")
+
+
+@pytest.mark.parametrize(("terms", "entries"), SHAPES, ids=str)
 def test_how_far_a_noise_goes_in_some_steps_is_that_of_the_dense_covariance(
     terms: Terms, entries: tuple[float, ...]
 ) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
+from ipmclab.identification.noise.correlate import FLOOR
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import measured_rows
@@ -24,7 +25,6 @@ _REJECT: Final = 1e-3
 _HINT: Final = 0.05
 _BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
 _MISFIT: Final = 1.3  # times the noise: what is left is large, and a linear look at it no guide
-_ROUNDING: Final = 1.01  # times the rounding of the model: below it residuals are no noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class Left:
         coloured = frozenset(
             key[0]
             for key, shape in shapes.items()
-            if problem.noise[key] > _ROUNDING * problem.floors[key]
+            if problem.noise[key] > FLOOR * problem.floors[key]
             and (not shape.terms.is_white or is_coloured(residuals[key[0]]))
         )
         if coloured and all(shape.terms.is_white for shape in shapes.values()):

@@ -40,7 +40,8 @@ from ipmclab.run import FloatArray
 from ipmclab.statespace.noise_model import NoiseModel
 from ipmclab.statespace.terms import Terms
 
-_FLOOR: Final = 1.01  # times the rounding of the model: below it residuals are no noise
+FLOOR: Final = 1.01
+"""Times the rounding of the model: below it residuals are no noise, and never white."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +338,7 @@ def _pieces(problem: Problem, here: Evaluation) -> tuple[list[Piece], set[str]]:
     for record in problem.records:
         for output in record.readings:
             key = record.place, output
-            if problem.noise[key] <= _FLOOR * problem.floors[key]:
+            if problem.noise[key] <= FLOOR * problem.floors[key]:
                 continue
             piece = problem.pieces[key]
             inside = measured_rows(record, output)

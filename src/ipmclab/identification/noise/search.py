@@ -20,7 +20,6 @@ _WALKS: Final = (0.003, 0.01, 0.03, 0.1, 0.4)
 _FADING: Final = (math.atanh(0.5), math.atanh(0.9), math.atanh(0.99))
 _WHITES: Final = (0.3, 1.0, 3.0)
 _CLOSE: Final = 3.0  # penalties of one term: covariances that far above the best are tried with fewer constants
-_HOPELESS: Final = 0.0  # penalties by which the best start of further terms may be less likely than without them
 _STEP: Final = 1e-4
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
 _FLAT: Final = 1e-2
@@ -136,13 +135,11 @@ class _Search:
         return _refine(self.columns, self.others, terms, starts)
 
     def if_promising(self, terms: Terms, starts: Iterable[FloatArray], base: Found) -> list[Found]:
-        """Terms at their best, if some start is nearly as likely as what there is."""
+        """Terms at their best, if some start is as likely as what there is."""
         tried = [(likelihood(self.columns, self.others, terms, start).deviance, start) for start in starts]
         deviance, start = min(tried, key=lambda pair: pair[0])
         same = terms.constants == base.terms.constants
-        if same and deviance > base.likelihood.deviance + _HOPELESS * self.penalty:
-            return []
-        return [self.refine(terms, [start])]
+        return [] if same and deviance > base.likelihood.deviance else [self.refine(terms, [start])]
 
 
 def _fewer(terms: Terms) -> list[Terms]:

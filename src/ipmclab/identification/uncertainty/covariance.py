@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.correlate import Correlated
+from ipmclab.identification.noise.correlate import FLOOR, Correlated
 from ipmclab.identification.noise.growing import Growth, growth
 from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.noise.screen import of_neighbours
@@ -113,8 +113,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
         own, others = own[:, ~nuisance], own[:, nuisance]
         own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
     pieces = problem.pieces
-    # At the floor the residuals are rounding of the model itself, which is never white.
-    noisy = [key for key in pieces if problem.noise[key] > 1.01 * problem.floors[key]]
+    noisy = [key for key in pieces if problem.noise[key] > FLOOR * problem.floors[key]]
     found = {key: growth(correlated, key) for key in noisy}
     growing = {key: one for key, one in found.items() if one is not None}
     white = correlated.whitened.residual
