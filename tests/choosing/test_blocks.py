@@ -41,7 +41,42 @@ def test_blocks_are_all_rows_and_each_has_a_reading(rows: int, missing: float, c
 def test_the_transient_has_blocks_of_its_own() -> None:
     """Half of the blocks lie where the current moves, though that is a fortieth of the record."""
     edges = boundaries(record(1000, 0.0), 24)
-    assert sum(edge <= 25 for edge in edges) >= 6
+    assert 10 <= sum(edge <= 25 for edge in edges) <= 14
+
+
+def still(rows: int, place: int = 0, **channels: np.ndarray) -> PreparedRun:
+    """A record in which nothing but noise moves."""
+    noise = 1e-4 * np.random.default_rng(SEED).uniform(-1.0, 1.0, rows)  # never a step of four deviations
+    run = Run.from_arrays(time=0.02 * np.arange(rows), voltage=np.ones(rows), **(channels or {"current": noise}))
+    return prepare(run, place, list(channels) or ["current"], [])
+
+
+def test_one_jump_is_one_event_and_leaves_the_transient_after_it_its_blocks() -> None:
+    time = 0.02 * np.arange(1000)
+    after = np.where(time < 2.0, 0.0, 1.0 + 0.06 * np.exp(-(time - 2.0) / 0.1))
+    edges = boundaries(still(1000, current=after + 1e-4 * np.random.default_rng(SEED).standard_normal(1000)), 24)
+    assert sum(101 < edge <= 125 for edge in edges) >= 6
+
+
+def test_a_row_counts_where_any_output_has_a_reading() -> None:
+    first = np.arange(240) < 120
+    noise = 1e-4 * np.random.default_rng(SEED).uniform(-1.0, 1.0, 240)
+    current, displacement = np.where(first, noise, np.nan), np.where(first, np.nan, noise)
+    assert boundaries(still(240, current=current, displacement=displacement), 24) == list(range(0, 241, 10))
+
+
+@pytest.mark.parametrize(
+    ("runs", "count", "folds", "of_time", "of_runs"),
+    [(1, 24, 6, 24, 24), (3, 24, 2, 8, 8), (5, 24, 2, 5, 5), (3, 12, 6, 12, 4), (10, 24, 2, 4, 4)],
+)
+def test_every_run_has_its_part_of_as_many_blocks_as_were_asked_for(
+    runs: int, count: int, folds: int, of_time: int, of_runs: int
+) -> None:
+    """Never fewer than asked; of blocks in time each run has two in every fold, of whole runs four."""
+    records = [still(240, place) for place in range(runs)]
+    for cut, each in ((time_blocks, of_time), (run_blocks, of_runs)):
+        blocks = cut(records, count, folds)
+        assert [sum(block.run == place for block in blocks) for place in range(runs)] == [each] * runs
 
 
 @pytest.mark.parametrize("runs", [2, 3, 7])
