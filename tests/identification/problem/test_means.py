@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -107,3 +109,36 @@ def test_the_fit_is_that_of_every_row(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, one in every.parameters.items():
         assert quick.parameters[name].value == pytest.approx(one.value, abs=0.02 * one.standard_error), name
         assert quick.parameters[name].standard_error == pytest.approx(one.standard_error, rel=0.02), name
+
+
+def test_a_mean_without_a_reading_is_not_used_and_a_bound_is_of_its_own_row() -> None:
+    """A gap longer than a mean; bounds in the first rows, each of them its own mean, and late, among others."""
+    run = long_run("zero")
+    record = prepare(run, 0, ["current"], ())
+    reading = record.readings["current"]
+    used, side = reading.used.copy(), np.zeros(len(run), dtype=np.int8)
+    used[4000:5000] = False
+    side[[0, 1]], side[3000:3010] = 1, -1
+    marked = replace(reading, used=used, side=side, values=np.where(used, reading.values, 0.0))
+    shorter = means.in_means(replace(record, readings={"current": marked}))
+    assert shorter is not None
+    told = shorter.readings["current"]
+    first = np.searchsorted(run.time, shorter.run.time)
+    assert told.side[:3].tolist() == [1, 1, 0]
+    assert not told.side[2:].any()
+    gap = (first > 4200) & (first < 4800)
+    assert gap.any()
+    assert not told.used[gap].any()
+    assert told.used[~((first >= 3900) & (first <= 5100))].all()
+    assert np.abs(told.values[told.used]).max() <= np.abs(reading.values).max()
+
+
+@pytest.mark.parametrize("size", [0.01, 100.0])
+def test_what_stands_still_is_told_by_the_largest_voltage(size: float) -> None:
+    run = long_run("zero")
+    times = [
+        shorter.run.time
+        for one in (run, replace(run, voltage=size * run.voltage))
+        if (shorter := means.in_means(prepare(one, 0, ["current"], ()))) is not None
+    ]
+    np.testing.assert_array_equal(*times)
