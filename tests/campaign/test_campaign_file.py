@@ -185,3 +185,13 @@ def test_two_polarities_of_every_signal_share_a_pair_of_their_own(tmp_path):
     pairs = [one.planned.pair_id for one in block.runs]
     assert pairs[::2] == pairs[1::2]
     assert len(set(pairs)) == len(signals)
+
+
+@pytest.mark.parametrize(("wrong", "repair"), [("attempts = 0 ", "1 or more"), ("seed = -1", "0 or more")])
+def test_a_number_beyond_its_end_is_told_which_may_stand_there(wrong, repair):
+    """No attempt was told to be counted from 0."""
+    key = wrong.partition(" =")[0]
+    (line,) = (one for one in TEMPLATE.splitlines() if one.startswith(f"{key} ="))
+    with pytest.raises(InputError) as caught:
+        campaign_from_text(TEMPLATE.replace(line, wrong))
+    assert caught.value.repair == f"give {repair}"

@@ -56,7 +56,7 @@ def test_the_hold_of_a_foreign_record_is_unknown_unless_stated() -> None:
         ("sampling_period", "1e-320 s", "sampling_period: '1e-320 s' is outside 1e-09 s to 1e[+]09 s; correct"),
         ("sampling_period", "1e300 h", "sampling_period: '1e300 h' is outside 1e-09 s to"),
         ("rows", [5, 5], r"rows: \[5, 5\] holds no row"),
-        ("rows", [-5, 5], "rows.0: -5 is below 0; count from 0"),
+        ("rows", [-5, 5], "rows.0: -5 is below 0; give 0 or more"),
         ("file.format", "xls", r"file\.format: unknown format 'xls'; did you mean 'xlsx'\?"),
         ("file.format", "word", "file.format: unknown format 'word'; known: 'binary', 'csv', 'lvm'"),
         ("file", {"formt": "xlsx"}, r"file\.formt: unknown key 'formt'; did you mean 'format'\?"),

@@ -110,7 +110,9 @@ def as_input_error(error: ValidationError, table: Any, *, where: str) -> InputEr
         repair = near if near.startswith("did") else "write one of these"
         message = f"{shown} is not {context['expected']}"
     elif kind == "greater_than_equal":
-        message, repair = f"{shown} is below {context['ge']}", "count from 0"
+        message, repair = f"{shown} is below {context['ge']}", f"give {context['ge']} or more"
+    elif kind == "less_than_equal":
+        message, repair = f"{shown} is above {context['le']}", f"give {context['le']} or less"
     else:
         message, repair = _EXPECTED.get(kind, (first["msg"][:1].lower() + first["msg"][1:], "correct this value"))
         message = f"{shown} {message}" if kind in _EXPECTED else f"{shown}: {message}"

@@ -133,3 +133,11 @@ def test_registers_are_numbers_that_there_are(tmp_path: Path) -> None:
     path.write_text(MODBUS_TABLE.replace("number = 30", "number = 70000"), encoding="utf-8")
     with pytest.raises(InputError, match=r"alarm\.number"):
         read_table(path, RegisterTable)
+
+
+@pytest.mark.parametrize(
+    ("key", "told"), [("run_event = 9", "9 is above 8; give 8 or less"), ("unit = 248", "248 is above 247; give 247")]
+)
+def test_a_number_beyond_its_greatest_is_told_that(key: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        read(f"{ESPEC}\n{key}")
