@@ -228,3 +228,19 @@ def test_the_limit_that_is_proposed_for_a_small_current_is_enough() -> None:
         planned(**asked, limits={"current": "0.1 mA"})
     proposed = caught.value.repair.partition('limits.current = "')[2].rstrip('"')
     assert planned(**asked, limits={"current": proposed}).runs
+
+
+@pytest.mark.parametrize(
+    ("steps", "told"),
+    [
+        (None, ""),
+        (["chamber-on", "equilibrium", "apply"], ""),
+        (["chamber-on", "apply"], "no step is equilibrium:"),
+        (["apply"], "no step is chamber-on or equilibrium:"),
+    ],
+)
+def test_a_condition_that_no_step_brings_about_is_told(steps: list[str] | None, told: str) -> None:
+    asked = planned(environment={"temperature": "25 degC"}, steps=steps, fingerprint=False)
+    assert ["".join(one.partition("no step is")[1:])[: len(told)] for one in asked.remarks if "stated, and" in one] == (
+        [told] if told else []
+    )

@@ -226,6 +226,11 @@ def _environment_remarks(experiment: Experiment, rig: Rig, steps: Sequence[Plann
     if not experiment.environments:
         return []
     found = []
+    lacking = [name for name in ("chamber-on", "equilibrium") if not any(step.name == name for step in steps)]
+    if lacking:
+        found.append(
+            f"conditions are stated, and no step is {' or '.join(lacking)}: runs are recorded in whatever air there is"
+        )
     if not watched(experiment.environments[0], rig):
         found.append("this rig has no sensor for the environment: its equilibrium is the operator's word")
     longest = experiment.environments[0].longest_still
