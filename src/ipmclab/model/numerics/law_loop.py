@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.compiled import kernel, part
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -19,7 +19,7 @@ IndexArray = npt.NDArray[np.int64]
 CUBIC, EXPONENTIAL = 0, 1  # places in ``leak.FORMS``; what is left is Butler-Volmer
 
 
-@kernel
+@part
 def law(form: int, k: FloatArray, p: float) -> tuple[float, float]:
     """The current [A] of one law at a voltage [V], and its slope [A/V] (at a threshold the slope above it).
 
@@ -42,7 +42,7 @@ def law(form: int, k: FloatArray, p: float) -> tuple[float, float]:
     return math.copysign(2.0 * k[0] * math.sinh(half), p), k[0] / k[2] * math.cosh(half)
 
 
-@kernel
+@part
 def law_by_coefficients(form: int, k: FloatArray, p: float) -> tuple[float, float, float]:
     """The derivatives of the current [A] of one law by its three coefficients."""
     size = abs(p)
@@ -94,7 +94,7 @@ def solve_one(form: int, k: FloatArray, q: float, r: float) -> tuple[float, floa
     return math.copysign(p, r), math.copysign(w, r)
 
 
-@kernel
+@part
 def eliminate(matrix: FloatArray, right: FloatArray) -> None:
     """Solve ``matrix z = right`` by elimination; ``right``, shape (m, columns), becomes z and ``matrix`` is lost."""
     m, columns = right.shape

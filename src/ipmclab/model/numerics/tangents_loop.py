@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.model.numerics.compiled import kernel
+from ipmclab.model.numerics.compiled import kernel, part
 from ipmclab.model.numerics.course import Course
 from ipmclab.model.numerics.dense_laws_loop import LawTable
 from ipmclab.model.numerics.kernels import multiply
@@ -96,7 +96,7 @@ class Later(NamedTuple):
     flow: FloatArray
 
 
-@kernel
+@part
 def _put(u: float, x: FloatArray, w: FloatArray, here: FloatArray, first: int) -> None:
     """Voltage, state and laws side by side; the voltage alone before ``first``."""
     here[0] = u
@@ -106,7 +106,7 @@ def _put(u: float, x: FloatArray, w: FloatArray, here: FloatArray, first: int) -
         here[first + x.shape[0] + l] = w[l]
 
 
-@kernel
+@part
 def _times(matrix: FloatArray, i: int, vector: FloatArray) -> float:
     """Row i of a matrix times a vector that may be shorter."""
     total = 0.0
@@ -115,7 +115,7 @@ def _times(matrix: FloatArray, i: int, vector: FloatArray) -> float:
     return total
 
 
-@kernel
+@part
 def _carry(matrix: FloatArray, first: int, columns: FloatArray, target: FloatArray) -> None:
     """``target += matrix[:, first:] columns``, the innermost loop over the derivatives."""
     for i in range(target.shape[0]):
@@ -126,7 +126,7 @@ def _carry(matrix: FloatArray, first: int, columns: FloatArray, target: FloatArr
                     target[i, t] += factor * columns[j, t]
 
 
-@kernel
+@part
 def _add(slopes: FloatArray, values: FloatArray, target: FloatArray) -> None:
     """``target += values slopes``: what the matrices' own derivatives give."""
     for j in range(slopes.shape[0]):
@@ -136,7 +136,7 @@ def _add(slopes: FloatArray, values: FloatArray, target: FloatArray) -> None:
                 target[t] += value * slopes[j, t]
 
 
-@kernel
+@part
 def _see(ports: FloatArray, u: float, x: FloatArray, r: FloatArray) -> None:
     """What the ports read of the voltage and of the state."""
     for l in range(r.shape[0]):  # noqa: E741
@@ -155,7 +155,7 @@ class Scratch(NamedTuple):
     d_r: FloatArray
 
 
-@kernel
+@part
 def _by_laws(
     table: LawTable, by_coefficients: FloatArray, q: FloatArray, p: FloatArray, room: Scratch, d_w: FloatArray
 ) -> None:
