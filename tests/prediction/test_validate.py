@@ -233,6 +233,12 @@ def test_nothing_to_compare_and_no_run_are_refused(actuator: Actuator) -> None:
         validate(actuator, [])
 
 
+def test_a_run_that_is_given_twice_is_refused(actuator: Actuator) -> None:
+    run = simulate(actuator, "step 1 V", duration=2, rate=50)
+    with pytest.raises(InputError, match=r"copy: the same record is given twice, as step\.nc too"):
+        validate(actuator, [replace(run, file="step.nc"), replace(run, file="copy")])
+
+
 def test_a_channel_with_nothing_but_noise_is_not_scored(actuator: Actuator) -> None:
     rng = np.random.default_rng(SEED)
     clean = record(actuator)

@@ -37,7 +37,7 @@ from ipmclab.identification.problem.record import (
 from ipmclab.identification.solved import Estimate
 from ipmclab.model import Actuator
 from ipmclab.model.declared import electrical, outputs_of, stage_outputs
-from ipmclab.model.given import need_actuator, need_run
+from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.circuit import SERIES
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, part, stage, telling
@@ -175,7 +175,7 @@ def _identify(
         for run, record in zip(given, records, strict=True)
     ]
     records = with_states(actuator, given, records, names.age)
-    _refuse_twice(given, records)
+    need_each_once(given, [record.label for record in records])
     _need_readings(names, given, records, silent)
     lost = [{output for output, one in record.readings.items() if not one.used.any()} for record in records]
     records = [
@@ -298,21 +298,6 @@ def _labels(labels: Sequence[str] | None, runs: int) -> list[str] | None:
                 repair="give each run a short name, or leave labels out",
             )
     return given
-
-
-def _refuse_twice(runs: Sequence[Run], records: Sequence[PreparedRun]) -> None:
-    """The same record counted twice would make every error too small."""
-    seen: dict[str, str] = {}
-    for run, record in zip(runs, records, strict=True):
-        content = run.content_sha256
-        if content in seen:
-            raise InputError(
-                f"the same record is given twice, as {seen[content]} too",
-                code="same-run-twice",
-                where=record.label,
-                repair="give each record once",
-            )
-        seen[content] = record.label
 
 
 def _outputs(names: FreeParameters) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from ipmclab.identification.problem.record import (
 )
 from ipmclab.identification.undetermined.open_coupling import open_coupling
 from ipmclab.model import Actuator
-from ipmclab.model.given import need_actuator, need_run
+from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, own_mounting, place_in
@@ -162,7 +162,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
     Raises
     ------
     InputError
-        No actuator, no run, or a run in which nothing was measured that the actuator predicts.
+        No actuator, no run, a run that is given twice, or one in which nothing was measured that the actuator predicts.
     IpmclabError
         A prediction that is not finite.
 
@@ -183,6 +183,8 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         raise InputError("there is no run to predict", code="no-runs", where="runs", repair="give at least one run")
     for place, run in enumerate(given):
         need_run(run, where=f"runs[{place}]")
+    labels = run_labels(given)
+    need_each_once(given, labels)
     fit, wrong = _fit_of(actuator)
     known: dict[str, Mapping[str, Any]] = {sha256: {} for sha256 in used} | fitted_runs(actuator.fit_table)
     done: list[RunValidation] = []
@@ -195,7 +197,7 @@ def validate(actuator: Actuator | Fit, runs: Sequence[Run] | Run, *, used: Itera
         said = f"{why}: how sure it was says nothing of this actuator, and there is no 95 % band"
         repair = "identify again with these values, or take the file as identify wrote it"
         findings.append(Finding("changed-since-fit", "warning", said, repair))
-    for place, (run, label) in enumerate(zip(given, run_labels(given), strict=True)):
+    for place, (run, label) in enumerate(zip(given, labels, strict=True)):
         one = _validate_run(actuator, run, place, label, known.get(run.content_sha256), fit)
         done.append(one)
         findings += _findings(one)
