@@ -87,7 +87,7 @@ def test_a_sample_comes_from_its_table_or_from_its_actuator() -> None:
             {"environment": {"temperature": "25 degC", "settle": "2 h", "longest_wait": "1 h"}},
             "out-of-range",
             "environment.longest_wait",
-            "shorter than settle",
+            "not longer than settle",
         ),
     ],
 )
