@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import signal
 import stat
@@ -26,6 +27,22 @@ def as_typed(word: str | os.PathLike[str]) -> str:
     """
     text = os.fspath(word)
     return subprocess.list2cmdline([text]) if os.name == "nt" else shlex.quote(text)
+
+
+_DEVICE: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)
+
+
+def is_device(name: str) -> bool:
+    """Whether Windows takes a name of a file for one of its devices, whatever its ending is.
+
+    Every system is asked the same, for files travel.
+
+    Examples
+    --------
+    >>> is_device("com1.toml"), is_device("common.toml")
+    (True, False)
+    """
+    return _DEVICE.match(name) is not None
 
 
 def detached() -> dict[str, Any]:

@@ -13,13 +13,14 @@ import typer
 from ipmclab.cli.files import check_output
 from ipmclab.cli.output import print_json, print_table, progress, significant
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.platform import is_device
 
 if TYPE_CHECKING:
     from ipmclab.fit.fit import Fit
     from ipmclab.run import Run
     from ipmclab.workflows.many_strips import Asked
 
-_UNSAFE = re.compile(r'[\x00-\x1f<>:"/\\|?*]|^\.+$|[. ]$|^(con|prn|aux|nul|com\d|lpt\d) *(\.|$)', re.IGNORECASE)
+_UNSAFE = re.compile(r'[\x00-\x1f<>:"/\\|?*]|^\.+$|[. ]$')
 
 
 def identify_each(
@@ -96,7 +97,7 @@ def _print(fits: dict[str, Fit], paths: dict[str, Path]) -> None:
 
 
 def _path(out: Path, name: str) -> Path:
-    if _UNSAFE.search(name):
+    if _UNSAFE.search(name) or is_device(name):
         raise InputError(
             f"the strip {name!r} cannot be the name of a file",
             code="bad-path",

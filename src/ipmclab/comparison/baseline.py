@@ -18,7 +18,7 @@ import numpy as np
 from ipmclab.quality.check import check
 from ipmclab.quality.noise import noise_of_readings
 from ipmclab.quality.record import NO_VOLTAGE
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import FloatArray, Run, RunMetadata
 
 BASELINE: Final = "baseline"
@@ -151,7 +151,7 @@ def drift_of(run: Run) -> Drift | None:
     """
     if run.displacement is None:
         return None
-    there = usable(run, [finding for finding in check(run) if finding.effect == "mask"])["displacement"]
+    there = unmasked(run, check(run))["displacement"]
     if np.count_nonzero(there) < _FEWEST:
         return None
     time, values = run.time[there], run.displacement[there]

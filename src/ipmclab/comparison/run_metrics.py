@@ -15,7 +15,7 @@ from ipmclab.quality.check import check
 from ipmclab.quality.metrics import Metric, harmonics, measure
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import Record
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -92,7 +92,7 @@ def _less_drift(metric: Metric, drift: Drift, run: Run, found: tuple[Metric, ...
 def _electrical(run: Run, metrics: tuple[Metric, ...]) -> Iterator[Metric]:
     if run.current is None:
         return
-    there = usable(run, [finding for finding in check(run) if finding.effect == "mask"])["current"]
+    there = unmasked(run, check(run))["current"]
     if np.count_nonzero(~there) > _MISSING * len(run):
         return
     time, current, voltage = run.time[there], run.current[there], run.voltage[there]

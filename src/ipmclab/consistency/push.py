@@ -21,7 +21,7 @@ from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.quality.check import check_record
 from ipmclab.quality.kept import kept
 from ipmclab.quality.record import Record
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import Finding, FloatArray, Run
 
 CODE = "push-against-stiffness"
@@ -86,7 +86,7 @@ def _push_of(run: Run) -> tuple[Uncertain, str] | None:
     record = Record.of(run)
     if record.excited or not {"displacement", "force"} <= record.channels.keys():
         return None
-    good = usable(run, [finding for finding in check_record(record) if finding.effect == "mask"])
+    good = unmasked(run, check_record(record))
     x, f = (np.where(good[name], record.channels[name].readings, np.nan) for name in ("displacement", "force"))
     time, x, f = _means(run.time, x, f)
     if len(x) < 8 or float(np.ptp(x)) < _LEAST_TRAVEL:

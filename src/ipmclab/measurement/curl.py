@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from ipmclab.errors import InputError
 from ipmclab.quality.check import check
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import FloatArray, Run
 
 Verdict = Literal["yes", "no", "open"]
@@ -155,7 +155,7 @@ def _at_rest(run: Run) -> tuple[FloatArray, FloatArray]:
             where=where,
             repair="give a run at 0 V (baseline = true in an experiment records one)",
         )
-    there = usable(run, [finding for finding in check(run) if finding.effect == "mask"])["displacement"]
+    there = unmasked(run, check(run))["displacement"]
     return run.time[there], values[there]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from ipmclab.errors import InputError
+from ipmclab.platform import is_device
 
 RUNS: Final = "runs"
 """The laboratory folder in a folder that is none itself, as experiment files name it unless they say otherwise."""
@@ -32,7 +33,6 @@ _MOST_BYTES: Final = 200
 _MOST_TOLD: Final = 80
 """Letters of a name that an error repeats."""
 
-_DEVICES: Final = re.compile(r"(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)  # no files to Windows
 _MOST_LETTERS: Final = 80
 _NAME = re.compile(rf"[\w][\w .+-]{{0,{_MOST_LETTERS - 1}}}")
 
@@ -136,7 +136,7 @@ class Lab:
         """
         stem = name.strip().removesuffix(suffix)
         is_named = _NAME.fullmatch(stem) is not None and len(stem.encode()) <= _MOST_BYTES
-        if not is_named or _DEVICES.match(stem) or stem.endswith((".", " ")):
+        if not is_named or is_device(stem) or stem.endswith((".", " ")):
             raise InputError(
                 f"{_shortened(name)!r} is no plain file name",
                 code="bad-name",

@@ -17,7 +17,7 @@ from ipmclab.procedure.step import Result, Step, advice_for, assumed_finding
 from ipmclab.quality import check, measure
 from ipmclab.quality.record import Record
 from ipmclab.quality.steady import settle
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import Finding, Run
 from ipmclab.units import RESISTANCE, RESISTIVITY
 
@@ -112,7 +112,7 @@ def _of_run(label: str, run: Run, known: Mapping[str, Uncertain]) -> tuple[Uncer
             repair="give a run with a step that is held, and with its current",
         )
     assert run.current is not None
-    good = usable(run, [finding for finding in told if finding.effect == "mask"])["current"]
+    good = unmasked(run, told)["current"]
     run = replace(run, current=np.where(good, run.current, np.nan))
     edge = int(record.edges[-1])
     volts = float(np.median(run.voltage[edge:]))

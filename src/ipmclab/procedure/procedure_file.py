@@ -20,7 +20,7 @@ from ipmclab.procedure.procedure import Procedure, Runs
 from ipmclab.procedure.strip import GEOMETRY
 from ipmclab.procedure.tables import DcTable, ModulusTable, ProcedureTable, SheetTable
 from ipmclab.quality.check import check
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import Run
 from ipmclab.sample import Sample
 from ipmclab.toml_file import parse_table, read_text
@@ -371,7 +371,7 @@ def _modulus(table: ModulusTable, reader: _Reader) -> Push | Uncertain:
                 where=reader.at("modulus.run"),
                 repair="import them together, or write both as lists",
             )
-        good = usable(run, [finding for finding in check(run) if finding.effect == "mask"])
+        good = unmasked(run, check(run))
         both = good["displacement"] & good["force"]
         return Push(run.displacement[both], run.force[both], scales, assumed=assumed)
     columns: list[Written] = []

@@ -16,7 +16,7 @@ from ipmclab.quality.kept import kept
 from ipmclab.quality.period import periodic_part
 from ipmclab.quality.record import GUARD_ROWS, NO_VOLTAGE, Channel, IntArray, Record
 from ipmclab.quality.steady import settle
-from ipmclab.quality.usable import usable
+from ipmclab.quality.usable import unmasked
 from ipmclab.run import Finding, FloatArray, Run
 from ipmclab.units import CHANNELS
 
@@ -107,7 +107,7 @@ def measure(run: Run, findings: Sequence[Finding] | None = None) -> tuple[Metric
 
 def _measured(run: Run, findings: Sequence[Finding]) -> tuple[Metric, ...]:
     record = Record.of(run)
-    masks = usable(run, [finding for finding in findings if finding.effect == "mask"])
+    masks = unmasked(run, findings)
     periodic = periodic_part(run)
     metrics: list[Metric] = []
     for channel in record.channels.values():

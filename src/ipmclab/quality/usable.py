@@ -45,6 +45,21 @@ def usable(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.bo
     return masks
 
 
+def unmasked(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.bool_]]:
+    """Which readings of each response are values or bounds: present and not masked.
+
+    Parameters
+    ----------
+    run : Run
+    findings : iterable of Finding
+
+    Returns
+    -------
+    unmasked : dict of channel to bool array, shape (n_time,)
+    """
+    return usable(run, [finding for finding in findings if finding.effect == "mask"])
+
+
 def censored(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.int8]]:
     """Which readings are bounds: 1 where the true value is at least the reading, -1 where it is at most that.
 
@@ -64,5 +79,5 @@ def censored(run: Run, findings: Iterable[Finding]) -> dict[str, npt.NDArray[np.
         if finding.effect in ("lower_bound", "upper_bound") and finding.channel in bounds:
             for start, stop in finding.samples:
                 bounds[finding.channel][start:stop] = 1 if finding.effect == "lower_bound" else -1
-    allowed = usable(run, [finding for finding in found if finding.effect == "mask"])
+    allowed = unmasked(run, found)
     return {name: np.where(allowed[name], bound, 0).astype(np.int8) for name, bound in bounds.items()}
