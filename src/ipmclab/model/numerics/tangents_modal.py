@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.numerics.discretise import balanced
+from ipmclab.model.numerics.eigenvectors import eigenvectors
 from ipmclab.model.numerics.timeline import Timeline
 
 FloatArray = npt.NDArray[np.float64]
@@ -76,18 +77,15 @@ class Modes(NamedTuple):
         if not slopes.a.size or not np.all(np.isfinite(slopes.a)):
             return None
         balance, scales = balanced(slopes.a)
-        try:
-            poles, right = np.linalg.eig(balance)
-        except np.linalg.LinAlgError:
+        found = eigenvectors(balance)
+        if found is None:
             return None
+        poles, right, left, rounding = found
         apart = poles[:, None] - poles
         np.fill_diagonal(apart, np.inf)
-        # Poles and eigenvectors are as sure as rounding of the whole matrix leaves them.
         nearest = np.minimum(np.abs(apart).min(axis=0), np.abs(poles))
-        unsure = np.finfo(float).eps * np.linalg.norm(balance) / np.maximum(nearest, np.finfo(float).tiny)
-        if not np.linalg.cond(right) * unsure.max() < LOST:
+        if not (np.all(np.isfinite(right)) and np.all(np.linalg.cond(right) * rounding < LOST * nearest)):
             return None
-        left = np.linalg.inv(right)
         # These must be the modes of this very matrix, entry by entry: a small one may be all that drives a force.
         size = np.minimum(np.linalg.norm(balance, axis=1)[:, None], np.linalg.norm(balance, axis=0))
         wrong = np.abs((right * poles) @ left - balance)
