@@ -20,8 +20,7 @@ import scipy.signal
 
 import ipmclab
 from benchmarks.harness import Ratio, clock, finish
-from ipmclab.identification.search.again import Shifted
-from ipmclab.identification.search.solve import descend
+from ipmclab.identification.search.solve import Shifted, descend
 from ipmclab.identification.solved import fitted
 from tests.independent.bounds import (
     ELECTRICAL,

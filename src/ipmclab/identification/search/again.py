@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ipmclab.engine import Engine, in_order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.side_by_side import Polished, SideBySide
-from ipmclab.identification.search.solve import Solution, descend
+from ipmclab.identification.search.solve import Shifted, Solution, descend
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import tick
 
@@ -23,31 +23,6 @@ FloatArray = npt.NDArray[np.float64]
 _NEAR: Final = 1e-8
 _FROM_ELSEWHERE: Final = 40  # evaluations of a search from another fit that was as good
 _TOGETHER: Final = 64  # fits that go side by side: 2 MB of readings for two runs of 2,000 rows
-
-
-class Shifted:
-    """A problem as it is for other readings.
-
-    Parameters
-    ----------
-    problem : Problem
-    shift : float array, shape (n_rows,)
-        What its residuals have beside those of the problem.
-    """
-
-    def __init__(self, problem: Problem, shift: FloatArray) -> None:
-        self._problem, self._shift = problem, shift
-        self.lower, self.upper = problem.lower, problem.upper
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian."""
-        return self.shifted(self._problem.evaluate(theta))
-
-    def shifted(self, there: Evaluation) -> Evaluation:
-        """An evaluation of the problem itself, as one of this."""
-        rows = there.rows.copy()
-        rows[-1] += self._shift
-        return Evaluation(rows, there.beforehand)
 
 
 @dataclass(frozen=True, eq=False)

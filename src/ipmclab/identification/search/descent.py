@@ -9,10 +9,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.solve import (
     SETTLED,
+    STRUCTURAL,
+    Shifted,
     Solution,
     descend,
     minimise,
@@ -33,6 +35,7 @@ _CHEAP: Final = 1e-10
 _THERE: Final = 1e-3  # of a standard error: a search that is so near its minimum has found it
 _HARDLY: Final = 0.1  # of chi-square, by which a search that began beside the minimum still falls
 HOPE: Final = 1.05  # times the best cost: a search above that is left
+_CORRECTED: Final = 6  # times, each of which leaves of the way what means hide of their rows: a thousandth
 _AT_FLOOR: Final = 1.3  # times the noise between neighbours
 _SAME_NOISE: Final = 0.002
 _WEIGHED_AGAIN: Final = 6  # times, each of which leaves of a difference of the weights a part of unknowns by readings
@@ -41,7 +44,9 @@ _WEIGHED_AGAIN: Final = 6  # times, each of which leaves of a difference of the 
 def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) -> Solution:
     """The minimum from a point, as near to it as readings can tell where each evaluation is costly.
 
-    Means of the rows lead near it where they are fewer; the last steps are of all rows.
+    Means of the rows lead near it where they are fewer. From there all rows tell what their squares fall by and those
+    of the means do not; means of readings that were moved by as much have their minimum nearer to it, and so on until
+    all rows have nothing to add (Nash, A multigrid approach to discretized optimization problems, 2000).
     """
     means = problem.on_means
     if means is None:
@@ -49,15 +54,20 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
     near = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR))
     if not near.converged:
         return near
-    found, left = settled_to(problem, near, _THERE)
-    if left <= _THERE:
-        return found
-    last = minimise(problem, found.theta, found.evaluation, evaluations=SHORTLY, tolerance=NEAR)
-    hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
-    if last.converged or found.evaluation.cost - last.evaluation.cost > hardly:
-        return last if last.converged else minimise(problem, last.theta, last.evaluation, evaluations=evaluations)
-    # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
-    return replace(last, converged=True, message=near.message)
+    for _ in range(_CORRECTED):
+        found, left = settled_to(problem, near, _THERE)
+        if left <= _THERE:
+            return found
+        corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
+        near = on_every_row(problem, minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR))
+        hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
+        fallen = found.evaluation.cost - near.evaluation.cost
+        if abs(fallen) <= hardly:
+            # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
+            return near if fallen > 0.0 else found
+        if fallen < 0.0:
+            break  # so far from a minimum means are no guide
+    return minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR)
 
 
 def minimum_near(
@@ -86,6 +96,18 @@ def shorter(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:
     return means, settled(means, replace(solution, evaluation=means.evaluate(solution.theta)))
 
 
+def correction(means: Evaluation, rows: Evaluation) -> FloatArray:
+    """What residuals of means lack for their squares to fall as those of all rows do, at one point.
+
+    Of all such shifts the shortest: a sum of the derivatives.
+    """
+    singular, directions, _, size = means.scaled_spectrum
+    kept = singular > STRUCTURAL * singular.max(initial=0.0)
+    lacking = rows.rows[:-1] @ rows.residual - means.rows[:-1] @ means.residual
+    across = directions[kept] / size
+    return np.asarray((across.T @ ((across @ lacking) / singular[kept] ** 2)) @ means.rows[:-1])
+
+
 def on_every_row(problem: Problem, found: Solution) -> Solution:
     """Where a search ended that looked at means of the rows, as all rows have it."""
     return replace(found, evaluation=problem.evaluate(found.theta), evaluations=1)
@@ -101,8 +123,15 @@ def _tolerance(problem: Problem) -> float:
     return _CHEAP if isinstance(problem.responder, CircuitResponder) else _COSTLY
 
 
-def to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem, Solution]]:
-    """The searches that were left early, those that may still win followed to their minimum; the best first."""
+def to_the_end(tried: Sequence[tuple[Problem, Solution]], noise: Noise | None = None) -> list[tuple[Problem, Solution]]:
+    """The searches that were left early, those that may still win followed to their minimum; the best first.
+
+    Parameters
+    ----------
+    tried : sequence of (Problem, Solution)
+    noise : mapping of (place, output) to float, optional [SI]
+        Of the readings, where they are weighed by something else.
+    """
     best = np.inf
     found = []
     longest = LONGEST
@@ -111,16 +140,16 @@ def to_the_end(tried: Sequence[tuple[Problem, Solution]]) -> list[tuple[Problem,
             more = minimum(problem, solution.theta, evaluations=longest)
             solution = replace(more, evaluations=more.evaluations + solution.evaluations)
         best = min(best, solution.evaluation.cost)
-        if solution.converged and at_floor(problem, solution):
+        if solution.converged and at_floor(problem, solution, noise or problem.noise):
             longest = SHORTLY
         found.append((problem, solution))
     return sorted(found, key=lambda pair: pair[1].evaluation.cost)
 
 
-def at_floor(problem: Problem, solution: Solution) -> bool:
+def at_floor(problem: Problem, solution: Solution, noise: Noise) -> bool:
     """Whether what is left looks like the noise between neighbouring readings."""
     found = found_noise(problem, solution)
-    return all(found[key] < _AT_FLOOR * problem.noise[key] for key in found)
+    return all(found[key] < _AT_FLOOR * noise[key] for key in found)
 
 
 def weigh(problem: Problem, solution: Solution) -> tuple[Problem, Solution]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.errors import InputError
 from ipmclab.identification.problem.free import FreeParameters
-from ipmclab.identification.problem.problem import Problem
+from ipmclab.identification.problem.problem import Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.along import along_valleys
 from ipmclab.identification.search.as_good import AS_GOOD, allowed_places
@@ -70,20 +70,24 @@ def _search(
 ) -> tuple[Problem, Solution, Minima]:
     """The best minimum from some starts, and the others."""
     noise = _noise_of(records)
+    posed = []
+    for point in points:
+        problem = problem_at(actuator, parameters, names, records, point, noise)
+        posed.append((problem, entries_at(problem, point)))
+    weights = _left_by_starts(posed)
     # These have several minima, of which noise can make the wrong one the first.
     explore = any(has_several_minima(name) for name in names.actuator)
     tried: list[tuple[Problem, Solution]] = []
     shortly = SHORTLY if explore and len(points) > 1 else LONGEST
-    for number, point in enumerate(points):
+    for number, (point, (problem, theta)) in enumerate(zip(points, posed, strict=True)):
         stage(f"searching from start {number + 1} of {len(points)}", *_share(0.2, 0.4, number, len(points)))
-        problem = problem_at(actuator, parameters, names, records, point, noise)
-        theta = entries_at(problem, point)
+        problem = problem.with_noise(weights)
         find = minimum_near if point.exact else minimum
         solution = find(problem, theta, evaluations=shortly)
         tried.append((problem, solution))
-        if not explore and solution.converged and at_floor(problem, solution):
+        if not explore and solution.converged and at_floor(problem, solution, noise):
             break
-    tried = to_the_end(tried)
+    tried = to_the_end(tried, noise)
     problem, solution = min(tried, key=lambda pair: pair[1].evaluation.cost)
     stage("looking for other fits that are as good", 0.4, 0.5, 300)
     valley = along_valleys(actuator, names, problem, solution)
@@ -106,6 +110,25 @@ def _search(
     ends = [Rival.of(of, other.theta) for of, other in tried] if explore else []
     walked = Valley(problem, solution, tuple(valley))
     return problem, solution, Minima(tuple(rivals), allowed_places(problem, solution, valley), tuple(ends), walked)
+
+
+def _left_by_starts(posed: Sequence[tuple[Problem, FloatArray]]) -> Noise:
+    """What weighs in a search: the least that a start leaves of each output of each run, never below its noise.
+
+    No model is complete: what it leaves of two outputs can be many times their noise, which then says nothing of how
+    one weighs against the other.
+    """
+    noise = posed[0][0].noise
+    if len(noise) < 2:
+        return noise
+    left = dict.fromkeys(noise, np.inf)
+    for problem, theta in posed:
+        shorter = problem.on_means or problem
+        here = shorter.evaluate(theta)
+        for key, piece in shorter.pieces.items():
+            scatter = noise[key] * float(np.sqrt(np.mean(np.square(here.residual[piece]))))
+            left[key] = min(left[key], scatter) if np.isfinite(scatter) else left[key]
+    return {key: max(noise[key], one) if np.isfinite(one) else noise[key] for key, one in left.items()}
 
 
 def _circuit_first(

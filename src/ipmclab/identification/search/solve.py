@@ -77,6 +77,31 @@ class Pinned:
         return self._latest[1]
 
 
+class Shifted:
+    """A problem as it is for other readings of the same rows.
+
+    Parameters
+    ----------
+    problem : Solvable
+    shift : float array, shape (n_rows,)
+        What its residuals have beside those of the problem.
+    """
+
+    def __init__(self, problem: Solvable, shift: FloatArray) -> None:
+        self._problem, self._shift = problem, shift
+        self.lower, self.upper = problem.lower, problem.upper
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian."""
+        return self.shifted(self._problem.evaluate(theta))
+
+    def shifted(self, there: Evaluation) -> Evaluation:
+        """An evaluation of the problem itself, as one of this."""
+        rows = there.rows.copy()
+        rows[-1] += self._shift
+        return Evaluation(rows, there.beforehand)
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """A minimum, or the best point where the search ended.

@@ -75,13 +75,18 @@ def timeline(time: FloatArray, voltage: FloatArray, hold: Hold, *, delay: float,
     # A row that is read before its edge (zero-before) shows the voltage of the edge one row earlier;
     # row 0 shows a voltage that came with row 0.
     read_before = hold == "zero-before"
-    edges = _snap((time[:-1] if read_before else time) + delay, time, _SAME_TIME * period)
+    levels = voltage[1:] if read_before else voltage
+    edges = time[:-1] if read_before else time
+    if hold != "first":
+        changes = np.append(True, levels[1:] != levels[:-1])  # where the voltage stays there is no edge
+        edges, levels = edges[changes], levels[changes]
+    edges = _snap(edges + delay, time, _SAME_TIME * period)
     before = 0.0 if from_rest and (delay < 0 or not read_before) else voltage[0]
     begin = min(time[0], edges[0]) if from_rest else time[0]
     events = np.unique(np.concatenate([[begin], time, edges]))
     events = events[(events >= begin) & (events <= time[-1])]
     at_event = np.searchsorted(edges, events, side="right") - 1
-    levels = np.concatenate([[before], voltage[1:] if read_before else voltage])  # levels[k + 1] since edge k
+    levels = np.append(before, levels)  # levels[k + 1] since edge k
     lengths = np.diff(events)
     jump = np.zeros(len(events))
     if hold == "first":
