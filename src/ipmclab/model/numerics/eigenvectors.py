@@ -2,20 +2,25 @@
 
 What follows in a cascade drives nothing before it, so that its matrix is block lower triangular and its poles are those
 of the blocks. Found in the whole matrix, a pole is as sure as rounding of its largest entry leaves it: beside a beam
-that swings, nothing is left of a charge that leaks away over hours. Found in its block, it is as sure as that allows.
-With the blocks' own eigenvectors as coordinates, the matrix is diagonal but for what couples the blocks, and its
-eigenvectors follow by substitution (Golub and Van Loan, Matrix Computations, 2013, section 7.6.3).
+that swings, nothing is left of a charge that leaks away over hours. Found in its block, it is as sure as that allows;
+of two states, as most stages have, by the quadratic equation, to the digits of their product. With the blocks' own
+eigenvectors as coordinates the matrix is diagonal but for what couples the blocks, and its eigenvectors follow by
+substitution (Golub and Van Loan, Matrix Computations, 2013, section 7.6.3).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import cmath
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+
+_EPS: Final = float(np.finfo(np.float64).eps)
 
 
 class Eigenvectors(NamedTuple):
@@ -62,9 +67,12 @@ def eigenvectors(matrix: FloatArray) -> Eigenvectors | None:
     try:
         for block in blocks:
             part = matrix[block, block]
-            poles[block], own[block, block] = np.linalg.eig(part)
+            if len(part) == 2:
+                poles[block], own[block, block], rounding[block] = _of_two(part)
+            else:
+                poles[block], own[block, block] = np.linalg.eig(part)
+                rounding[block] = _EPS * np.linalg.norm(part)
             own_left[block, block] = np.linalg.inv(own[block, block])
-            rounding[block] = np.finfo(float).eps * np.linalg.norm(part)
     except np.linalg.LinAlgError:
         return None
     if len(blocks) == 1:
@@ -78,6 +86,27 @@ def eigenvectors(matrix: FloatArray) -> Eigenvectors | None:
             unit[block, before] = driven / (poles[before] - poles[block, None])
             inverse[block, before] = -unit[block, before] @ inverse[before, before]
     return Eigenvectors(poles, own @ unit, inverse @ own_left, rounding)
+
+
+def _of_two(block: FloatArray) -> tuple[list[complex], list[list[complex]], list[float]]:
+    """Poles, eigenvectors and rounding of two states: the larger pole, and the product of both over it."""
+    (a, b), (c, d) = block.tolist()
+    middle, product = 0.5 * (a + d), a * d - b * c
+    apart = (0.5 * (a - d)) ** 2 + b * c
+    root = cmath.sqrt(apart)
+    if root == 0.0:
+        raise np.linalg.LinAlgError("poles that meet have too few eigenvectors")
+    large = middle - root if middle < 0.0 else middle + root
+    small = large.conjugate() if apart < 0.0 else product / large
+    of_large = _EPS * (abs(large) + ((0.5 * (a - d)) ** 2 + abs(b * c)) / abs(root))
+    of_small = of_large if apart < 0.0 else (_EPS * (abs(a * d) + abs(b * c)) + abs(small) * of_large) / abs(large)
+    vectors = []
+    for pole in (large, small):
+        # Of the two ways to write it, the one that subtracts what lies farther apart.
+        one, other = (b, pole - a) if abs(pole - a) >= abs(pole - d) else (pole - d, c)
+        length = math.hypot(abs(one), abs(other))
+        vectors.append((one / length, other / length))
+    return [large, small], [list(row) for row in zip(*vectors, strict=True)], [of_large, of_small]
 
 
 def _blocks(matrix: FloatArray) -> list[slice]:
