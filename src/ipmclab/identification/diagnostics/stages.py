@@ -66,20 +66,21 @@ def tried_stages(actuator: Actuator, names: FreeParameters, every: Sequence[Left
         extended = from_here(problem, theta, strip, direction, size if direction.both_ways else max(size, _AT_LEAST))
         if extended is not None:
             found[name] = extended
-    tried = _judged(doubted, found)
+    judge = _Judge(doubted)
+    tried = {name: judge(name, one) for name, one in found.items()}
     if any(left.is_large(problem, left.here) for left in doubted):
         # So far from the readings that a little of a stage is no guide: each from what the readings themselves show.
         # Where one leaves the noise alone, only those that did not go with the fit as it stands.
-        best = [found[one.stage] for one in tried[:1]]
+        best = [found[one.stage] for one in _best_first(tried)[:1]]
         enough = any(not any(left.is_large(one.problem, one.solution.evaluation) for left in doubted) for one in best)
         for direction in {one.name: one for one in some}.values():
-            if enough and direction.name in found:
+            known = found.get(direction.name)
+            if enough and known is not None:
                 continue
-            extended = afresh(problem, actuator, names, direction, found.get(direction.name))
-            if extended is not None:
-                found[direction.name] = extended
-        tried = _judged(doubted, found)
-    return tried
+            extended = afresh(problem, actuator, names, direction, known)
+            if extended is not None and extended is not known:
+                tried[direction.name] = judge(direction.name, extended)
+    return _best_first(tried)
 
 
 def _hints(
@@ -100,22 +101,29 @@ def _hints(
     return best
 
 
-def _judged(doubted: Sequence[Left], found: Mapping[str, Extended]) -> list[Tried]:
-    own = sum(left.deviance() for left in doubted)
-    readings = sum(left.readings for left in doubted)
-    tried = []
-    for name, extended in found.items():
-        here = extended.solution.evaluation
+class _Judge:
+    """What a stage would explain of what is left, beside the fit as it stands."""
+
+    def __init__(self, doubted: Sequence[Left]) -> None:
+        self._doubted = doubted
+        self._own = sum(left.deviance() for left in doubted)
+        self._readings = sum(left.readings for left in doubted)
+
+    def __call__(self, name: str, extended: Extended) -> Tried:
+        here, doubted = extended.solution.evaluation, self._doubted
         added = len(extended.problem.unknowns) - len(doubted[0].problem.unknowns)
-        gain = own - sum(left.deviance(extended.problem, here) for left in doubted)
+        gain = self._own - sum(left.deviance(extended.problem, here) for left in doubted)
         shares = {}
         for left in doubted:
             squares = left.squares(left.problem, left.here)
             beyond = max(squares - left.noise, 0.01 * squares)
             shares[left.output] = min((squares - left.squares(extended.problem, here)) / beyond, 1.0)
-        if math.isfinite(gain):
-            tried.append(Tried(name, gain - max(added, 1) * math.log(readings), shares))
-    return [tried[k] for k in largest_first([one.evidence for one in tried])]
+        return Tried(name, gain - max(added, 1) * math.log(self._readings), shares)
+
+
+def _best_first(tried: Mapping[str, Tried]) -> list[Tried]:
+    sure = [one for one in tried.values() if math.isfinite(one.evidence)]
+    return [sure[k] for k in largest_first([one.evidence for one in sure])]
 
 
 def named(tried: Sequence[Tried]) -> list[Tried]:

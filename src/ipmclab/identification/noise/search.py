@@ -20,9 +20,9 @@ _WALKS: Final = (0.003, 0.01, 0.03, 0.1, 0.4)
 _FADING: Final = (math.atanh(0.5), math.atanh(0.9), math.atanh(0.99))
 _WHITES: Final = (0.3, 1.0, 3.0)
 _CLOSE: Final = 3.0  # penalties of one term: covariances that far above the best are tried with fewer constants
-_STEP: Final = 1e-4
+_STEP: Final = 2e-3  # of the error of an entry
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
-_FLAT: Final = 1e-2
+_FLAT: Final = 0.05  # of the deviance for an error of an entry: the lowest is then a thousandth below
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
 
 
@@ -65,15 +65,25 @@ def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[Flo
         height = likelihood(columns, others, terms, point, variance).deviance - first.deviance
         return height if height < _IMPOSSIBLE else _IMPOSSIBLE  # differences of infinities are no numbers
 
-    entries = _descend(above, entries, terms.bounds)
+    entries = _descend(above, entries, terms.bounds, math.sqrt(columns.count))
     return Found(terms, entries, likelihood(columns, others, terms, entries, variance))
 
 
-def _descend(height: Callable[[FloatArray], float], start: FloatArray, bounds: list[tuple[float, float]]) -> FloatArray:
+def _descend(
+    height: Callable[[FloatArray], float], start: FloatArray, bounds: list[tuple[float, float]], sharp: float
+) -> FloatArray:
+    """The lowest point, in steps of an entry's error: an arctangent of a correlation is known to 1/sqrt(n)."""
     from scipy.optimize import minimize
 
     options = {"eps": _STEP, "ftol": _ENOUGH, "gtol": _FLAT, "maxiter": 40}
-    return np.asarray(minimize(height, start, method="L-BFGS-B", bounds=bounds, options=options).x)
+    found = minimize(
+        lambda point: height(point / sharp),
+        start * sharp,
+        method="L-BFGS-B",
+        bounds=[(low * sharp, high * sharp) for low, high in bounds],
+        options=options,
+    )
+    return np.asarray(found.x / sharp)
 
 
 def rough_noise(columns: Columns, others: FloatArray, allowed: tuple[bool, bool]) -> Found:
