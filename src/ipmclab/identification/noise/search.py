@@ -22,7 +22,7 @@ _WHITES: Final = (0.3, 1.0, 3.0)
 _CLOSE: Final = 3.0  # penalties of one term: covariances that far above the best are tried with fewer constants
 _STEP: Final = 2e-3  # of the error of an entry
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
-_FLAT: Final = 0.05  # of the deviance for an error of an entry: the lowest is then a thousandth below
+_FLAT: Final = 0.02  # of the deviance for an error of an entry: the lowest is then not a thousandth below
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
 
 

@@ -113,22 +113,24 @@ def _search(
 
 
 def _left_by_starts(posed: Sequence[tuple[Problem, FloatArray]]) -> Noise:
-    """What weighs in a search: the least that a start leaves of each output of each run, never below its noise.
+    """What weighs in a search: the noise of each output, times the least by which a start leaves more of that output.
 
-    No model is complete: what it leaves of two outputs can be many times their noise, which then says nothing of how
-    one weighs against the other.
+    No model is complete. What it leaves of two outputs can be many times their noise, which then says nothing of how
+    one weighs against the other. Runs of one output keep their own noise: of two that disagree none is to be followed.
     """
     noise = posed[0][0].noise
-    if len(noise) < 2:
+    outputs = {output for _, output in noise}
+    if len(outputs) == 1:
         return noise
-    left = dict.fromkeys(noise, np.inf)
+    times = dict.fromkeys(outputs, np.inf)
     for problem, theta in posed:
         shorter = problem.on_means or problem
         here = shorter.evaluate(theta)
-        for key, piece in shorter.pieces.items():
-            scatter = noise[key] * float(np.sqrt(np.mean(np.square(here.residual[piece]))))
-            left[key] = min(left[key], scatter) if np.isfinite(scatter) else left[key]
-    return {key: max(noise[key], one) if np.isfinite(one) else noise[key] for key, one in left.items()}
+        for output in outputs:
+            pieces = [here.residual[piece] for (_, of), piece in shorter.pieces.items() if of == output]
+            left = float(np.sqrt(np.mean(np.square(np.concatenate(pieces)))))
+            times[output] = min(times[output], left) if np.isfinite(left) else times[output]
+    return {key: one * max(times[key[1]], 1.0) if np.isfinite(times[key[1]]) else one for key, one in noise.items()}
 
 
 def _circuit_first(
