@@ -126,7 +126,7 @@ def _noisy(
 ) -> tuple[Correlated, Correlated | None]:
     """The noise of a fit, the fit under it where that predicts as well; and another fit that is as good."""
     least = with_noise(problem, solution, assumed_zeros(problem, names), partial(_least, ends=ends))
-    return weighted(least, partial(_from_everywhere, ends=ends))
+    return weighted(least, partial(_from_everywhere, ends=ends), partial(_from_everywhere, ends=()))
 
 
 def _least(problem: Problem, near: Solution, ends: Sequence[Rival]) -> tuple[Problem, Solution]:

@@ -31,15 +31,17 @@ _AS_GOOD: Final = 1.05  # times what least squares leaves (rms): half of what a 
 _REJECT: Final = 1e-3
 
 
-def weighted(least: Correlated, again: Again) -> tuple[Correlated, Correlated | None]:
+def weighted(least: Correlated, everywhere: Again, beside: Again) -> tuple[Correlated, Correlated | None]:
     """The fit under its noise, where that predicts as well as least squares; and the other one where nobody can tell.
 
     Parameters
     ----------
     least : Correlated
         Of least squares.
-    again : function of (Problem, Solution)
+    everywhere : function of (Problem, Solution)
         The minimum of a problem, from near it and from elsewhere.
+    beside : function of (Problem, Solution)
+        The same from near it alone.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def weighted(least: Correlated, again: Again) -> tuple[Correlated, Correlated | 
     coloured = [key for key, shape in least.shapes.items() if shape.terms.order or shape.terms.walk]
     if not coloured or not all(_is_at_rest_too(least, key) is not False for key in coloured):
         return least, None
-    here = _fitted(least, again)
+    here = _fitted(least, everywhere, beside)
     shown = [_is_at_rest_too(here, key) for key in coloured]
     if False in shown:
         return least, None
@@ -60,14 +62,15 @@ def weighted(least: Correlated, again: Again) -> tuple[Correlated, Correlated | 
     return least, here if _is_same_strip(least, there) else None
 
 
-def _fitted(least: Correlated, again: Again) -> Correlated:
-    """Noise and parameters by turns, until both stay."""
+def _fitted(least: Correlated, everywhere: Again, beside: Again) -> Correlated:
+    """Noise and parameters by turns, until both stay; all minima are asked under the first noise."""
     here, shapes = least, dict(least.shapes)
     pieces = {key: piece for key, piece in least.pieces.items() if key in shapes}
     for turn in range(_TURNS):
         whitenings = {key: piece.whitening(shapes[key]) for key, piece in pieces.items()}
         problem = CorrelatedProblem(here.problem.plain, whitenings)
-        solution = again(problem, replace(here.solution, evaluation=problem.whiten(here.plain)))[1]
+        search = beside if turn else everywhere
+        solution = search(problem, replace(here.solution, evaluation=problem.whiten(here.plain)))[1]
         moved = _length(solution.evaluation, solution.theta - here.solution.theta)
         here = replace(here, problem=problem, solution=solution, plain=problem.plain.evaluate(solution.theta))
         if (turn and moved < _STILL) or turn == _TURNS - 1:
