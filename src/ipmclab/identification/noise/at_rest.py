@@ -6,7 +6,7 @@ They hold its zero, its drift and its noise, and nothing else.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,24 @@ _SPIKE: Final = 5.0  # standard deviations about a resistant line, beyond which 
 _SHOWN: Final = 2.0  # standard errors from which a slope at 0 V is one
 
 
-def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> tuple[float, float]:
-    """Slope of the readings at 0 V before the strip is driven, and its standard error [SI/s].
+class SlopeAtRest(NamedTuple):
+    """Slope of the readings at 0 V before the strip is driven.
+
+    Parameters
+    ----------
+    slope, error : float [SI/s]
+        Its standard error, infinite where nothing is known.
+    weights : float array, shape (n,) [1/s]
+        What each of the first n measured readings adds to the slope: its error hangs together with theirs.
+    """
+
+    slope: float
+    error: float
+    weights: FloatArray
+
+
+def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -> SlopeAtRest:
+    """Slope of the readings at 0 V before the strip is driven, and its standard error.
 
     The error is that of least squares under autocorrelated noise (Newey and West 1987), or under the noise that the
     whole run has where that is more, but no more of it than the rows at 0 V show; a converter whose step is
@@ -46,9 +62,9 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
         In which the noise is.
     """
     reading = record.readings[output]
-    rows = np.flatnonzero(reading.exact[: record.resting])
+    rows, none = np.flatnonzero(reading.exact[: record.resting]), np.zeros(0)
     if len(rows) < _FEWEST_OF_SLOPE:
-        return 0.0, math.inf
+        return SlopeAtRest(0.0, math.inf, none)
     step = reading.quantum
     time = record.run.time[rows]
     values = without_spikes(time, reading.values[rows], step)
@@ -66,15 +82,17 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
         own = max(own, whole * min(seen, 1.0))
     variance = own / half**2 + (step / (2.0 * half)) ** 2 / 12.0
     if not variance > 0.0:  # readings that are all alike, and no converter's step known: nothing measured
-        return 0.0, math.inf
+        return SlopeAtRest(0.0, math.inf, none)
     slope = float(answer[1]) / half
-    return (0.0, math.hypot(slope, math.sqrt(variance))) if record.start == "free" else (slope, math.sqrt(variance))
+    if record.start == "free":
+        return SlopeAtRest(0.0, math.hypot(slope, math.sqrt(variance)), none)
+    return SlopeAtRest(slope, math.sqrt(variance), (columns @ inner)[:, 1] / half)
 
 
 def drift_is_shown(record: PreparedRun, output: str, noise: Shape, unit: float) -> bool:
     """Whether the readings at 0 V have a slope."""
-    slope, error = slope_at_rest(record, output, noise, unit)
-    return abs(slope) > _SHOWN * error
+    found = slope_at_rest(record, output, noise, unit)
+    return abs(found.slope) > _SHOWN * found.error
 
 
 def left_at_rest(record: PreparedRun, output: str, left: FloatArray, unit: float) -> FloatArray:

@@ -32,7 +32,7 @@ from ipmclab.identification.noise.pieces import (
 from ipmclab.identification.noise.screen import needs_search
 from ipmclab.identification.noise.shape import Shape, drawn, spread_by
 from ipmclab.identification.noise.whitening import CorrelatedProblem, Whitening, measured_rows
-from ipmclab.identification.noise.zeros import DriftingProblem, Zero
+from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
@@ -188,17 +188,27 @@ class Correlated:
         moved = np.zeros((0, rows.shape[1]))
         inside = measured_rows(self.problem.record_at(key[0]), key[1])
         if key in self.zeros:
-            # What is known of a zero or a slope beforehand has an error too.
-            moved = self.problem.projections[key].unsure.T @ turned[inside]  # type: ignore[attr-defined]
-        beyond = turned[~inside]
-        turned = turned * sized
-        own = turned[inside]
+            # What is known of a zero or a slope beforehand has an error too: of rows at 0 V, and of its own.
+            projection, own_errors = self._known(key)
+            moved = projection.columns.T @ turned[inside]
+            turned[inside] -= projection.by_rows @ moved
+            moved *= own_errors[:, None]
+        beyond = (turned * sized)[~inside]
+        own = (turned * sized)[inside]
+        return np.asarray(self._noise_of(own, key) + moved.T @ moved + beyond.T @ beyond)
+
+    def _noise_of(self, columns: FloatArray, key: Key) -> FloatArray:
+        """``columns' V columns`` of the measured rows of an output of a run."""
         shape = self.shapes.get(key)
         if shape is None or not (shape.terms.order or shape.terms.walk):
-            middle = (1.0 if shape is None else shape.variance) * (own.T @ own)
-        else:
-            middle = spread_by(own, self.pieces[key].steps, shape)
-        return np.asarray(middle + moved.T @ moved + beyond.T @ beyond)
+            return np.asarray((1.0 if shape is None else shape.variance) * (columns.T @ columns))
+        return spread_by(columns, self.pieces[key].steps, shape)
+
+    def _known(self, key: Key) -> tuple[Projection, FloatArray]:
+        """What is known of a zero and a slope beforehand, and the errors of that beside those of the rows at 0 V."""
+        projection: Projection = self.problem.projections[key]  # type: ignore[attr-defined]
+        of_rows = self._noise_of(projection.by_rows, key).diagonal()
+        return projection, np.sqrt(np.maximum(projection.known**2 - of_rows, 0.0))
 
     def inflation(self, change: FloatArray) -> float:
         """How many times as much the noise moves the readings along a change of the residuals as white noise would."""
@@ -219,8 +229,10 @@ class Correlated:
             rows[self.pieces[key].inside] = drawn(shape, self.pieces[key].steps, generator)
         for key in self.zeros:
             rows = found[self.problem.pieces[key]]
-            unsure = self.problem.projections[key].unsure  # type: ignore[attr-defined]
-            rows[self.pieces[key].inside] += unsure @ generator.standard_normal(unsure.shape[1])
+            projection, own_errors = self._known(key)
+            inside = self.pieces[key].inside
+            of_rows = projection.by_rows.T @ rows[inside]
+            rows[inside] += projection.columns @ (own_errors * generator.standard_normal(len(own_errors)) - of_rows)
             found[self.problem.pieces[key]] = self.problem.whitened(key, rows[None])[0]
         return found
 
@@ -309,7 +321,7 @@ def _beside(problem: Problem, piece: Piece, shape: Shape) -> Zero | None:
     """
     record, output, terms = problem.record_at(piece.key[0]), piece.key[1], shape.terms
     unit = problem.noise[piece.key]
-    known = terms.walk and math.isfinite(slope_at_rest(record, output, shape, unit)[1])
+    known = terms.walk and math.isfinite(slope_at_rest(record, output, shape, unit).error)
     offset = (terms.offset or terms.walk) and piece.allowed[0]
     trend = (terms.trend or known) and piece.allowed[1]
     return Zero.of(record, output, Terms(offset=offset, trend=trend), shape, unit) if offset or trend else None

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.at_rest import slope_at_rest
+from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest
 from ipmclab.identification.noise.columns import constants
 from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import Changed, measured_rows
@@ -46,8 +46,8 @@ class Zero:
         Rows that are measured; the others are bounds.
     middle, half : float [s]
         Where the middle of the readings lies, and half their length: the unit of the slope's column.
-    slope, error : float [SI/s]
-        The slope that the rows at 0 V have, and its standard error; infinite where nothing is known.
+    rest : SlopeAtRest
+        The slope that the rows at 0 V have.
     most : float [SI]
         Standard deviation of the zero, where something is known of it beforehand; else infinite.
     """
@@ -57,8 +57,7 @@ class Zero:
     inside: npt.NDArray[np.bool_]
     middle: float
     half: float
-    slope: float = 0.0
-    error: float = math.inf
+    rest: SlopeAtRest
     most: float = math.inf
 
     @classmethod
@@ -68,15 +67,16 @@ class Zero:
         time = record.run.time[record.readings[output].exact]
         held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
         middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * float(time[-1] - time[0])
-        slope, error = slope_at_rest(record, output, noise, unit) if terms.trend else (0.0, math.inf)
+        nothing = SlopeAtRest(0.0, math.inf, np.zeros(0))
+        rest = slope_at_rest(record, output, noise, unit) if terms.trend else nothing
         most = math.inf
         if output == "current" and record.zero_is_unseen:
             # A zero that no row at 0 V shows looks like the dc path, and a drift like a slow branch.
             largest = float(np.abs(record.readings[output].measured).max())
             if largest > 0.0 and half > 0.0:  # readings that are all 0 bound nothing
                 most = LARGEST_ZERO * largest
-                error = min(error, most / half)
-        return cls(terms, constants(time)[:, held], inside, middle, half, slope, error, most)
+                rest = rest._replace(error=min(rest.error, most / half))
+        return cls(terms, constants(time)[:, held], inside, middle, half, rest, most)
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""
@@ -84,15 +84,19 @@ class Zero:
         away = (record.run.time[reading.exact] - self.middle) / self.half
         rows = [one for one, has in ((np.ones(len(away)), self.terms.offset), (away, self.terms.trend)) if has]
         weights = 1.0 if reading.weights is None else reading.weights[reading.exact]
-        return replace(self, columns=(np.array(rows) * weights).T, inside=measured_rows(record, output))
+        inside, rest = measured_rows(record, output), self.rest._replace(weights=np.zeros(0))
+        return replace(self, columns=(np.array(rows) * weights).T, inside=inside, rest=rest)
 
     def projection(self, sigma: float) -> Projection:
         """In units of the noise of the rows."""
         known = [(0.0, self.most)] if self.terms.offset else []
-        known += [(self.slope * self.half, self.error * self.half)] if self.terms.trend else []
+        known += [(self.rest.slope * self.half, self.rest.error * self.half)] if self.terms.trend else []
         precision = np.array([(sigma / error) ** 2 for _, error in known])
         centre = np.array([middle / sigma for middle, _ in known])
-        return Projection.of(self.columns, precision, centre)
+        by_rows = np.zeros_like(self.columns)
+        if self.terms.trend:
+            by_rows[: len(self.rest.weights), -1] = self.rest.weights * self.half
+        return Projection.of(self.columns, precision, centre, by_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +114,13 @@ class Projection:
     centre : float array, shape (n_constants,)
     expected : float array, shape (n_measured,)
         What the centre adds to the readings.
-    unsure : float array, shape (n_measured, n_constants)
-        What the readings move for one standard error of what is known of each; 0 where nothing is.
+    columns : float array, shape (n_measured, n_constants)
+        What each adds to the readings.
+    known : float array, shape (n_constants,)
+        The standard error of what is known of each; 0 where nothing is.
+    by_rows : float array, shape (n_measured, n_constants)
+        How much of what is known of each a reading gives: of a slope at 0 V those at 0 V do. These readings are fitted
+        too, so that what is known has no error of its own but what is left beside theirs.
     """
 
     basis: FloatArray
@@ -119,10 +128,12 @@ class Projection:
     answer: FloatArray
     centre: FloatArray
     expected: FloatArray
-    unsure: FloatArray
+    columns: FloatArray
+    known: FloatArray
+    by_rows: FloatArray
 
     @classmethod
-    def of(cls, columns: FloatArray, precision: FloatArray, centre: FloatArray) -> Projection:
+    def of(cls, columns: FloatArray, precision: FloatArray, centre: FloatArray, by_rows: FloatArray) -> Projection:
         inner = np.linalg.inv(columns.T @ columns + np.diag(precision))
         orthonormal, triangle = np.linalg.qr(columns)
         share, turn = np.linalg.eigh(triangle @ inner @ triangle.T)
@@ -133,7 +144,9 @@ class Projection:
             inner @ columns.T,
             centre,
             columns @ centre,
-            columns * known,
+            columns,
+            known,
+            by_rows,
         )
 
     def apply(self, rows: FloatArray) -> FloatArray:
