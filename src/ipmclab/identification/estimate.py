@@ -30,6 +30,7 @@ from ipmclab.identification.search.assumed import (
     without_idle,
 )
 from ipmclab.identification.search.descent import SHORTLY, minimum, minimum_beside, settled_nearest, to_the_end, weigh
+from ipmclab.identification.search.doublet import has_doublet
 from ipmclab.identification.search.doubts import impossible_current
 from ipmclab.identification.search.lowest import find_minima
 from ipmclab.identification.search.pose import need_as_many_readings, without_leak
@@ -88,6 +89,9 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     if under.shapes:
         # Under their noise the readings tell fewer minima apart: all of them are asked again.
         asked = [*rivals, *minima.ends, *_usual(problem, solution, minima.ends)]
+        if under.is_weighted and not has_doublet(problem.values(solution.theta, problem.records[0].place)):
+            # What stood beside a doublet of least squares is now asked for itself.
+            asked = [replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in asked]
         rivals = still_rivals(problem, solution, asked, under.inflation)
         if other is not None:
             reach = NORMAL_95 * entry_errors(other.solution.evaluation)

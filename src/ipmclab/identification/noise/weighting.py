@@ -3,10 +3,9 @@
 Under noise that is not white, least squares is not the sharpest estimate; under a random walk it is a poor one. Weights
 from the noise would be, if the model were right. But what a wrong model leaves looks like such noise too, and under
 weights made of it the parameters go where it is left. Two questions tell them apart. The rows at 0 V hold the noise and
-nothing else: what is found under voltage must not be larger there. And the prediction must stay as good as that of
-least squares. Where it does not, or few rows are at 0 V, and least squares loses no more at the weighted estimate than
-such noise would move it (Hausman 1978), nobody can tell which of both is the strip: then the one is the answer, and the
-other a fit as good.
+nothing else: what is found under voltage must not be larger there. And least squares must lose no more at the weighted
+estimate than such noise moves it (Hausman 1978), or no more than a prediction may. Where few rows are at 0 V, and it
+loses no more, nobody can tell which of both is the strip: then least squares is the answer, and the other a fit as good.
 """
 
 from __future__ import annotations
@@ -57,9 +56,10 @@ def weighted(least: Correlated, everywhere: Again, beside: Again) -> tuple[Corre
     if False in shown:
         return least, None
     there = least.problem.evaluate(here.solution.theta)
-    if all(shown) and there.cost <= _AS_GOOD**2 * least.solution.evaluation.cost:
+    same = _is_same_strip(least, there)
+    if all(shown) and (same or there.cost <= _AS_GOOD**2 * least.solution.evaluation.cost):
         return here, None
-    return least, here if _is_same_strip(least, there) else None
+    return least, here if same else None
 
 
 def _fitted(least: Correlated, everywhere: Again, beside: Again) -> Correlated:
