@@ -4,8 +4,8 @@ Under noise that is not white, least squares is not the sharpest estimate; under
 from the noise would be, if the model were right. But what a wrong model leaves looks like such noise too, and under
 weights made of it the parameters go where it is left. Two questions tell them apart. The rows at 0 V hold the noise and
 nothing else: what is found under voltage must not be larger there. And least squares must lose no more at the weighted
-estimate than such noise moves it (Hausman 1978), or no more than a prediction may. Where few rows are at 0 V, and it
-loses no more, nobody can tell which of both is the strip: then least squares is the answer, and the other a fit as good.
+estimate than such noise moves it (Hausman 1978), or no more than a prediction may. Where few rows are at 0 V and it
+loses no more, nobody can tell which of both is the strip: least squares is the answer, and the other a fit as good.
 """
 
 from __future__ import annotations

@@ -1,0 +1,45 @@
+"""A drift that rows at 0 V show: they are fitted, and say what is known beforehand; they count once."""
+
+import numpy as np
+import scipy.linalg
+
+from ipmclab import Run, RunMetadata, identify, load_actuator, simulate
+
+
+def test_errors_beside_a_drift_are_those_of_one_regression() -> None:
+    """Written out: parameters, zeros and slopes at once, the prior of a slope a sum of the readings at 0 V."""
+    strip, noise = load_actuator("friend-2"), np.random.default_rng(20261124)
+    runs = []
+    for signal in ("step 1 V delay=5 s", "sine 1 V 0.1 Hz delay=5 s"):
+        clean = simulate(strip, signal, duration=45.0, rate=50.0)
+        assert clean.current is not None
+        current = clean.current + 3e-4 * clean.time / 45.0 + 1e-4 * noise.standard_normal(len(clean))
+        about = RunMetadata(starts_from_rest=True)
+        runs.append(Run.from_arrays(time=clean.time, voltage=clean.voltage, current=current, metadata=about))
+    fit = identify(strip, runs, free="electrical")
+    assert fit.estimate is not None
+    under = fit.estimate.correlated
+    assert not under.is_weighted
+
+    sensors, slopes, by_readings = [], [], []
+    for key, piece in under.problem.pieces.items():
+        run, unit = runs[key[0]], under.problem.noise[key]
+        rest, sensor = int(np.argmax(run.voltage != 0.0)), np.column_stack([np.ones(len(run)), run.time])
+        error = under.zeros[key].rest.error / unit
+        assert np.isfinite(error)
+        deviation = np.sqrt(under.shapes[key].variance)
+        of_slope = np.zeros(len(run))
+        of_slope[:rest] = np.linalg.pinv(sensor[:rest])[1]  # what each reading at 0 V adds to their slope
+        sensors.append(sensor)
+        slopes.append(np.array([[0.0, 1.0 / error]]))
+        by_readings.append((deviation * np.eye(len(run)), deviation * of_slope[None] / error))
+        assert piece.stop - piece.start == len(run)
+    jacobian = under.plain.jacobian
+    known = scipy.linalg.block_diag(*slopes)
+    beside = np.hstack([jacobian, scipy.linalg.block_diag(*sensors)])
+    columns = np.vstack([beside, np.hstack([np.zeros((len(known), jacobian.shape[1])), known])])
+    driven = np.vstack([scipy.linalg.block_diag(*(one[k] for one in by_readings)) for k in (0, 1)])
+    moved = np.linalg.norm((np.linalg.pinv(columns) @ driven)[: jacobian.shape[1]], axis=1)
+    expected = dict(zip([unknown.name for unknown in under.problem.unknowns], moved, strict=True))
+    told = [one.standard_error / one.value for one in fit.parameters.values()]
+    np.testing.assert_allclose(told, [expected[name] for name in fit.parameters], rtol=0.03)
