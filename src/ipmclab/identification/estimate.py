@@ -88,15 +88,18 @@ def estimate(actuator: Actuator, names: FreeParameters, records: Sequence[Prepar
     findings += unshown_zeros(problem, solution)
     if under.shapes:
         # Under their noise the readings tell fewer minima apart: all of them are asked again.
+        if under.is_weighted:
+            rivals = minima.rivals  # the valley is walked again
+            if not has_doublet(problem.values(solution.theta, problem.records[0].place)):
+                # What stood beside a doublet of least squares is now asked for itself.
+                rivals = tuple(replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in rivals)
         asked = [*rivals, *minima.ends, *_usual(problem, solution, minima.ends)]
-        if under.is_weighted and not has_doublet(problem.values(solution.theta, problem.records[0].place)):
-            # What stood beside a doublet of least squares is now asked for itself.
-            asked = [replace(rival, reach=dict.fromkeys(rival.reach, 0.0)) for rival in asked]
         rivals = still_rivals(problem, solution, asked, under.inflation)
         if other is not None:
             reach = NORMAL_95 * entry_errors(other.solution.evaluation)
             rivals += (Rival.of(problem, other.solution.theta, reach),)
-        if isinstance(problem.responder, CircuitResponder):  # the ends of a coupling's valley would reach too far
+        # The ends of a coupling's valley would reach too far where noise inflates what it may cost.
+        if under.is_weighted or isinstance(problem.responder, CircuitResponder):
             walked = minima.valley.under(problem, solution)
             valley = along_valleys(actuator, names, problem, solution) if walked is None else walked
             rivals += allowed_places(problem, solution, valley, under.inflation)

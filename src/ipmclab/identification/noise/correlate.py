@@ -189,7 +189,7 @@ class Correlated:
         inside = measured_rows(self.problem.record_at(key[0]), key[1])
         if key in self.zeros:
             # What is known of a zero or a slope beforehand has an error too: of rows at 0 V, and of its own.
-            projection, own_errors = self._known(key)
+            projection, own_errors = self._known[key]
             moved = projection.columns.T @ turned[inside]
             turned[inside] -= projection.by_rows @ moved
             moved *= own_errors[:, None]
@@ -204,11 +204,15 @@ class Correlated:
             return np.asarray((1.0 if shape is None else shape.variance) * (columns.T @ columns))
         return spread_by(columns, self.pieces[key].steps, shape)
 
-    def _known(self, key: Key) -> tuple[Projection, FloatArray]:
+    @cached_property
+    def _known(self) -> dict[Key, tuple[Projection, FloatArray]]:
         """What is known of a zero and a slope beforehand, and the errors of that beside those of the rows at 0 V."""
-        projection: Projection = self.problem.projections[key]  # type: ignore[attr-defined]
-        of_rows = self._noise_of(projection.by_rows, key).diagonal()
-        return projection, np.sqrt(np.maximum(projection.known**2 - of_rows, 0.0))
+        found = {}
+        for key in self.zeros:
+            projection: Projection = self.problem.projections[key]  # type: ignore[attr-defined]
+            of_rows = self._noise_of(projection.by_rows, key).diagonal()
+            found[key] = projection, np.sqrt(np.maximum(projection.known**2 - of_rows, 0.0))
+        return found
 
     def inflation(self, change: FloatArray) -> float:
         """How many times as much the noise moves the readings along a change of the residuals as white noise would."""
@@ -229,7 +233,7 @@ class Correlated:
             rows[self.pieces[key].inside] = drawn(shape, self.pieces[key].steps, generator)
         for key in self.zeros:
             rows = found[self.problem.pieces[key]]
-            projection, own_errors = self._known(key)
+            projection, own_errors = self._known[key]
             inside = self.pieces[key].inside
             of_rows = projection.by_rows.T @ rows[inside]
             rows[inside] += projection.columns @ (own_errors * generator.standard_normal(len(own_errors)) - of_rows)

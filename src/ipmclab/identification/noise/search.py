@@ -22,7 +22,7 @@ _WHITES: Final = (0.3, 1.0, 3.0)
 _CLOSE: Final = 3.0  # penalties of one term: covariances that far above the best are tried with fewer constants
 _STEP: Final = 2e-3  # of the error of an entry
 _ENOUGH: Final = 1e-5  # part of what was gained: the deviance is then known to a hundredth
-_FLAT: Final = 0.02  # of the deviance for an error of an entry: the lowest is then not a thousandth below
+_FLAT: Final = 0.02  # of the deviance for an error of an entry: the lowest is then not a hundredth below
 _IMPOSSIBLE: Final = 1e9  # height of a shape under which the readings cannot be
 
 
@@ -72,7 +72,7 @@ def _refine(columns: Columns, others: Others, terms: Terms, starts: Iterable[Flo
 def _descend(
     height: Callable[[FloatArray], float], start: FloatArray, bounds: list[tuple[float, float]], sharp: float
 ) -> FloatArray:
-    """The lowest point, in steps of an entry's error: an arctangent of a correlation is known to 1/sqrt(n)."""
+    """The lowest point, in units in which an entry is known to 1, as of correlations; of a walk it is known less."""
     from scipy.optimize import minimize
 
     options = {"eps": _STEP, "ftol": _ENOUGH, "gtol": _FLAT, "maxiter": 40}

@@ -51,23 +51,26 @@ def minimum(problem: Problem, theta: FloatArray, *, evaluations: int = LONGEST) 
     means = problem.on_means
     if means is None:
         return minimise(problem, theta, evaluations=evaluations, tolerance=_tolerance(problem))
-    near = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR))
-    if not near.converged:
-        return near
+    found = on_every_row(problem, minimise(means, theta, evaluations=evaluations, tolerance=NEAR))
+    if not found.converged:
+        return found
     for _ in range(_CORRECTED):
-        found, left = settled_to(problem, near, _THERE)
+        found, left = settled_to(problem, found, _THERE)
         if left <= _THERE:
-            return found
+            return replace(found, converged=True)
         corrected = Shifted(means, correction(means.evaluate(found.theta), found.evaluation))
         near = on_every_row(problem, minimise(corrected, found.theta, evaluations=evaluations, tolerance=NEAR))
+        near = replace(near, evaluations=near.evaluations + found.evaluations)
         hardly = _HARDLY * found.evaluation.cost / len(found.evaluation.residual)
         fallen = found.evaluation.cost - near.evaluation.cost
         if abs(fallen) <= hardly:
             # Along a valley in which the cost hardly falls there is no last step: it ends where the means have ended.
-            return near if fallen > 0.0 else found
+            return near if fallen > 0.0 else replace(found, evaluations=near.evaluations)
         if fallen < 0.0:
             break  # so far from a minimum means are no guide
-    return minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR)
+        found = near
+    last = minimise(problem, found.theta, found.evaluation, evaluations=evaluations, tolerance=NEAR)
+    return replace(last, evaluations=last.evaluations + found.evaluations)
 
 
 def minimum_near(
@@ -123,14 +126,16 @@ def _tolerance(problem: Problem) -> float:
     return _CHEAP if isinstance(problem.responder, CircuitResponder) else _COSTLY
 
 
-def to_the_end(tried: Sequence[tuple[Problem, Solution]], noise: Noise | None = None) -> list[tuple[Problem, Solution]]:
+def to_the_end(
+    tried: Sequence[tuple[Problem, Solution]], neighbours: Noise | None = None
+) -> list[tuple[Problem, Solution]]:
     """The searches that were left early, those that may still win followed to their minimum; the best first.
 
     Parameters
     ----------
     tried : sequence of (Problem, Solution)
-    noise : mapping of (place, output) to float, optional [SI]
-        Of the readings, where they are weighed by something else.
+    neighbours : mapping of (place, output) to float, optional [SI]
+        The noise between neighbouring readings, where they are weighed by something else.
     """
     best = np.inf
     found = []
@@ -140,7 +145,7 @@ def to_the_end(tried: Sequence[tuple[Problem, Solution]], noise: Noise | None = 
             more = minimum(problem, solution.theta, evaluations=longest)
             solution = replace(more, evaluations=more.evaluations + solution.evaluations)
         best = min(best, solution.evaluation.cost)
-        if solution.converged and at_floor(problem, solution, noise or problem.noise):
+        if solution.converged and at_floor(problem, solution, neighbours or problem.noise):
             longest = SHORTLY
         found.append((problem, solution))
     return sorted(found, key=lambda pair: pair[1].evaluation.cost)

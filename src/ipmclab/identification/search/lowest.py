@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -113,7 +114,7 @@ def _search(
 
 
 def _left_by_starts(posed: Sequence[tuple[Problem, FloatArray]]) -> Noise:
-    """What weighs in a search: the noise of each output, times the least by which a start leaves more of that output.
+    """The noise that a search weighs by: of each output as many times that of its readings as the best start leaves.
 
     No model is complete. What it leaves of two outputs can be many times their noise, which then says nothing of how
     one weighs against the other. Runs of one output keep their own noise: of two that disagree none is to be followed.
@@ -127,8 +128,11 @@ def _left_by_starts(posed: Sequence[tuple[Problem, FloatArray]]) -> Noise:
         shorter = problem.on_means or problem
         here = shorter.evaluate(theta)
         for output in outputs:
-            pieces = [here.residual[piece] for (_, of), piece in shorter.pieces.items() if of == output]
-            left = float(np.sqrt(np.mean(np.square(np.concatenate(pieces)))))
+            squares = [
+                np.sum(np.square(here.residual[piece])) for (_, of), piece in shorter.pieces.items() if of == output
+            ]
+            readings = sum(piece.stop - piece.start for (_, of), piece in problem.pieces.items() if of == output)
+            left = math.sqrt(sum(squares) / max(readings, 1))  # a mean weighs as its readings
             times[output] = min(times[output], left) if np.isfinite(left) else times[output]
     return {key: one * max(times[key[1]], 1.0) if np.isfinite(times[key[1]]) else one for key, one in noise.items()}
 

@@ -79,12 +79,14 @@ def eigenvectors(matrix: FloatArray) -> Eigenvectors | None:
         return Eigenvectors(poles, own, own_left, rounding)
     coupling = own_left @ matrix @ own
     unit, inverse = np.eye(n, dtype=np.complex128), np.eye(n, dtype=np.complex128)
-    with np.errstate(divide="ignore", invalid="ignore"):  # of poles that meet there are too few eigenvectors
+    with np.errstate(divide="ignore", invalid="ignore"):
         for block in blocks[1:]:
             before = slice(0, block.start)
             driven = coupling[block, before] @ unit[before, before]
             unit[block, before] = driven / (poles[before] - poles[block, None])
             inverse[block, before] = -unit[block, before] @ inverse[before, before]
+    if not np.all(np.isfinite(unit)):
+        return None  # of poles that meet there are too few eigenvectors
     return Eigenvectors(poles, own @ unit, inverse @ own_left, rounding)
 
 

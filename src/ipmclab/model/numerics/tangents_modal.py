@@ -84,7 +84,7 @@ class Modes(NamedTuple):
         apart = poles[:, None] - poles
         np.fill_diagonal(apart, np.inf)
         nearest = np.minimum(np.abs(apart).min(axis=0), np.abs(poles))
-        if not (np.all(np.isfinite(right)) and np.all(np.linalg.cond(right) * rounding < LOST * nearest)):
+        if not np.all(np.linalg.cond(right) * rounding < LOST * nearest):
             return None
         # These must be the modes of this very matrix, entry by entry: a small one may be all that drives a force.
         size = np.minimum(np.linalg.norm(balance, axis=1)[:, None], np.linalg.norm(balance, axis=0))
