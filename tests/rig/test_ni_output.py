@@ -13,6 +13,7 @@ from ipmclab import signals
 from ipmclab.rig.bench import BenchError
 from ipmclab.rig.channels import Channel
 from ipmclab.rig.daqmx.driver import Driver
+from ipmclab.rig.daqmx.look import Watcher
 from ipmclab.rig.daqmx.look_back import read_output
 from ipmclab.rig.daqmx.tasks import OnDemand, TimedTasks
 from ipmclab.rig.ni import NiBench, Resetter, client, reset
@@ -215,6 +216,40 @@ def test_a_reset_waits_for_the_guardian_of_another_program_to_read_the_output(
             with pytest.raises(BenchError, match="could not be read back: another program holds it"):
                 reset(chassis.rig)
     finally:
+        inputs.close()
+        guardian.close()
+
+
+@pytest.mark.parametrize("is_kept", [False, True])
+def test_whoever_looks_on_takes_the_inputs_back_as_often_as_a_guardian_takes_them(
+    chassis: StandIn, monkeypatch: pytest.MonkeyPatch, is_kept: bool
+) -> None:
+    """It reads the output again and again until it is at 0 V; what holds them for ever is told."""
+    chassis.rest()
+    guardian = Driver(client(), chassis.rig, wait=10.0, patience=10.0)
+    inputs = OnDemand(guardian, NAMES)
+    watcher = Watcher(chassis.rig)
+    take, taken = Watcher.take, []
+
+    def taken_again(self: Watcher) -> None:
+        take(self)
+        taken.append(self)
+        if is_kept or len(taken) < 4:
+            inputs.release_inputs()  # a reset ended this task: the next reading makes another
+            inputs.read()
+
+    times = iter(float(second) for second in range(100))
+    monkeypatch.setattr(Watcher, "take", taken_again)
+    monkeypatch.setattr("ipmclab.rig.daqmx.look.time", SimpleNamespace(monotonic=lambda: next(times)))
+    try:
+        if is_kept:
+            with pytest.raises(BenchError, match="another program holds it"):
+                watcher.output()
+        else:
+            assert watcher.output() == 0.0
+            assert len(taken) == 4
+    finally:
+        watcher.close()
         inputs.close()
         guardian.close()
 
