@@ -17,6 +17,7 @@ from benchmarks.harness import finish
 SOURCES = (
     "src/ipmclab/model",
     "src/ipmclab/identification",
+    "src/ipmclab/measurement/random_effect.py",
     "src/ipmclab/statespace",
     "src/ipmclab/fit",
     "src/ipmclab/prediction",

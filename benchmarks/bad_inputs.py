@@ -166,7 +166,7 @@ def nothing_set_going(chance: random.Random) -> Iterator[None]:
             ("ipmclab.store.journal.recover.finish", lambda path, laboratory: finish_here(Path(path), laboratory)),
             ("ipmclab.posterior.posterior.sample_posterior", stop),
             ("ipmclab.choosing.choose.hold_out", stop),
-            ("ipmclab.identification.uncertainty.bootstrap.bootstrap", stop),
+            ("ipmclab.refitting.bootstrap.bootstrap", stop),
             ("ipmclab.page.server.serve", stop),
             ("ipmclab.cli.demo._record", stop),
             ("virtual_cdaq.server.Server.__init__", stop),

@@ -1,7 +1,8 @@
-"""What hangs on the numbers that are set by hand in ``identification``.
+"""What hangs on the numbers that are set by hand in a fit.
 
-Run ``python -m benchmarks.constants [--rooms noise,search] [--record]``; ``IPMCLAB_REAL_RUNS`` names the real records.
-Every number that a module of ``src/ipmclab/identification`` names in capitals is doubled and halved, one at a time (of
+Run ``python -m benchmarks.constants [--rooms identification.noise,statespace] [--record]``; ``IPMCLAB_REAL_RUNS``
+names the real records.
+Every number that a module of these rooms (``ROOMS``) names in capitals is doubled and halved, one at a time (of
 a probability near 1 what is missing to 1; a whole number stays at least 1), and the cases below are identified again.
 A number on which no answer hangs is a matter of taste or of speed; what hangs on the others is written down here.
 
@@ -38,10 +39,18 @@ from benchmarks.real_records import records
 from benchmarks.trust import NOISES, draw
 from benchmarks.wrong_model import FREE, cut_out
 
-SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/refitting",
+    "src/ipmclab/measurement/random_effect.py",
+    "src/ipmclab/prediction/open_coupling.py",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+)
 SEED = 20261123
 ROOT = Path(__file__).parents[1]
-ROOMS = ROOT / "src" / "ipmclab" / "identification"
+ROOMS = ("identification", "statespace", "refitting", "measurement/random_effect.py", "prediction/open_coupling.py")
 COMPILED = ("kernels", "kernel")
 """Modules whose loops are compiled: what they name is part of the machine code."""
 SHOWN = 0.1
@@ -94,7 +103,8 @@ class Effect:
 
 def constants() -> Iterator[Constant]:
     """Those of every module that is not compiled, in the order of the sources."""
-    for path in sorted(ROOMS.rglob("*.py")):
+    rooms = [ROOT / "src" / "ipmclab" / room for room in ROOMS]
+    for path in (path for room in rooms for path in (sorted(room.rglob("*.py")) or [room])):
         if path.stem in COMPILED:
             continue
         text = path.read_text(encoding="utf-8")
@@ -271,10 +281,14 @@ def _key(constant: Constant, factor: float) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rooms", default="", help="folders of identification, separated by commas; all without it")
+    parser.add_argument(
+        "--rooms",
+        default="",
+        help="rooms, such as identification.noise, separated by commas; all without",
+    )
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/constants.md")
     options = parser.parse_args()
-    rooms = tuple(f"ipmclab.identification.{one}" for one in filter(None, options.rooms.split(",")))
+    rooms = tuple(f"ipmclab.{one}" for one in filter(None, options.rooms.split(",")))
     kept = ROOT / "build" / "constants.jsonl"
     kept.parent.mkdir(exist_ok=True)
     lines = kept.read_text().splitlines() if kept.exists() else []
@@ -299,7 +313,7 @@ def main() -> None:
         )
         if any(one.shows for one in found.values()):
             shown += 1
-            where = constant.module.removeprefix("ipmclab.identification.")
+            where = constant.module.removeprefix("ipmclab.")
             table.append(f"| {where} | {constant.name} | {value} | {constant.what} | {found[2.0]} | {found[0.5]} |")
     body = [
         f"{len(chosen)} numbers, each doubled and halved, {len(fits)} fits each. {shown} of them change an answer by "

@@ -39,7 +39,13 @@ from ipmclab.model import Actuator, with_stages
 from ipmclab.model.environment import Environment
 from ipmclab.run import Run, RunMetadata
 
-SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/fit", "src/ipmclab/prediction")
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+    "src/ipmclab/prediction",
+)
 
 SEED = 20261123
 _TITLE = "One strip in many environments"

@@ -21,7 +21,7 @@ import scipy.signal
 import ipmclab
 from benchmarks.harness import Ratio, clock, finish
 from ipmclab.identification.search.solve import Shifted, descend
-from ipmclab.identification.solved import fitted
+from ipmclab.refitting.again import fitted
 from tests.independent.bounds import (
     ELECTRICAL,
     log_parameters_of,
@@ -32,7 +32,13 @@ from tests.independent.bounds import (
 )
 from tests.independent.thesis import FRIEND_2, circuit
 
-SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/refitting",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+)
 
 SEED, RATE, NOISE = 20261121, 50.0, 1e-4
 CALLS = 20

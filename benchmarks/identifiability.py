@@ -16,7 +16,7 @@ from benchmarks.harness import finish
 from ipmclab import bootstrap, identifiability, identify, load_actuator, profile
 from ipmclab.fit.fit import Fit
 from ipmclab.model.variants import with_stages
-from tests.identification.undetermined.test_identifiable import (
+from tests.planning.test_identifiable import (
     FRIEND,
     SHEET,
     SIGNALS,
@@ -27,7 +27,13 @@ from tests.identification.undetermined.test_identifiable import (
     strip_with,
 )
 
-SOURCES = ("src/ipmclab/model", "src/ipmclab/identification", "src/ipmclab/statespace", "src/ipmclab/fit")
+SOURCES = (
+    "src/ipmclab/model",
+    "src/ipmclab/identification",
+    "src/ipmclab/planning/identifiable.py",
+    "src/ipmclab/statespace",
+    "src/ipmclab/fit",
+)
 
 SLOW = with_stages(FRIEND, "relaxation.force")
 EIGHT = ["electrical", "coupling.gain", "coupling.p1", "coupling.p2"]

@@ -21,12 +21,13 @@ from scipy.stats import t as student
 
 import ipmclab
 from benchmarks.harness import finish
-from ipmclab.identification.uncertainty.random_effect import random_effect
+from ipmclab.measurement.random_effect import random_effect
 from tests.identification.many import ELECTRICAL, FRIEND, mounted, noisy
 
 SOURCES = (
     "src/ipmclab/model",
     "src/ipmclab/identification",
+    "src/ipmclab/measurement/random_effect.py",
     "src/ipmclab/statespace",
     "src/ipmclab/fit",
     "src/ipmclab/prediction",

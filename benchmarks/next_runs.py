@@ -31,7 +31,13 @@ from ipmclab.planning.run_noise import RunNoise
 from ipmclab.rig.safety.limits import Limit, Limits
 from ipmclab.signals import parse
 
-SOURCES = ("src/ipmclab/planning", "src/ipmclab/identification", "src/ipmclab/model", "src/ipmclab/fit")
+SOURCES = (
+    "src/ipmclab/planning",
+    "src/ipmclab/identification",
+    "src/ipmclab/statespace",
+    "src/ipmclab/model",
+    "src/ipmclab/fit",
+)
 
 SEED = 20261123
 RATE = 25.0

@@ -19,13 +19,15 @@ MOST = 4
 NICER = 10
 """By so much a worker that is not held to time is nicer than one that is."""
 
-LONG = ("tests/test_docs.py", "tests/acceptance", "tests/identification", "tests/independent")
+LONG = ("tests/test_docs.py", "tests/acceptance", "tests/identification", "tests/refitting", "tests/independent")
 """Modules that begin so are the longest: they come early, so that all workers end at about the same time."""
 
 FITTING = tuple(
     f"tests/{room}/"
     for room in (
         "identification",
+        "refitting",
+        "statespace",
         "fit",
         "prediction",
         "consistency",

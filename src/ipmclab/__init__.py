@@ -25,17 +25,13 @@ if TYPE_CHECKING:
     from ipmclab.fit.fit_file import write_fit as write_fit
     from ipmclab.forecasting.forecast import forecast as forecast
     from ipmclab.identification.identify import identify as identify
-    from ipmclab.identification.refit import Refits as Refits
-    from ipmclab.identification.refit import refit as refit
-    from ipmclab.identification.uncertainty.bootstrap import bootstrap as bootstrap
-    from ipmclab.identification.uncertainty.profiles import profile as profile
-    from ipmclab.identification.undetermined.identifiable import identifiability as identifiability
     from ipmclab.model import Actuator as Actuator
     from ipmclab.model import load_actuator as load_actuator
     from ipmclab.model import simulate as simulate
     from ipmclab.model import simulate_many as simulate_many
     from ipmclab.model import write_actuator as write_actuator
     from ipmclab.planning.candidates import Allowance as Allowance
+    from ipmclab.planning.identifiable import identifiability as identifiability
     from ipmclab.planning.propose import propose_runs as propose_runs
     from ipmclab.posterior.posterior import sample_posterior as sample_posterior
     from ipmclab.posterior.posterior import write_posterior as write_posterior
@@ -48,6 +44,10 @@ if TYPE_CHECKING:
     from ipmclab.publication.crate import export_crate as export_crate
     from ipmclab.quality import check as check
     from ipmclab.quality import measure as measure
+    from ipmclab.refitting.bootstrap import bootstrap as bootstrap
+    from ipmclab.refitting.profiles import profile as profile
+    from ipmclab.refitting.refit import Refits as Refits
+    from ipmclab.refitting.refit import refit as refit
     from ipmclab.reporting import plot as plot
     from ipmclab.reporting import report as report
     from ipmclab.reporting.comparison import write_comparison as write_comparison
@@ -71,7 +71,7 @@ _HOMES: Final = {
     "Choice": "ipmclab.choosing.choice",
     "Fit": "ipmclab.fit.fit",
     "Validation": "ipmclab.prediction.validate",
-    "bootstrap": "ipmclab.identification.uncertainty.bootstrap",
+    "bootstrap": "ipmclab.refitting.bootstrap",
     "choose": "ipmclab.choosing.choose",
     "Comparison": "ipmclab.comparison.compare",
     "compare": "ipmclab.comparison.compare",
@@ -80,15 +80,15 @@ _HOMES: Final = {
     "write_comparison_data": "ipmclab.reporting.comparison",
     "follow_procedure": "ipmclab.procedure.follow",
     "forecast": "ipmclab.forecasting.forecast",
-    "Refits": "ipmclab.identification.refit",
-    "refit": "ipmclab.identification.refit",
-    "identifiability": "ipmclab.identification.undetermined.identifiable",
+    "Refits": "ipmclab.refitting.refit",
+    "refit": "ipmclab.refitting.refit",
+    "identifiability": "ipmclab.planning.identifiable",
     "identify": "ipmclab.identification.identify",
     "leave_one_run_out": "ipmclab.prediction.left_out",
     "Allowance": "ipmclab.planning.candidates",
     "propose_runs": "ipmclab.planning.propose",
     "prediction_bands": "ipmclab.prediction.bands",
-    "profile": "ipmclab.identification.uncertainty.profiles",
+    "profile": "ipmclab.refitting.profiles",
     "read_fit": "ipmclab.fit.fit_file",
     "sample_posterior": "ipmclab.posterior.posterior",
     "read_procedure": "ipmclab.procedure.procedure_file",

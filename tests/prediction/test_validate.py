@@ -11,9 +11,9 @@ import pytest
 
 from ipmclab import Run, RunMetadata, identify, import_run, load_actuator, simulate
 from ipmclab.errors import InputError
-from ipmclab.identification.undetermined.open_coupling import open_coupling
 from ipmclab.model import Actuator
 from ipmclab.model.outputs import simulate_outputs
+from ipmclab.prediction.open_coupling import open_coupling
 from ipmclab.prediction.validate import validate
 
 SEED = 20261121
@@ -279,7 +279,7 @@ def test_a_real_record_is_scored_without_its_missing_contact(actuator: Actuator,
 def test_every_finding_of_a_validation_is_explained_in_the_documentation() -> None:
     root = Path(__file__).parents[2]
     source = (root / "src/ipmclab/prediction/validate.py").read_text("utf-8")
-    source += (root / "src/ipmclab/identification/undetermined/open_coupling.py").read_text("utf-8")
+    source += (root / "src/ipmclab/prediction/open_coupling.py").read_text("utf-8")
     codes = set(re.findall(r'Finding\(\s*"([a-z-]+)"', source))
     assert {"used-in-fit", "zero-taken-off"} <= codes
     rows = re.findall(r"^\| (`[^|]*`) \|", (root / "docs/commands.md").read_text("utf-8"), flags=re.MULTILINE)

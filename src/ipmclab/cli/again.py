@@ -43,7 +43,7 @@ def profile(
     \b
     ipmclab profile fitted.toml step.nc sine.nc
     """
-    from ipmclab.identification.uncertainty.profiles import profile as follow
+    from ipmclab.refitting.profiles import profile as follow
 
     fit = _fitted(actuator, runs, (free, per_run, per_mounting, prior), lambda fit, tell: follow(fit, progress=tell))
     rows = {name: (one.interval, one.is_open) for name, one in fit.profiles.items()}
@@ -80,8 +80,8 @@ def bootstrap(
     ipmclab bootstrap fitted.toml step.nc --count 200
     """
     from ipmclab.engine import opened
-    from ipmclab.identification.uncertainty.bootstrap import FEWEST_DRAWS
-    from ipmclab.identification.uncertainty.bootstrap import bootstrap as draw
+    from ipmclab.refitting.bootstrap import FEWEST_DRAWS
+    from ipmclab.refitting.bootstrap import bootstrap as draw
 
     if count < FEWEST_DRAWS:
         raise InputError(

@@ -31,7 +31,7 @@ def identifiability(
     ipmclab identifiability friend-2 --free electrical,circuit.sheet_resistance --outputs current
     """
     from ipmclab import load_actuator
-    from ipmclab.identification.undetermined.identifiable import identifiability as look
+    from ipmclab.planning.identifiable import identifiability as look
 
     volts = positive(voltage, VOLTAGE, option="--voltage")
     read = [name.strip() for text in outputs or ["current"] for name in text.split(",")]

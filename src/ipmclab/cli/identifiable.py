@@ -21,7 +21,7 @@ def collinearity(fit: Fit, name: str) -> str:
 
 def print_profiles(fit: Fit) -> None:
     """Say where profiles end elsewhere than the intervals of the table, and which to quote."""
-    from ipmclab.identification.uncertainty.profiles import WHY_NOT_PROFILE, flat_within
+    from ipmclab.refitting.profiles import WHY_NOT_PROFILE, flat_within
 
     known = fit.actuator.parameters()
     flat = [name for name in fit.profiles if flat_within(fit, name)]

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
-from ipmclab.identification.uncertainty.random_effect import FEWEST, random_effect
+from ipmclab.measurement.random_effect import FEWEST, random_effect
 from ipmclab.posterior.convergence import Convergence
 from ipmclab.posterior.coordinates import Straight
 from ipmclab.posterior.sampling import sample

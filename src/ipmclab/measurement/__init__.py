@@ -1,1 +1,1 @@
-"""Measured numbers with what makes them uncertain, and the stiffness from a push."""
+"""Measured numbers with what makes them uncertain, several of them taken together, and the stiffness from a push."""

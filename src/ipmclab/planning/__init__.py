@@ -1,1 +1,1 @@
-"""Which runs to record next: what each would tell of a fitted strip, for the time that it takes on the bench."""
+"""What runs would show before any is recorded: of any strip, and of a fitted one for the time on the bench."""

@@ -17,7 +17,6 @@ from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
 from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
-from ipmclab.identification.mountings.own_of_mounting import own_of_mounting
 from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.in_state import in_state
 from ipmclab.identification.problem.record import ending_of
@@ -27,6 +26,7 @@ from ipmclab.model.environment import Environment, equilibrium
 from ipmclab.model.environment.sorption import slope
 from ipmclab.model.sensitivity import Kept, sensitivities
 from ipmclab.planning.candidates import REST_BEFORE, Candidate
+from ipmclab.prediction.own_of_mounting import own_of_mounting
 
 FloatArray = npt.NDArray[np.float64]
 

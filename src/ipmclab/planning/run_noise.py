@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.noise.shape import Shape, spread_by
+from ipmclab.statespace.shape import Shape, spread_by
 from ipmclab.statespace.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import constants, steps_between, whitened
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.identification.noise.whitening import CorrelatedProblem, measured_rows
 from ipmclab.identification.problem.order import Order
@@ -20,6 +19,7 @@ from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown, k
 from ipmclab.identification.solved import Estimate
 from ipmclab.model.parameters import Parameter
 from ipmclab.posterior.coordinates import WIDEST, Straight, coordinates
+from ipmclab.statespace.columns import constants, steps_between, whitened
 from ipmclab.statespace.terms import Terms, state_space
 
 FloatArray = npt.NDArray[np.float64]

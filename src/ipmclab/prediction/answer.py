@@ -12,12 +12,12 @@ from ipmclab.fit.as_fitted import listed, why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.identification.mountings.mountings import why_unknown
-from ipmclab.identification.mountings.own_of_mounting import apart, mountings_seen
 from ipmclab.identification.problem.record import READ_OUTPUTS
 from ipmclab.model import Actuator
 from ipmclab.model.actuator_file import load_actuator, stages_after
 from ipmclab.prediction.bands import Bands, prediction_bands
 from ipmclab.prediction.in_state import environment_of_run
+from ipmclab.prediction.own_of_mounting import apart, mountings_seen
 from ipmclab.run import Run
 
 MOST_ROWS: Final = 200_000

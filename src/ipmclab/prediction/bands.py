@@ -17,16 +17,16 @@ from ipmclab.fit.observation import Observation
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.mountings.common_error import common_covariance
-from ipmclab.identification.mountings.own_of_mounting import own_of_mounting, strips_apart
 from ipmclab.identification.problem.record import ending_of, own_endings, own_values
 from ipmclab.identification.uncertainty.known_covariance import KnownCovariance, known_of
-from ipmclab.identification.uncertainty.random_effect import FEWEST
+from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_run
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.sensitivity import sensitivities
 from ipmclab.model.simulate import with_shunt
 from ipmclab.prediction.in_state import known_in_state, state_in
+from ipmclab.prediction.own_of_mounting import own_of_mounting, strips_apart
 from ipmclab.run import Hold, Run
 
 FloatArray = npt.NDArray[np.float64]

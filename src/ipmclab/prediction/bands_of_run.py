@@ -11,7 +11,6 @@ from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.as_fitted import listed
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.environment.strip_in_state import rates_of
-from ipmclab.identification.mountings.own_of_mounting import apart, mountings_seen, own_of_mounting
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.model import Actuator
@@ -27,6 +26,7 @@ from ipmclab.prediction.bands import (
     spread_of_next,
 )
 from ipmclab.prediction.in_state import state_in
+from ipmclab.prediction.own_of_mounting import apart, mountings_seen, own_of_mounting
 from ipmclab.run import Finding, Run
 
 FloatArray = npt.NDArray[np.float64]

@@ -18,7 +18,6 @@ from ipmclab.fit.left_out import LeftOut
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, Piece
-from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
@@ -27,7 +26,7 @@ from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import STRUCTURAL, descend, entry_errors
 from ipmclab.identification.solved import Estimate, solved
 from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
-from ipmclab.identification.uncertainty.random_effect import FEWEST
+from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.model import Actuator
 from ipmclab.one_thread import on_one_thread
 from ipmclab.prediction.bands import Drive, noise_of, spread_of
@@ -35,6 +34,7 @@ from ipmclab.prediction.scores import Comparison, Score
 from ipmclab.prediction.validate import validate
 from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.run import Finding
+from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]

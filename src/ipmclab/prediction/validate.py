@@ -15,7 +15,6 @@ from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
 from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
-from ipmclab.identification.mountings.own_of_mounting import own_of_mounting
 from ipmclab.identification.problem.earlier_fit import fitted_runs, zeros_of_fit
 from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
 from ipmclab.identification.problem.record import (
@@ -26,13 +25,14 @@ from ipmclab.identification.problem.record import (
     noise_only,
     prepare,
 )
-from ipmclab.identification.undetermined.open_coupling import open_coupling
 from ipmclab.model import Actuator
 from ipmclab.model.given import need_actuator, need_each_once, need_run
 from ipmclab.model.stages.laser import blank_lost
 from ipmclab.model.validity import validity
 from ipmclab.prediction.bands_of_run import another_mounting, band_of_run, own_mounting, place_in
 from ipmclab.prediction.in_state import environment_of_run, state_in
+from ipmclab.prediction.open_coupling import open_coupling
+from ipmclab.prediction.own_of_mounting import own_of_mounting
 from ipmclab.prediction.scores import Comparison, Score, score
 from ipmclab.quality import check
 from ipmclab.run import Finding, Run, RunMetadata

@@ -7,8 +7,8 @@ import io
 import math
 from typing import TYPE_CHECKING, Any
 
-from ipmclab.identification.uncertainty.profiles import WHY_NOT_PROFILE, flat_within
 from ipmclab.identification.undetermined.practical import COLLINEAR
+from ipmclab.refitting.profiles import WHY_NOT_PROFILE, flat_within
 from ipmclab.reporting.figures.profiles import profiles_figure
 from ipmclab.reporting.svg import inline_svg
 from ipmclab.reporting.wording import NO_BREAK

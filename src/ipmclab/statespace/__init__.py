@@ -1,1 +1,1 @@
-"""The state space of noise: what noise a reading may have, and how it is filtered."""
+"""The state space of noise: what noise a reading may have, how it is filtered, and which one readings show."""

@@ -11,10 +11,10 @@ from typing import Final
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_table import with_findings
 from ipmclab.identification.identify import identify
-from ipmclab.identification.uncertainty.profiles import profile
 from ipmclab.model import Actuator
 from ipmclab.prediction.left_out import leave_one_run_out
 from ipmclab.progress import Tell, part, telling
+from ipmclab.refitting.profiles import profile
 from ipmclab.run import Finding, Run
 
 LONG: Final = 10_000

@@ -15,7 +15,7 @@ from ipmclab import Run, identify, prediction_bands, read_fit, simulate, write_f
 from ipmclab.identification.identify import identify_freed
 from ipmclab.identification.mountings.common_error import common_covariance, loadings_of, parted
 from ipmclab.identification.problem.free import FreeParameters, Prior
-from ipmclab.identification.uncertainty.random_effect import random_effect
+from ipmclab.measurement.random_effect import random_effect
 from ipmclab.model import Actuator
 from tests.identification import many
 from tests.identification.many import CONTACT, FRIEND, noisy

@@ -11,10 +11,10 @@ import pytest
 import scipy.signal
 
 from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, read_fit, simulate, write_fit
-from ipmclab.identification.noise.long_run import long_run
 from ipmclab.identification.uncertainty import covariance
 from ipmclab.prediction.bands import prediction_bands
 from ipmclab.reporting.tables import parameter_rows
+from ipmclab.statespace.long_run import long_run
 from tests.independent.bounds import ELECTRICAL
 from tests.independent.thesis import FRIEND_2, respond
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import Finding, InputError, Run, RunMetadata
-from ipmclab.identification.problem.drive import Drive, responses
 from ipmclab.identification.problem.record import drive, prepare
+from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.model.numerics.timeline import timeline
 
 GENERATOR = np.random.default_rng(20261121)

@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ipmclab import Run, identify, load_actuator, simulate
-from ipmclab.identification.problem.drive import Drive
 from ipmclab.identification.search.starts.start_turning import search_turning
 from ipmclab.identification.search.varpro import SearchedRun
+from ipmclab.model.numerics.drive import Drive
 
 PAIR = "relaxation.displacement_pair.0"
 

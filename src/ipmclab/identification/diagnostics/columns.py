@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.diagnostics.score_directions import ScoreDirection, response
-from ipmclab.identification.problem.drive import Drive, responses
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import drive
 from ipmclab.model import Actuator
+from ipmclab.model.numerics.drive import Drive, responses
 from ipmclab.run import FloatArray
 
 _LAGS: Final = (0.002, 0.006, 0.02, 0.06, 0.2, 0.6)

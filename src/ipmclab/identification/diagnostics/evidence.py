@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import inverse, without
 from ipmclab.identification.noise.pieces import Key, Piece, System, refine_noise
-from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import inverse, without
+from ipmclab.statespace.shape import Shape
 
 
 class Evidence:

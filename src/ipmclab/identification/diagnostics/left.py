@@ -13,12 +13,12 @@ from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
 from ipmclab.identification.noise.correlate import FLOOR
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
-from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
 from ipmclab.run import FloatArray
+from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
 _REJECT: Final = 1e-3

@@ -1,1 +1,1 @@
-"""The mountings of a strip: what each has for itself, and what the next one will say."""
+"""The mountings of a strip: in what they differ, and what the next one will say."""

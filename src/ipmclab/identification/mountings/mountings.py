@@ -16,7 +16,7 @@ from ipmclab.fit.mountings import Mounting, Mountings
 from ipmclab.identification.mountings.common_error import Parted, loadings_of, loadings_of_joint, parted
 from ipmclab.identification.problem.record import label_of
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
-from ipmclab.identification.uncertainty.random_effect import FEWEST, random_effect
+from ipmclab.measurement.random_effect import FEWEST, random_effect
 from ipmclab.model import Actuator
 from ipmclab.progress import part
 from ipmclab.run import Finding, Run

@@ -1,1 +1,1 @@
-"""The noise of one output of one run: offset, trend, autoregression, random walk; exact restricted likelihood."""
+"""The noise of each output of each run of a fit, and the fit under it."""

@@ -10,11 +10,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ipmclab.identification.noise.columns import constants, steps_between
-from ipmclab.identification.noise.long_run import long_run
-from ipmclab.identification.noise.shape import Shape, spread_by, structure
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import constants, steps_between
+from ipmclab.statespace.long_run import long_run
+from ipmclab.statespace.shape import Shape, spread_by, structure
 
 _FEWEST_OF_SLOPE: Final = 20
 """Rows at 0 V from which their slope is taken: fewer do not tell their own scatter."""

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.columns import CONSTANTS, inverse
 from ipmclab.identification.noise.pieces import Key, Piece, System
-from ipmclab.identification.noise.shape import Shape
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import CONSTANTS, inverse
+from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
 _UNNOTICED: Final = 0.75  # standard error of a drift, in standard deviations of the noise: three of them are then four

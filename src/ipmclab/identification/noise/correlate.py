@@ -19,7 +19,6 @@ import numpy as np
 
 from ipmclab.identification.noise.at_rest import drift_is_shown, is_at_rest_too, left_at_rest, slope_at_rest
 from ipmclab.identification.noise.blind import Blind, blind_outputs
-from ipmclab.identification.noise.columns import CONSTANTS, constants
 from ipmclab.identification.noise.pieces import (
     Key,
     Piece,
@@ -29,16 +28,18 @@ from ipmclab.identification.noise.pieces import (
     refine_noise,
     with_constants,
 )
-from ipmclab.identification.noise.screen import needs_search
-from ipmclab.identification.noise.shape import Shape, drawn, spread_by
-from ipmclab.identification.noise.whitening import CorrelatedProblem, Whitening, measured_rows
+from ipmclab.identification.noise.whitening import CorrelatedProblem, measured_rows
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import Solution
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import CONSTANTS, constants
 from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.statespace.screen import needs_search
+from ipmclab.statespace.shape import Shape, drawn, spread_by
 from ipmclab.statespace.terms import Terms
+from ipmclab.statespace.whitening import Whitening
 
 FLOOR: Final = 1.01
 """Times the rounding of the model: below it residuals are no noise, and never white."""

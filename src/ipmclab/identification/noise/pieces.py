@@ -11,15 +11,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.columns import CONSTANTS, Columns, constants, steps_between, without
-from ipmclab.identification.noise.search import choose_terms, refine, rough_noise
-from ipmclab.identification.noise.shape import Shape
-from ipmclab.identification.noise.whitening import Whitening, measured_rows
+from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.solve import least_seen
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import CONSTANTS, Columns, constants, steps_between, without
+from ipmclab.statespace.search import choose_terms, refine, rough_noise
+from ipmclab.statespace.shape import Shape
+from ipmclab.statespace.whitening import Whitening
 
 Key = tuple[int, str]
 """Place of a run, and an output."""

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.columns import inverse, root_of, without
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, System
-from ipmclab.identification.noise.shape import Shape
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import inverse, root_of, without
+from ipmclab.statespace.shape import Shape
 
 _STEP: Final = 0.05  # of the entries of a noise
 _FARTHEST: Final = 1.5  # standard deviation of an entry of the noise that the readings do not show

@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest
-from ipmclab.identification.noise.columns import constants
-from ipmclab.identification.noise.shape import Shape
 from ipmclab.identification.noise.whitening import Changed, measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import constants
+from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
 Key = tuple[int, str]

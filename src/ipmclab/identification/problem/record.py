@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from ipmclab.fit.observation import Start
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.drive import Drive
-from ipmclab.identification.problem.kernels import shifted_levels
+from ipmclab.model.numerics.drive import Drive
+from ipmclab.model.numerics.poles_loop import shifted_levels
 from ipmclab.model.numerics.timeline import timeline
 from ipmclab.model.simulate import series_shunt
 from ipmclab.quality import censored, usable

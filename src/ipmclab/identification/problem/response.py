@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.admittance import Admittance, Elements, admittance, capacitor_voltages
-from ipmclab.identification.problem.drive import respond
 from ipmclab.identification.problem.record import PreparedRun, drive, model_hold
 from ipmclab.model import Actuator
+from ipmclab.model.admittance import Admittance, Elements, admittance, capacitor_voltages
+from ipmclab.model.numerics.drive import respond
 from ipmclab.model.sensitivity import Kept, Sensitivities, sensitivities
 from ipmclab.model.stages.circuit import CONTACT, Circuit
 

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.drive import Drive, responses
-from ipmclab.identification.problem.kernels import pole_values
+from ipmclab.model.numerics.drive import Drive, responses
+from ipmclab.model.numerics.poles_loop import pole_values
 from ipmclab.normal_equations import damped_step, pseudo_inverse
 from ipmclab.progress import tick
 

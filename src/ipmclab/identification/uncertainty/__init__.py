@@ -1,1 +1,1 @@
-"""How sure a fit is: covariance, intervals, profiles of the likelihood, readings drawn anew."""
+"""How sure a fit is: covariance, intervals, where the likelihood ends them."""

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.correlate import FLOOR, Correlated
 from ipmclab.identification.noise.growing import Growth, growth
-from ipmclab.identification.noise.long_run import long_run
-from ipmclab.identification.noise.screen import of_neighbours
 from ipmclab.identification.noise.spread import degrees_of_freedom, spread_of_weighted
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import least_seen
 from ipmclab.identification.uncertainty.rounding import hidden_zeros
 from ipmclab.run import FloatArray
+from ipmclab.statespace.long_run import long_run
+from ipmclab.statespace.screen import of_neighbours
 
 _REJECT: Final = 1e-3
 

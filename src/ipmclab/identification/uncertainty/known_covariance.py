@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ipmclab.confidence import wider_for_few
-from ipmclab.identification.uncertainty.random_effect import FEWEST
+from ipmclab.measurement.random_effect import FEWEST
 from ipmclab.run import FloatArray
 
 Table = Mapping[str, Mapping[str, float]]

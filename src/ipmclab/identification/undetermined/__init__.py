@@ -1,1 +1,1 @@
-"""What could be identified at all, and what some readings leave open, each with its cure."""
+"""What some readings leave open, each with its cure."""

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.admittance import Admittance, Elements, elements
 from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, drive
 from ipmclab.identification.search.varpro import PoleFit, SearchedRun, search_poles
 from ipmclab.model import geometry
+from ipmclab.model.admittance import Admittance, Elements, elements
 from ipmclab.run import Run
 
 FloatArray = npt.NDArray[np.float64]

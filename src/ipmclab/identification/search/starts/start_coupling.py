@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.drive import Drive, responses
 from ipmclab.identification.problem.free_run import seen_from_sensor
 from ipmclab.identification.problem.record import PreparedRun, model_hold
 from ipmclab.identification.search.starts.slow_modes import slow_modes, slow_poles, slow_values
 from ipmclab.identification.search.starts.start_turning import TurningFit, search_turning
 from ipmclab.identification.search.varpro import PoleFit, SearchedRun, all_minima, search_poles
 from ipmclab.model import Actuator, simulate_outputs
+from ipmclab.model.numerics.drive import Drive, responses
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.admittance import Admittance, admittance
-from ipmclab.identification.problem.drive import responses
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.response import lumped
 from ipmclab.identification.search.starts.start_circuit import circuit_values, current_series
 from ipmclab.identification.search.varpro import SearchedRun, search_poles
 from ipmclab.model import Actuator
+from ipmclab.model.admittance import Admittance, admittance
+from ipmclab.model.numerics.drive import responses
 
 FloatArray = npt.NDArray[np.float64]
 

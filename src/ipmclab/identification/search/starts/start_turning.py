@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.drive import Drive
 from ipmclab.identification.search.varpro import SearchedRun, pole_grid
+from ipmclab.model.numerics.drive import Drive
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

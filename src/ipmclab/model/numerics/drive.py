@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.kernels import pole_response
+from ipmclab.model.numerics.poles_loop import pole_response
 
 FloatArray = npt.NDArray[np.float64]
 

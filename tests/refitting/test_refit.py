@@ -10,9 +10,8 @@ import pytest
 from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, refit, simulate, simulate_many
 from ipmclab.engine import Here
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.search.again import Fitted, fits_again
 from ipmclab.identification.search.solve import Shifted, descend
-from ipmclab.identification.solved import fitted
+from ipmclab.refitting.again import Fitted, fits_again, fitted
 from tests.independent.bounds import ELECTRICAL, noisy_current, step_and_sine
 from tests.independent.thesis import FRIEND_2
 

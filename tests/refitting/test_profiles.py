@@ -12,7 +12,7 @@ import scipy.optimize
 
 from ipmclab import InputError, Run, RunMetadata, identify, load_actuator, profile, read_fit, simulate, write_fit
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.uncertainty.profiles import flat_within
+from ipmclab.refitting.profiles import flat_within
 from ipmclab.reporting.figures.profiles import profiles_figure
 from tests.independent.bounds import ELECTRICAL, log_parameters_of, lsim_current, strip_of
 from tests.independent.thesis import FRIEND_2

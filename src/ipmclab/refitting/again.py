@@ -12,11 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.engine import Engine, in_order
+from ipmclab.fit.fit import Fit
+from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
-from ipmclab.identification.search.side_by_side import Polished, SideBySide
 from ipmclab.identification.search.solve import Shifted, Solution, descend
+from ipmclab.identification.solved import solved
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import tick
+from ipmclab.refitting.side_by_side import Polished, SideBySide
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -48,6 +51,36 @@ class Fitted:
     def beside(self) -> SideBySide | None:
         """The problem as fits go through it side by side, where they do."""
         return SideBySide.of(self.problem)
+
+
+def fitted(fit: Fit) -> Fitted:
+    """Where fits to other readings of the same runs start.
+
+    Raises
+    ------
+    InputError
+        As ``solved``.
+    """
+    estimate = solved(fit)
+    starts = [rival.vector_of(estimate.problem.unknowns, estimate.solution.theta) for rival in estimate.rivals]
+    correlated = estimate.correlated
+    return Fitted(correlated.problem, correlated.solution.theta, correlated.solution.evaluation, starts)
+
+
+def values_of(problem: Problem, thetas: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """The value [SI] of each parameter in each of some fits, shape (n_fits,).
+
+    Branches and modes are named by their place in the row of time constants, in each fit anew; NaN where what is free
+    has another place there.
+    """
+    first = problem.records[0].place
+    asked = [(place, unknown) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    each = []
+    for theta in thetas:
+        order = Order(problem.in_reference(theta, first))
+        each.append({order(unknown.name): unknown.value(float(theta[place])) for place, unknown in asked})
+    names = dict.fromkeys(name for one in each for name in one)
+    return {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
 
 
 def fits_again(fitted: Fitted, shifts: Iterable[FloatArray], count: int, engine: Engine) -> list[FloatArray | None]:

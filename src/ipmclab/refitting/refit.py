@@ -12,10 +12,9 @@ from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.again import Fitted, fits_again
-from ipmclab.identification.solved import fitted, values_of
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, stage, telling
+from ipmclab.refitting.again import Fitted, fits_again, fitted, values_of
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.kernels import ROUNDING, eliminate, whiten
 from ipmclab.run import FloatArray
+from ipmclab.statespace.kernels import ROUNDING, eliminate, whiten
 from ipmclab.statespace.terms import StateSpace, Terms, state_space
 
 CONSTANTS: Final = 2

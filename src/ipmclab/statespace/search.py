@@ -10,9 +10,9 @@ from typing import Final
 
 import numpy as np
 
-from ipmclab.identification.noise.columns import CONSTANTS, Columns
-from ipmclab.identification.noise.likelihood import Likelihood, Others, likelihood
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import CONSTANTS, Columns
+from ipmclab.statespace.likelihood import Likelihood, Others, likelihood
 from ipmclab.statespace.terms import MOST_ORDER, Terms
 
 _EACH: Final = 5  # readings for each lag, as for the test of the colour: with fewer a noise fits whatever there is

@@ -8,7 +8,7 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ipmclab.identification.uncertainty.random_effect import random_effect
+from ipmclab.measurement.random_effect import random_effect
 
 SEED = 20261121
 

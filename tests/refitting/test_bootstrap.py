@@ -10,7 +10,7 @@ import pytest
 
 from ipmclab import InputError, Run, RunMetadata, bootstrap, identify, load_actuator, read_fit, write_fit
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.uncertainty.bootstrap import Bootstrap
+from ipmclab.refitting.bootstrap import Bootstrap
 from tests.independent.bounds import ELECTRICAL, noisy_current, relative_errors, step_and_sine
 from tests.independent.thesis import FRIEND_2
 

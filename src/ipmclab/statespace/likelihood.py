@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ipmclab.identification.noise.columns import Columns, root_of, without
-from ipmclab.identification.noise.kernels import restricted
 from ipmclab.progress import tick
 from ipmclab.run import FloatArray
+from ipmclab.statespace.columns import Columns, root_of, without
+from ipmclab.statespace.kernels import restricted
 from ipmclab.statespace.terms import Terms
 
 

@@ -16,10 +16,10 @@ from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError
 from ipmclab.fit.fit import Fit
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.search.again import fits_again
-from ipmclab.identification.solved import fitted, solved, values_of
+from ipmclab.identification.solved import solved
 from ipmclab.one_thread import on_one_thread
 from ipmclab.progress import Tell, stage, telling
+from ipmclab.refitting.again import fits_again, fitted, values_of
 from ipmclab.run import FloatArray
 
 SEED: Final = 20261121

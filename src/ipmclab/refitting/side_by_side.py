@@ -15,9 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.admittance import admittances
-from ipmclab.identification.problem.drive import Drive
-from ipmclab.identification.problem.kernels import pole_products
 from ipmclab.identification.problem.place import Place
 from ipmclab.identification.problem.problem import WELL_APART, Problem
 from ipmclab.identification.problem.record import PreparedRun, drive
@@ -31,7 +28,10 @@ from ipmclab.identification.search.solve import (
     NOTHING,
     STRUCTURAL,
 )
+from ipmclab.model.admittance import admittances
+from ipmclab.model.numerics.drive import Drive
 from ipmclab.model.stages.circuit import Circuit
+from ipmclab.refitting.kernels import pole_products
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.problem.kernels import admittance_slopes, admittances_slopes
+from ipmclab.model.numerics.poles_loop import admittance_slopes, admittances_slopes
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,14 +12,13 @@ import scipy.signal
 from scipy.linalg import null_space, toeplitz
 from scipy.stats import multivariate_normal
 
-from ipmclab.identification.noise.columns import Columns, constants, inverse, steps_between, whitened
-from ipmclab.identification.noise.likelihood import Others, likelihood
-from ipmclab.identification.noise.long_run import long_run
-from ipmclab.identification.noise.pieces import Shape
-from ipmclab.identification.noise.screen import needs_search
-from ipmclab.identification.noise.search import choose_terms
-from ipmclab.identification.noise.shape import drawn, spread_by, structure
+from ipmclab.statespace.columns import Columns, constants, inverse, steps_between, whitened
+from ipmclab.statespace.likelihood import Others, likelihood
+from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.noise_model import NoiseModel
+from ipmclab.statespace.screen import needs_search
+from ipmclab.statespace.search import choose_terms
+from ipmclab.statespace.shape import Shape, drawn, spread_by, structure
 from ipmclab.statespace.terms import Terms, autoregression, state_space
 
 SEED = 20261121

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ipmclab import load_actuator
-from ipmclab.identification.problem.admittance import Elements, admittance, capacitor_voltages, elements
-from ipmclab.identification.problem.kernels import pole_response, ramp_weights
 from ipmclab.identification.problem.response import lumped, lumped_derivatives
+from ipmclab.model.admittance import Elements, admittance, capacitor_voltages, elements
+from ipmclab.model.numerics.poles_loop import pole_response, ramp_weights
 
 positive = st.floats(-3.0, 3.0).map(lambda exponent: 10.0**exponent)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.kernels import continued
 from ipmclab.run import FloatArray
+from ipmclab.statespace.kernels import continued
 from ipmclab.statespace.terms import Terms, autoregression
 
 
