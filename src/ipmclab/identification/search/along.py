@@ -14,10 +14,11 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.response import CircuitResponder
 from ipmclab.identification.search.as_good import AS_GOOD
+from ipmclab.identification.search.branch_valley import branch_valley
 from ipmclab.identification.search.descent import on_every_row
 from ipmclab.identification.search.solve import Pinned, Solution, descend, entry_errors
 from ipmclab.identification.search.starts.start import fastest_rate
-from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place, branch_valley
+from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, Place
 from ipmclab.model import Actuator
 from ipmclab.model.declared import is_of_circuit
 from ipmclab.model.stages.circuit import DC, SERIES, slowest_branch
@@ -56,7 +57,7 @@ def along_valleys(actuator: Actuator, names: FreeParameters, problem: Problem, s
     if errors.get(SLOW_TIME, 0.0) > _WEAK and SLOW_TIME in names.shared:
         found += held_at(problem, solution, SLOW_TIME, [values[SLOW_TIME] * factor for factor in _SLOWER])
     if isinstance(problem.responder, CircuitResponder):
-        found += branch_valley(problem, solution)
+        found += branch_valley(problem, solution, problem.responder.branches)
     return found
 
 

@@ -1,11 +1,4 @@
-"""Other fits that are as good: a branch of which a record shows little, with its time constant held elsewhere.
-
-A record that shows two branches of three says little of where the third one is: it may be slower than the record is
-long, faster than its rows, or beside another. At any one of these places the curvature shows the other branches as
-known that are not. So the weakest branch's time constant is walked from the fastest to the slowest that could show, all
-else is fitted again at each place, and what is known of a parameter reaches over all places that the readings allow
-(the profile of the likelihood along that time constant).
-"""
+"""Other fits that are as good: what a search hands on of the minima and valleys that it found."""
 
 from __future__ import annotations
 
@@ -17,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.problem.order import Order
-from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
-from ipmclab.identification.search.solve import Solution, Solvable, entry_errors, minimise
-from ipmclab.model.stages.circuit import Circuit
+from ipmclab.identification.search.solve import Solution
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,11 +31,6 @@ NEAR: Final = 1e-7
 
 _ALIKE: Final = 1.001  # ratio of weights
 _LEVEL: Final = 1e-6  # of the cost, by which two ends of the same valley may differ
-_WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
-_FASTEST: Final = 0.3  # rows
-_SLOWEST: Final = 30.0  # records
-_STEP: Final = 0.8  # between the logarithms of neighbouring time constants
-_SHARES: Final = (0.2,)  # of the steady current that the branch is given to begin with
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,112 +161,3 @@ class Minima:
     along: tuple[Rival, ...]
     ends: tuple[Rival, ...]
     valley: Valley
-
-
-class Tied:
-    """A problem in which the sum of two entries is held: of logarithms, the product of two values."""
-
-    def __init__(self, problem: Solvable, free: int, tied: int, total: float) -> None:
-        self._problem, self._free, self._tied, self._total = problem, free, tied, total
-        lower, upper = problem.lower.copy(), problem.upper.copy()
-        lower[free] = max(lower[free], total - upper[tied])
-        upper[free] = min(upper[free], total - lower[tied])
-        self.lower, self.upper = np.delete(lower, tied), np.delete(upper, tied)
-
-    def full(self, theta: FloatArray) -> FloatArray:
-        """The vector of the whole problem."""
-        found = np.insert(theta, self._tied, 0.0)
-        found[self._tied] = self._total - found[self._free]
-        return found
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian of the others."""
-        whole = self._problem.evaluate(self.full(theta))
-        rows = np.delete(whole.rows, self._tied, axis=0)
-        rows[self._free - (self._free > self._tied)] -= whole.rows[self._tied]
-        return Evaluation(rows, whole.beforehand)
-
-    def errors(self, there: Solution) -> FloatArray:
-        """Standard error of each entry of the whole problem at a minimum of this one."""
-        found = np.insert(entry_errors(there.evaluation), self._tied, 0.0)
-        found[self._tied] = found[self._free]
-        return found
-
-
-def branch_valley(problem: Problem, solution: Solution) -> list[Place]:
-    """The best fits with the weakest branch elsewhere.
-
-    Empty where every branch is well known, or where its parameters are not all free and shared.
-    """
-    place = _weakest(problem, solution)
-    if place is None:
-        return []
-    resistivity, permittivity = place
-    names = [unknown.name for unknown in problem.unknowns]
-    values = problem.values(solution.theta, problem.records[0].place)
-    # The time constant is the product of resistivity and permittivity, over the square of the thickness of one face.
-    unit = _seconds(values)
-    periods = [record.period for record in problem.records]
-    spans = [float(record.run.time[-1] - record.run.time[0]) for record in problem.records]
-    fastest, slowest = np.log(_FASTEST * min(periods) / unit), np.log(_SLOWEST * max(spans) / unit)
-    dc = names.index("circuit.dc_resistivity") if "circuit.dc_resistivity" in names else None
-    middle = float(np.clip(solution.theta[resistivity] + solution.theta[permittivity], fastest, slowest))
-    # From where it is outwards, each place from the fit beside it.
-    slower = np.arange(middle, slowest + _STEP, _STEP)
-    faster = np.arange(middle - _STEP, fastest - _STEP, -_STEP)
-    found = []
-    for totals in (slower, faster):
-        warm = solution.theta
-        for total in totals:
-            tied = Tied(problem.on_means or problem, resistivity, permittivity, float(total))
-            best: Solution | None = None
-            for start in _starts(warm, solution.theta, resistivity, dc, values):
-                one = minimise(tied, np.delete(start, permittivity), evaluations=EVALUATIONS, tolerance=NEAR)
-                if best is None or one.evaluation.cost < best.evaluation.cost:
-                    best = one
-            assert best is not None
-            warm = tied.full(best.theta)
-            whole = replace(best, theta=warm, evaluation=problem.evaluate(warm))
-            found.append(Place(whole, tied.errors(best), SURELY_SOMEWHERE))
-    return found
-
-
-def _starts(
-    warm: FloatArray, first: FloatArray, resistivity: int, dc: int | None, values: Mapping[str, float]
-) -> list[FloatArray]:
-    """From the fit beside, and with some of the steady current given to the branch."""
-    starts = [warm]
-    for share in _SHARES:
-        start = first.copy()
-        start[resistivity] = np.log(values["circuit.dc_resistivity"] / share)
-        if dc is not None:
-            start[dc] = np.log(values["circuit.dc_resistivity"] / (1.0 - share))
-        starts.append(start)
-    return starts
-
-
-def _seconds(values: Mapping[str, float]) -> float:
-    """Seconds of a branch whose resistivity and permittivity are one."""
-
-    parts = Circuit(1).elements(
-        {**values, "circuit.branches.0.resistivity": 1.0, "circuit.branches.0.permittivity": 1.0}
-    )
-    return float(np.real(parts.branch_resistances[0] * parts.branch_capacitances[0]))
-
-
-def _weakest(problem: Problem, solution: Solution) -> tuple[int, int] | None:
-    """Entries of the branch of which least is known, where that is little."""
-    names = [unknown.name for unknown in problem.unknowns]
-    errors = entry_errors(solution.evaluation)
-    found: tuple[float, tuple[int, int]] | None = None
-    number = 0
-    while f"circuit.branches.{number}.resistivity" in names:
-        pair = f"circuit.branches.{number}.resistivity", f"circuit.branches.{number}.permittivity"
-        number += 1
-        if pair[1] not in names:
-            continue
-        places = names.index(pair[0]), names.index(pair[1])
-        error = float(max(errors[places[0]], errors[places[1]]))
-        if error > _WEAK and (found is None or error > found[0]):
-            found = error, places
-    return None if found is None or number < 2 else found[1]

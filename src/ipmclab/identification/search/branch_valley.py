@@ -1,0 +1,146 @@
+"""The valley of a branch of which a record shows little: the best fits with its time constant held elsewhere.
+
+A record that shows two branches of three says little of where the third one is: it may be slower than the record is
+long, faster than its rows, or near another. At any one of these places the curvature shows the other branches as
+known that are not. So the weakest branch's time constant is walked from the fastest to the slowest that could show, all
+else is fitted again at each place, and what is known of a parameter reaches over all places that the readings allow
+(the profile of the likelihood along that time constant).
+
+Each place has several minima, as the other branches may lie on either side of the one that is held. Two starts are
+followed: the fit at the neighbouring place, and the best circuit of time constants on a grid (``branch_times``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.identification.search.branch_times import BranchTimes
+from ipmclab.identification.search.solve import Solution, Solvable, descend, entry_errors, minimise
+from ipmclab.identification.search.valleys import EVALUATIONS, NEAR, SURELY_SOMEWHERE, Place
+from ipmclab.model.stages.circuit import Circuit
+
+FloatArray = npt.NDArray[np.float64]
+
+_WEAK: Final = 0.2  # standard error of a logarithm from which a branch may as well be elsewhere
+_FASTEST: Final = 0.3  # rows
+_SLOWEST: Final = 30.0  # records
+_STEP: Final = 0.8  # between the logarithms of neighbouring time constants
+_ROUGHLY: Final = 1e-2  # of the cost, to which a search goes first
+_FAR: Final = 0.5
+"""Of the least cost: above it by more, which a few rough steps of a hundredth would not take away, search ends."""
+
+_INSIDE: Final = 1e-6  # so far from their bounds searches begin
+
+
+class Tied:
+    """A problem in which the sum of two entries is held: of logarithms, the product of two values."""
+
+    def __init__(self, problem: Solvable, free: int, tied: int, total: float) -> None:
+        self._problem, self._free, self._tied, self._total = problem, free, tied, total
+        lower, upper = problem.lower.copy(), problem.upper.copy()
+        lower[free] = max(lower[free], total - upper[tied])
+        upper[free] = min(upper[free], total - lower[tied])
+        self.lower, self.upper = np.delete(lower, tied), np.delete(upper, tied)
+
+    def full(self, theta: FloatArray) -> FloatArray:
+        """The vector of the whole problem."""
+        found = np.insert(theta, self._tied, 0.0)
+        found[self._tied] = self._total - found[self._free]
+        return found
+
+    def reduced(self, theta: FloatArray) -> FloatArray:
+        """The vector of the others."""
+        return np.delete(theta, self._tied)
+
+    def evaluate(self, theta: FloatArray) -> Evaluation:
+        """Residuals and Jacobian of the others."""
+        whole = self._problem.evaluate(self.full(theta))
+        rows = np.delete(whole.rows, self._tied, axis=0)
+        rows[self._free - (self._free > self._tied)] -= whole.rows[self._tied]
+        return Evaluation(rows, whole.beforehand)
+
+    def errors(self, there: Solution) -> FloatArray:
+        """Standard error of each entry of the whole problem at a minimum of this one."""
+        found = np.insert(entry_errors(there.evaluation), self._tied, 0.0)
+        found[self._tied] = found[self._free]
+        return found
+
+
+def branch_valley(problem: Problem, solution: Solution, branches: int) -> list[Place]:
+    """The best fits with the weakest branch elsewhere.
+
+    Empty where every branch is well known, or where its parameters are not all free and shared.
+    """
+    weakest = _weakest(problem, solution, branches)
+    if weakest is None:
+        return []
+    branch, resistivity, permittivity = weakest
+    shorter = problem.on_means or problem
+    here = shorter.evaluate(solution.theta)
+    values = problem.values(solution.theta, problem.records[0].place)
+    slower, faster = _places(problem, values, float(solution.theta[resistivity] + solution.theta[permittivity]))
+    seconds = _seconds(values) * np.exp(np.concatenate([slower, faster]))
+    table = BranchTimes.of(shorter, solution.theta, here, seconds, branches)
+    found: list[Place] = []
+    for totals in (slower, faster):
+        # From where it is outwards, each place from the fit at the one before it.
+        warm = solution.theta
+        for total in totals:
+            tied = Tied(shorter, resistivity, permittivity, float(total))
+            starts = [warm, None if table is None else table.start(len(found), branch)]
+            tried = [_fitted(tied, start, here.cost) for start in starts if start is not None]
+            best = min(tried, key=lambda one: one.evaluation.cost)
+            warm = tied.full(best.theta)
+            whole = replace(best, theta=warm, evaluation=problem.evaluate(warm))
+            found.append(Place(whole, tied.errors(best), SURELY_SOMEWHERE))
+    return found
+
+
+def _fitted(tied: Tied, theta: FloatArray, least: float) -> Solution:
+    """The best fit with the time constant held; only roughly where the readings do not allow it."""
+    inside = np.clip(tied.reduced(theta), tied.lower + _INSIDE, tied.upper - _INSIDE)
+    rough = minimise(tied, inside, evaluations=EVALUATIONS, tolerance=_ROUGHLY)
+    if rough.evaluation.cost > (1.0 + _FAR) * least:
+        return rough
+    return descend(tied, rough.theta, rough.evaluation, evaluations=EVALUATIONS, tolerance=NEAR)
+
+
+def _places(problem: Problem, values: Mapping[str, float], own: float) -> tuple[FloatArray, FloatArray]:
+    """Where the time constant is held, as sums of the two entries: from its own on to slower ones, and to faster."""
+    unit = _seconds(values)
+    periods = [record.period for record in problem.records]
+    spans = [float(record.run.time[-1] - record.run.time[0]) for record in problem.records]
+    fastest, slowest = np.log(_FASTEST * min(periods) / unit), np.log(_SLOWEST * max(spans) / unit)
+    middle = float(np.clip(own, fastest, slowest))
+    return np.arange(middle, slowest + _STEP, _STEP), np.arange(middle - _STEP, fastest - _STEP, -_STEP)
+
+
+def _seconds(values: Mapping[str, float]) -> float:
+    """Seconds of a branch whose resistivity and permittivity are one."""
+
+    parts = Circuit(1).elements(
+        {**values, "circuit.branches.0.resistivity": 1.0, "circuit.branches.0.permittivity": 1.0}
+    )
+    return float(np.real(parts.branch_resistances[0] * parts.branch_capacitances[0]))
+
+
+def _weakest(problem: Problem, solution: Solution, branches: int) -> tuple[int, int, int] | None:
+    """The branch of which least is known, where that is little, and its entries."""
+    names = [unknown.name for unknown in problem.unknowns]
+    errors = entry_errors(solution.evaluation)
+    found: tuple[float, tuple[int, int, int]] | None = None
+    for number in range(branches if branches > 1 else 0):
+        pair = f"circuit.branches.{number}.resistivity", f"circuit.branches.{number}.permittivity"
+        if not set(pair) <= set(names):
+            continue
+        places = names.index(pair[0]), names.index(pair[1])
+        error = float(max(errors[places[0]], errors[places[1]]))
+        if error > _WEAK and (found is None or error > found[0]):
+            found = error, (number, *places)
+    return None if found is None else found[1]
