@@ -2,8 +2,8 @@
 
 ``uv run --extra gpu python -m benchmarks.gpu``
 
-1,000, 100,000 and a million strips of 2,000 samples, five metrics, through ``simulate_many`` from arrays of parameters to
-metrics. Both are held against each other first: 1e-12 of the largest. Time is what one waits, for a GPU takes no
+1,000, 100,000 and a million strips of 2,000 samples, five metrics, through ``simulate_many`` from arrays of parameters
+to metrics. Both are held against each other first: 1e-12 of the largest. Time is what one waits, for a GPU takes no
 processor's time; run it where nothing else runs. Where no GPU is, it says so and ends.
 """
 

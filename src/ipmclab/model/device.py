@@ -16,8 +16,8 @@ DEVICES: Final[tuple[Device, ...]] = get_args(Device)
 WORTH: Final = 4_000_000_000
 """Rows of all sets together, for each processor, from which ``auto`` asks for a GPU.
 
-Rows alone go to it, a nanosecond each on a processor, and it has to be loaded and to compile first, which takes two
-seconds. Estimated from these: no GPU has been measured (decision 25).
+A row takes a processor a nanosecond; CUDA loads and compiles for three seconds before its first. Estimated from these:
+no GPU has been measured (decision 25).
 """
 
 
