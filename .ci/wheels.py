@@ -35,7 +35,8 @@ class System:
 
 def _linux(machine: str) -> tuple[str, ...]:
     # glibc 2.28 is that of the oldest distributions that are still looked after.
-    return (*(f"manylinux_2_{minor}_{machine}" for minor in range(28, 16, -1)), f"manylinux2014_{machine}")
+    older = (f"manylinux{year}_{machine}" for year in ("2014", "2010", "1"))
+    return (*(f"manylinux_2_{minor}_{machine}" for minor in range(28, 4, -1)), *older)
 
 
 SYSTEMS = (

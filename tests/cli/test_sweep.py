@@ -58,6 +58,7 @@ def test_what_is_missing_is_said(command) -> None:
     assert "there is no folder for the results" in command("sweep", "mine.toml").err
     assert "exists already" in command("sweep", "--template", "--out", "mine.toml").err
     assert "this is a folder; name a file in it" in command("sweep", "--template", "--out", "").err
+    assert "did you mean 'gpu'" in command("sweep", "mine.toml", "--out", "x", "--device", "gpo").err
     assert "it reads no sweep" in command("sweep", "mine.toml", "--template").err
     assert command("sweep", "--template", "--json").document == {"template": TEMPLATE, "out": None}
 

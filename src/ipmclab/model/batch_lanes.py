@@ -60,28 +60,42 @@ def _of_sets(voltage: FloatArray, places: IndexArray) -> FloatArray:
     return voltage if len(voltage) == 1 else voltage[places]
 
 
-def lanes_of(batch: Batch) -> BatchLanes | None:
+def lanes_of(batch: Batch, *, gpu: bool = False) -> BatchLanes | None:
     """The loops in which the sets go side by side; None for an actuator that needs others.
 
     A cascade whose poles have a closed form goes by its modes, which take the fewest products. Where two poles of a set
     nearly meet, that set goes by its joined system.
+
+    Parameters
+    ----------
+    batch : Batch
+    gpu : bool
+        Whether a GPU carries the rows.
     """
     structure = batch.actuator.structure
     if structure.leak or structure.laser or any(_changes_the_loop(batch, name) for name in batch.changes):
         return None
     wiring, numbers, found = _modal(batch)
     if wiring is None or not found.any():
-        joined = _joined(batch)
+        joined = _joined(batch, gpu)
         return None if joined is None else BatchLanes(batch.sets, [(None, joined)])
+    chosen, kind = choose_outputs(batch.outputs), _kind(gpu)
+    if found.all():
+        return BatchLanes(batch.sets, [(None, kind.modal(numbers, wiring, chosen))])
+    modal, others = np.flatnonzero(found), np.flatnonzero(~found)
+    joined = _joined(batch.of_sets(others), gpu)
+    loops = [(modal, kind.modal(numbers[modal], wiring, chosen))]
+    return None if joined is None else BatchLanes(batch.sets, [*loops, (others, joined)])
+
+
+def _kind(gpu: bool) -> type[Lanes]:
+    if gpu:
+        from ipmclab.model.numerics.device_lanes import DeviceLanes
+
+        return DeviceLanes
     from ipmclab.model.numerics.lanes import Lanes
 
-    chosen = choose_outputs(batch.outputs)
-    if found.all():
-        return BatchLanes(batch.sets, [(None, Lanes.modal(numbers, wiring, chosen))])
-    modal, others = np.flatnonzero(found), np.flatnonzero(~found)
-    joined = _joined(batch.of_sets(others))
-    loops = [(modal, Lanes.modal(numbers[modal], wiring, chosen))]
-    return None if joined is None else BatchLanes(batch.sets, [*loops, (others, joined)])
+    return Lanes
 
 
 def _modal(batch: Batch) -> tuple[Wiring | None, FloatArray, npt.NDArray[np.bool_]]:
@@ -94,9 +108,9 @@ def _modal(batch: Batch) -> tuple[Wiring | None, FloatArray, npt.NDArray[np.bool
     return wiring, *wiring.sections_of_many(entries, 1.0 / batch.record.rate, batch.record.hold)
 
 
-def _joined(batch: Batch) -> Lanes | None:
+def _joined(batch: Batch, gpu: bool) -> Lanes | None:
     """The loop of the joined systems; None where they have too many states."""
-    from ipmclab.model.numerics.lanes import MOST_STATES, Lanes
+    from ipmclab.model.numerics.lanes import MOST_STATES
 
     actuator, chosen = batch.actuator, choose_outputs(batch.outputs)
     own = _stacked(batch)
@@ -105,7 +119,7 @@ def _joined(batch: Batch) -> Lanes | None:
     if len(seen) > MOST_STATES:
         return None
     like = reduced(actuator.system, chosen, seen)
-    return Lanes.joined(reduced(own, chosen, seen), like, 1.0 / batch.record.rate, batch.record.hold)
+    return _kind(gpu).joined(reduced(own, chosen, seen), like, 1.0 / batch.record.rate, batch.record.hold)
 
 
 def _changes_the_loop(batch: Batch, name: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, overload
 
 import numpy as np
@@ -14,6 +15,7 @@ from ipmclab.errors import InputError, suggest
 from ipmclab.model.actuator import Actuator
 from ipmclab.model.batch import Batch, Record, Signals
 from ipmclab.model.batch_lanes import lanes_of
+from ipmclab.model.device import Device, on_gpu, worth
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.reductions import Reduced
 from ipmclab.model.stages.laser import blank_lost
@@ -33,6 +35,10 @@ MOST_KEPT: Final = 100_000_000
 
 _BLOCK: Final = 512
 """Sets that are worked on at once: what is set up for all of them together costs each one little."""
+
+_GPU_BLOCK, _GPU_ROWS = 8192, 1 << 33
+"""Sets that a GPU is given at once, and their rows: enough for all its threads, and done within a second. A system that
+shows its desktop with the same GPU may stop a longer one."""
 
 _BLOCK_VALUES: Final = 4_000_000
 """Values of a block that a function is given: 32 MB."""
@@ -77,6 +83,7 @@ def simulate_many(
     hold: Hold = "zero",
     outputs: Sequence[str] | None = None,
     reduce: None = None,
+    device: Device = "auto",
 ) -> Responses: ...
 
 
@@ -91,6 +98,7 @@ def simulate_many(
     hold: Hold = "zero",
     outputs: Sequence[str] | None = None,
     reduce: str | Sequence[str] | Reduce,
+    device: Device = "auto",
 ) -> dict[str, FloatArray]: ...
 
 
@@ -104,6 +112,7 @@ def simulate_many(
     hold: Hold = "zero",
     outputs: Sequence[str] | None = None,
     reduce: str | Sequence[str] | Reduce | None = None,
+    device: Device = "auto",
 ) -> Responses | dict[str, FloatArray]:
     """Simulate one actuator with many parameter sets, under one voltage or one for each set, from rest.
 
@@ -126,6 +135,9 @@ def simulate_many(
         Names of metrics, such as ``displacement.peak`` or ``current.mean`` (``reductions.REDUCTIONS`` has them all),
         which are gathered along the way: no trajectory is kept. Or a function that is given the outputs of a block of
         sets by name, each of shape (n_block, n_time), and returns arrays with n_block rows by name.
+    device : "auto", "cpu" or "gpu"
+        Who carries the rows: a GPU (extra ``gpu``) gives the same numbers to 1e-12. ``auto`` takes one where it is
+        there, for metrics of named reductions under one voltage, from 4 billion rows a processor on.
 
     Returns
     -------
@@ -135,7 +147,8 @@ def simulate_many(
     Raises
     ------
     InputError
-        What ``simulate`` refuses, with the place of the set; unequal lengths; more values than a memory holds.
+        What ``simulate`` refuses, with the place of the set; unequal lengths; more values than a memory holds; a GPU
+        that is not there, or not for this actuator.
 
     Examples
     --------
@@ -149,7 +162,9 @@ def simulate_many(
     record = Record.of(duration, rate, hold)
     if reduce is None or callable(reduce):
         batch = Batch.of(actuator, signals, parameters, record, outputs)
-        return _kept(batch) if reduce is None else _by_function(batch, reduce)
+        # Outputs take as long to come back from a GPU as processors take to make them: one has to be asked for.
+        gpu = _for_gpu(batch, worth(device, batch.sets, 0))
+        return _kept(batch, gpu) if reduce is None else _by_function(batch, reduce, gpu)
     named = Reduced.of([reduce] if isinstance(reduce, str) else reduce)
     if outputs is not None:
         raise InputError(
@@ -158,10 +173,12 @@ def simulate_many(
             where="outputs",
             repair="leave outputs out, or reduce by a function",
         )
-    return reduce_batch(Batch.of(actuator, signals, parameters, record, named.outputs), named)
+    batch = Batch.of(actuator, signals, parameters, record, named.outputs)
+    rows = batch.voltage.shape[1] if len(batch.voltage) == 1 else 0  # voltages take long on the way as well
+    return reduce_batch(batch, named, worth(device, batch.sets, rows))
 
 
-def reduce_batch(batch: Batch, reduction: Reduced) -> dict[str, FloatArray]:
+def reduce_batch(batch: Batch, reduction: Reduced, device: Device = "cpu") -> dict[str, FloatArray]:
     """The metrics of a batch by name, one value for each set.
 
     Parameters
@@ -169,16 +186,19 @@ def reduce_batch(batch: Batch, reduction: Reduced) -> dict[str, FloatArray]:
     batch : Batch
         With the outputs of the reduction, in their order.
     reduction : Reduced
+    device : "auto", "cpu" or "gpu"
+        ``auto`` takes a GPU where one is there, however little there is to do.
 
     Raises
     ------
     InputError
-        An output that is not finite.
+        An output that is not finite; a GPU that is not there, or not for this actuator.
     """
+    gpu = _for_gpu(batch, device)
 
     def work(part: Batch, begin: int) -> dict[str, FloatArray]:
         period = 1.0 / batch.record.rate
-        lanes = lanes_of(part)
+        lanes = lanes_of(part, gpu=gpu)
         if lanes is None:
             return reduction.of_outputs(_one_by_one(part, begin), period)
         from ipmclab.model.numerics.lanes_loop import TALLIES
@@ -189,7 +209,34 @@ def reduce_batch(batch: Batch, reduction: Reduced) -> dict[str, FloatArray]:
             _check_finite(found, begin, batch.outputs[place])
         return reduction.made(numbers, len(batch.record.time), period)
 
-    return _joined(_in_order(batch, _BLOCK if lanes_of(batch.part(0, 1)) else _size(batch), work))
+    if gpu:
+        return _joined(_in_order(batch, max(1, min(_GPU_BLOCK, _GPU_ROWS // len(batch.record.time))), work))
+    return _joined(_in_order(batch, _BLOCK if _side_by_side(batch) else _size(batch), work))
+
+
+def _side_by_side(batch: Batch) -> bool:
+    return lanes_of(batch.part(0, 1)) is not None
+
+
+def _for_gpu(batch: Batch, device: Device) -> bool:
+    """Whether a GPU carries the rows of this batch.
+
+    Raises
+    ------
+    InputError
+        A GPU was asked for, and is not there, or not for sets that go one by one.
+    """
+    if not on_gpu(device):
+        return False
+    taken = _side_by_side(batch)
+    if not taken and device == "gpu":
+        raise InputError(
+            "sets with a leak, a laser, more than 16 states, or water that is followed go one by one, on processors",
+            code="no-gpu",
+            where="device",
+            repair="leave the device out",
+        )
+    return taken
 
 
 def _size(batch: Batch) -> int:
@@ -197,10 +244,10 @@ def _size(batch: Batch) -> int:
     return max(1, min(_BLOCK, _BLOCK_VALUES // (len(batch.outputs) * len(batch.record.time))))
 
 
-def _by_function(batch: Batch, function: Reduce) -> dict[str, FloatArray]:
+def _by_function(batch: Batch, function: Reduce, gpu: bool) -> dict[str, FloatArray]:
     size = _size(batch)
     found: list[dict[str, FloatArray]] = []
-    for values in _in_order(batch, size, _values):
+    for values in _in_order(batch, size, partial(_values, gpu=gpu)):
         given = {name: values[:, place] for place, name in enumerate(batch.outputs)}
         made = {name: np.asarray(array) for name, array in function(given).items()}
         for name, array in made.items():
@@ -215,7 +262,7 @@ def _by_function(batch: Batch, function: Reduce) -> dict[str, FloatArray]:
     return _joined(found)
 
 
-def _kept(batch: Batch) -> Responses:
+def _kept(batch: Batch, gpu: bool) -> Responses:
     shape = batch.sets, len(batch.outputs), len(batch.record.time)
     if (count := int(np.prod(shape))) > MOST_KEPT:
         raise InputError(
@@ -228,7 +275,7 @@ def _kept(batch: Batch) -> Responses:
     every = np.empty(shape)
 
     def work(part: Batch, begin: int) -> None:
-        _write(part, begin, every[begin : begin + part.sets])
+        _write(part, begin, every[begin : begin + part.sets], gpu)
 
     for _ in _in_order(batch, _BLOCK, work):
         pass
@@ -264,15 +311,15 @@ def _in_order(batch: Batch, size: int, work: Callable[[Batch, int], _Made]) -> I
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _values(batch: Batch, begin: int) -> FloatArray:
+def _values(batch: Batch, begin: int, gpu: bool) -> FloatArray:
     found = np.empty((batch.sets, len(batch.outputs), len(batch.record.time)))
-    _write(batch, begin, found)
+    _write(batch, begin, found, gpu)
     return found
 
 
-def _write(batch: Batch, begin: int, found: FloatArray) -> None:
+def _write(batch: Batch, begin: int, found: FloatArray, gpu: bool) -> None:
     """Write the outputs of a batch whose first set has this number."""
-    lanes = lanes_of(batch)
+    lanes = lanes_of(batch, gpu=gpu)
     if lanes is None:
         found[:] = _one_by_one(batch, begin)
         return

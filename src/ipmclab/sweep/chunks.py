@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ipmclab.engine import Engine, Here, Pace
 from ipmclab.errors import InputError, IpmclabError
+from ipmclab.model.device import Device
 from ipmclab.model.many import reduce_batch
 from ipmclab.sweep.design import Table
 from ipmclab.sweep.parts import Parts
@@ -68,8 +69,8 @@ def without_values(sweep: Sweep) -> Sweep:
     return sweep if sweep.design.by_number else replace(sweep, design=Table({}))
 
 
-def measure(sweep: Sweep, chunk: Chunk) -> Measured:
-    """Simulate the sets of a chunk.
+def measure(sweep: Sweep, chunk: Chunk, *, device: Device = "cpu") -> Measured:
+    """Simulate the sets of a chunk; ``auto`` takes a GPU where the worker has one.
 
     Raises
     ------
@@ -79,7 +80,7 @@ def measure(sweep: Sweep, chunk: Chunk) -> Measured:
     begun = time.perf_counter()
     try:
         sets = sweep.design.sets(chunk.begin, chunk.end) if chunk.sets is None else chunk.sets
-        metrics = reduce_batch(sweep.batch(sets), sweep.metrics)
+        metrics = reduce_batch(sweep.batch(sets), sweep.metrics, device)
     except InputError as error:
         raise IpmclabError(
             f"sets {chunk.begin} to {chunk.end - 1}: {error.message}",

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.engine import Engine, Here
 from ipmclab.errors import InputError, suggest
+from ipmclab.model.device import Device, on_gpu, worth
 from ipmclab.progress import Tell
 from ipmclab.sweep.chunks import Filling, chunks, measure, pace_of, without_values
 from ipmclab.sweep.design import Sampled
@@ -114,7 +115,14 @@ class Swept:
         }
 
 
-def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None, progress: Tell | None = None) -> Swept:
+def run_sweep(
+    sweep: Sweep,
+    folder: str | Path,
+    *,
+    engine: Engine | None = None,
+    progress: Tell | None = None,
+    device: Device = "auto",
+) -> Swept:
     """Simulate what lacks of a sweep, and write it.
 
     Whatever ends it, a kill of the process or of the machine among it, each file that is there is complete, and the
@@ -129,6 +137,8 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None,
         Who simulates: this process where it is left out. The files are the same, to the last bit.
     progress : function of (str, float), optional
         Told what is done after each file or chunk; whatever it raises ends the work.
+    device : "auto", "cpu" or "gpu"
+        As in ``simulate_many``; each worker asks for a GPU of its own machine. The numbers are the same to 1e-12.
 
     Returns
     -------
@@ -137,7 +147,8 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None,
     Raises
     ------
     InputError
-        The folder holds something else, or another program works on it; pyarrow is not installed.
+        The folder holds something else, or another program works on it; pyarrow is not installed; a GPU that was
+        asked for is not there.
     IpmclabError
         The disk is full; a simulation is not finite.
 
@@ -154,6 +165,10 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None,
     (1, 0, 1, 1.0)
     """
     parquet()  # before the long work
+    engine = engine or Here()
+    device = worth(device, sweep.design.count, len(sweep.record.time))
+    if isinstance(engine, Here):
+        on_gpu(device)
     parts = Parts(Path(folder), sweep.design.count, sweep.part_size)
     about = {
         "signal": str(sweep.signal),
@@ -163,17 +178,18 @@ def run_sweep(sweep: Sweep, folder: str | Path, *, engine: Engine | None = None,
     }
     with parts.held(sweep.digest(), about):
         found = parts.done()
-        _run(sweep, parts, engine or Here(), found * parts.size, progress or (lambda *_: None))
+        _run(sweep, parts, engine, device, found * parts.size, progress or (lambda *_: None))
     return Swept(sweep, parts, found)
 
 
-def _run(sweep: Sweep, parts: Parts, engine: Engine, done: int, tell: Tell) -> None:
+def _run(sweep: Sweep, parts: Parts, engine: Engine, device: Device, done: int, tell: Tell) -> None:
     """Simulate what lacks; so many sets are done."""
     pace = pace_of(sweep)
     filling = Filling(parts)
     said = partial(_say, tell, parts)
     said(done)
-    for _, measured in engine.map(measure, without_values(sweep), chunks(sweep, parts, pace, engine)):
+    work = partial(measure, device=device)
+    for _, measured in engine.map(work, without_values(sweep), chunks(sweep, parts, pace, engine)):
         begin, end = measured.chunk
         for part, metrics in filling.take(measured):
             parts.write(part, {**sweep.design.sets(*parts.ends(part)), **metrics})

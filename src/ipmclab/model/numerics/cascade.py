@@ -11,13 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.blocks import Block
-from ipmclab.model.numerics.cascade_loop import ZERO, ZERO_BEFORE, cascade
+from ipmclab.model.numerics.cascade_loop import ZERO, ZERO_BEFORE, cascade, room_for
 from ipmclab.model.numerics.modal import NEARLY_MEET, SECTIONS
 from ipmclab.run import Hold
 
 FloatArray = npt.NDArray[np.float64]
 
-_HOLDS: Final[dict[str, int]] = {"zero": ZERO, "zero-before": ZERO_BEFORE, "first": 2}
+HOLDS: Final[dict[str, int]] = {"zero": ZERO, "zero-before": ZERO_BEFORE, "first": 2}
+"""As ``cascade_loop.cascade`` knows them."""
+
 _LARGEST: Final = 2  # states of a block whose poles have a closed form
 
 _MOST_SECTIONS: Final = 8
@@ -106,7 +108,7 @@ class Wiring:
         """
         found = np.empty(13 * self.sections + 4)
         own = self.numbers, self.sections, self.ports
-        return found if _loop()(entries, *own, NEARLY_MEET, period, _HOLDS[hold], found) else None
+        return found if _loop()(entries, *own, NEARLY_MEET, period, HOLDS[hold], self._room(), found) else None
 
     def coefficients(self, entries: FloatArray, period: float, hold: Hold) -> FloatArray | None:
         """The numbers of ``kernels.modal``; None where these modes do not fit it. Parameters as ``sections_over``."""
@@ -121,8 +123,11 @@ class Wiring:
 
         numbers, found = np.zeros((len(entries), 13 * self.sections + 4)), np.empty(len(entries), dtype=bool)
         own = self.numbers, self.sections, self.ports
-        kernels.cascades(entries, *own, NEARLY_MEET, period, _HOLDS[hold], numbers, found)
+        kernels.cascades(entries, *own, NEARLY_MEET, period, HOLDS[hold], self._room(), numbers, found)
         return numbers, found
+
+    def _room(self) -> FloatArray:
+        return np.zeros(room_for(self.sections, self.ports))
 
 
 def _seen(block: Block, section: int, row: int, sees: Mapping[str, set[int]]) -> set[int]:

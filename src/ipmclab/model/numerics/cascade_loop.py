@@ -23,6 +23,14 @@ _SERIES: Final = tuple(1.0 / math.factorial(k) for k in range(18, 1, -1))
 """Of phi_2, the last term first; enough for |z| up to 1/2."""
 
 
+_ROWS: Final = 23
+
+
+def room_for(sections: int, ports: int) -> tuple[int, int]:
+    """The shape of what ``cascade`` works in."""
+    return 2 * ports + _ROWS, 2 * sections + 1
+
+
 def cascade(
     entries: FloatArray,
     wiring: IndexArray,
@@ -31,6 +39,7 @@ def cascade(
     nearly_meet: float,
     period: float,
     hold: int,
+    room: FloatArray,
     numbers: FloatArray,
 ) -> bool:
     """Poles and residues of a cascade in closed form, and the modal recursion over one period.
@@ -55,6 +64,8 @@ def cascade(
         Relative gap between two poles, one behind the other, below which there is no answer.
     period : float [s]
     hold : int
+    room : float array, shape ``room_for(sections, ports)``
+        Zeros, and overwritten: what is worked out on the way.
     numbers : float array, shape (13 sections + 4,)
         Written. With two modes for each section (the second does nothing in one of one state): three numbers of how
         the modes of each section move, in the first side by side, else chained (``modal_loop.modal``); the weights of
@@ -66,15 +77,12 @@ def cascade(
         False where these modes do not fit a loop, or two poles nearly meet.
     """
     poles = 2 * sections
-    direct, real, imaginary = np.zeros(ports), np.zeros((ports, poles)), np.zeros((ports, poles))
+    real, imaginary, direct, rest = room[:ports], room[ports : 2 * ports], room[:ports, poles], room[2 * ports :]
     direct[0] = 1.0
-    pole_real, pole_imaginary = np.zeros(poles), np.zeros(poles)
-    count = np.zeros(sections, dtype=np.int64)
-    # One over the difference of an own pole and an earlier one.
-    over_real, over_imaginary = np.zeros((2, poles)), np.zeros((2, poles))
-    meets = np.zeros((2, poles), dtype=np.bool_)
-    own_real, own_imaginary = np.zeros(2), np.zeros(2)
-    sum_real, sum_imaginary = np.zeros(poles), np.zeros(poles)
+    pole_real, pole_imaginary, count = rest[0], rest[1], rest[2]
+    own_real, own_imaginary = rest[3], rest[4]
+    # One over the difference of an own pole and an earlier one, and whether there is none.
+    over_real, over_imaginary, meets = rest[5:7], rest[7:9], rest[9:11]
     at, wire = 0, 0
     for section in range(sections):
         n, m, p = wiring[wire], wiring[wire + 1], wiring[wire + 2]
@@ -120,9 +128,7 @@ def cascade(
                     over_real[j, i], over_imaginary[j, i] = away_real / away, -away_imaginary / away
         for row in range(p):
             port = wiring[outputs + row]
-            sum_direct = 0.0
-            sum_real[:] = 0.0
-            sum_imaginary[:] = 0.0
+            sum_direct, sum_real, sum_imaginary = 0.0, real[port], imaginary[port]
             for column in range(m):
                 source = wiring[inputs + column]
                 if source < 0:
@@ -168,20 +174,17 @@ def cascade(
                     sum_real[i] += real[source, i] * there_real - imaginary[source, i] * there_imaginary
                     sum_imaginary[i] += real[source, i] * there_imaginary + imaginary[source, i] * there_real
             direct[port] = sum_direct
-            real[port, :] = sum_real
-            imaginary[port, :] = sum_imaginary
     if pole_imaginary[0] != 0.0:
         return False
 
-    reads = wire
-    weights, directs, starts = np.zeros((4, poles)), np.zeros(4), np.zeros(poles)
+    reads, behind = wire, 3 * sections + 4 * poles
+    weights, directs, starts = numbers[3 * sections : behind], numbers[behind : behind + 4], numbers[behind + 4 :]
     for output in range(4):
         directs[output] = direct[wiring[reads + output]]
-    decay_real, decay_imaginary = np.zeros(2), np.zeros(2)
-    start_real, start_imaginary = np.zeros(2), np.zeros(2)
-    gain_real, gain_imaginary = np.zeros((4, 2)), np.zeros((4, 2))
+    decay_real, decay_imaginary, start_real, start_imaginary = rest[11], rest[12], rest[13], rest[14]
+    gain_real, gain_imaginary = rest[15:19], rest[19:23]
     for section in range(sections):
-        first, n = 2 * section, count[section]
+        first, n = 2 * section, int(count[section])
         decay_real[1] = decay_imaginary[1] = start_real[1] = start_imaginary[1] = 0.0
         gain_real[:, 1] = 0.0
         gain_imaginary[:, 1] = 0.0
@@ -234,7 +237,7 @@ def cascade(
             numbers[0], numbers[1], numbers[2] = decay_real[0], 0.0, decay_real[1]
             starts[1] = start_real[1]
             for output in range(4):
-                weights[output, 0], weights[output, 1] = gain_real[output, 0], gain_real[output, 1]
+                weights[output * poles], weights[output * poles + 1] = gain_real[output, 0], gain_real[output, 1]
             continue
         if hold != ZERO and abs(apart) < 1e-9:
             return False  # the chained modes at row 0 divide by it
@@ -242,18 +245,12 @@ def cascade(
             numbers[chain], numbers[chain + 1], numbers[chain + 2] = decay_real[0], -(apart * apart), decay_real[0]
             starts[first + 1] = start_imaginary[0] / apart if hold != ZERO else 0.0
             for output in range(4):
-                weights[output, first] = 2.0 * gain_real[output, 0]
-                weights[output, first + 1] = -2.0 * gain_imaginary[output, 0] * apart
+                weights[output * poles + first] = 2.0 * gain_real[output, 0]
+                weights[output * poles + first + 1] = -2.0 * gain_imaginary[output, 0] * apart
         else:
             numbers[chain], numbers[chain + 1], numbers[chain + 2] = decay_real[0], 0.0, decay_real[1]
             starts[first + 1] = (start_real[1] - start_real[0]) / apart if hold != ZERO else 0.0
             for output in range(4):
-                weights[output, first] = gain_real[output, 0] + gain_real[output, 1]
-                weights[output, first + 1] = gain_real[output, 1] * apart
-    behind = 3 * sections
-    for output in range(4):
-        numbers[behind : behind + poles] = weights[output]
-        behind += poles
-    numbers[behind : behind + 4] = directs
-    numbers[behind + 4 :] = starts
+                weights[output * poles + first] = gain_real[output, 0] + gain_real[output, 1]
+                weights[output * poles + first + 1] = gain_real[output, 1] * apart
     return True

@@ -30,12 +30,14 @@ def cascades(
     nearly_meet: float,
     period: float,
     hold: int,
+    room: FloatArray,
     numbers: FloatArray,
     found: npt.NDArray[np.bool_],
 ) -> None:
     """``cascade`` of many parameter sets: entries, numbers and what is returned have that axis first."""
     for k in range(len(entries)):
-        found[k] = cascade(entries[k], wiring, sections, ports, nearly_meet, period, hold, numbers[k])
+        room[:] = 0.0
+        found[k] = cascade(entries[k], wiring, sections, ports, nearly_meet, period, hold, room, numbers[k])
 
 
 @kernel

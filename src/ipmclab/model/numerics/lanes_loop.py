@@ -8,7 +8,7 @@ number of each system (``vectors_loop``). States and what is gathered stay in th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -166,35 +166,18 @@ def loop_source(
         Whether one voltage drives all systems.
     """
     states, tallies = pattern.shape[1] - 1, gathered or ()
-    coefficient = first = states + 1 + outputs
-    coefficient += len(tallies)
-    read, moved = [], []
-    for row, entries in enumerate(pattern):
-        total = ""
-        for column in np.flatnonzero(entries).tolist():
-            term = f"z{column}" if column < states else "u"
-            if entries[column] == ENTRY:
-                factor = f"load(g, {coefficient * WIDTH})"
-                total = f"plus({total}, {factor}, {term})" if total else f"{factor} * {term}"
-                coefficient += 1
-            else:
-                total = f"{total} + {term}" if total else term
-        total = total or "alike(0.0)"
-        if row >= outputs:
-            moved.append(total)
-            continue
-        if gathered is None:
-            read.append(f"store(beside, ({row} * CHUNK + t) * WIDTH, {total})")
-            continue
-        places = {tally: f"s{k}" for k, (output, tally) in enumerate(gathered) if output == row}
-        read.append(f"y = {total}")
-        read += [f"{place} = " + TALLIES[tally][0].format(**places) for tally, place in places.items()]
+    first = states + 1 + outputs
+    head = first + len(tallies)
+    moving = _row(
+        pattern,
+        outputs,
+        gathered,
+        entry=lambda place: f"load(g, {(head + place) * WIDTH})",
+        written=lambda output, y: f"store(beside, ({output} * CHUNK + t) * WIDTH, {y})",
+    )
     begun = [f"z{j} = load(g, {j * WIDTH})" for j in range(states)]
     begun += [f"s{k} = load(g, {(first + k) * WIDTH})" for k in range(len(tallies))]
     given = "alike(voltage[0, begin + t])" if shared else "load(own, t * WIDTH)"
-    each_row = [f"u = {given}", "row = alike(float(begin + t))", *read]
-    each_row += [f"n{j} = {total}" for j, total in enumerate(moved)]
-    each_row += [f"z{j} = n{j}" for j in range(states)]
     filled = "" if shared else "fill(voltage, group * WIDTH, begin, rows, inputs)"
     ended = [f"store(g, {(first + k) * WIDTH}, s{k})" for k in range(len(tallies))]
     return f"""
@@ -208,10 +191,71 @@ def {name}(groups, voltage, inputs, lanes, outputs):
             rows = min(CHUNK, voltage.shape[1] - begin)
             {filled}
             for t in range(rows):
-                {_below(each_row, 16)}
+                {_below([f"u = {given}", "row = alike(float(begin + t))", *moving], 16)}
             {"spread(lanes, group * WIDTH, begin, rows, outputs)" if gathered is None else ""}
         {_below(ended, 8)}
 """
+
+
+def device_source(
+    name: str, pattern: npt.NDArray[np.int8], outputs: int, gathered: Sequence[tuple[int, str]] | None
+) -> str:
+    """The same for a GPU, one system to each of its threads; parameters as ``loop_source``."""
+    states, tallies = pattern.shape[1] - 1, gathered or ()
+    moving = _row(
+        pattern,
+        outputs,
+        gathered,
+        entry=lambda place: f"c{place}",
+        written=lambda output, y: f"outputs[i, {output}, t] = {y}",
+    )
+    begun = [f"c{place} = entries[i, {place}]" for place in range(np.count_nonzero(pattern == ENTRY))]
+    begun += [f"z{j} = start[i, {j}]" for j in range(states)]
+    begun += [f"s{k} = {TALLIES[tally][1]}" for k, (_, tally) in enumerate(tallies)]
+    ended = [f"tallied[{k}, i] = s{k}" for k in range(len(tallies))]
+    return f"""
+def {name}(entries, start, voltage, tallied, outputs):
+    i = cuda.grid(1)
+    if i < entries.shape[0]:
+        own = i if voltage.shape[0] > 1 else 0
+        {_below(begun, 8)}
+        for t in range(voltage.shape[1]):
+            {_below(["u = voltage[own, t]", "row = float(t)", *moving], 12)}
+        {_below(ended, 8)}
+"""
+
+
+def _row(
+    pattern: npt.NDArray[np.int8],
+    outputs: int,
+    gathered: Sequence[tuple[int, str]] | None,
+    *,
+    entry: Callable[[int], str],
+    written: Callable[[int, str], str],
+) -> list[str]:
+    """The statements of one row: outputs are read from the states z and the voltage u, then the states move.
+
+    Every sum is one product and then ``plus``, or ``plus`` alone, so that no compiler chooses where to round.
+    """
+    states, place = pattern.shape[1] - 1, 0
+    read, moved = [], []
+    for row, entries in enumerate(pattern):
+        terms = [f"z{j}" for j in range(states)] + ["u"]
+        total = " + ".join(terms[column] for column in np.flatnonzero(entries == ONE).tolist())
+        for column in np.flatnonzero(entries == ENTRY).tolist():
+            product = entry(place), terms[column]
+            total = f"plus({total}, {', '.join(product)})" if total else " * ".join(product)
+            place += 1
+        total = total or "alike(0.0)"
+        if row >= outputs:
+            moved.append(total)
+        elif gathered is None:
+            read.append(written(row, total))
+        else:
+            places = {tally: f"s{k}" for k, (output, tally) in enumerate(gathered) if output == row}
+            read.append(f"y = {total}")
+            read += [f"{own} = " + TALLIES[tally][0].format(**places) for tally, own in places.items()]
+    return [*read, *(f"n{j} = {total}" for j, total in enumerate(moved)), *(f"z{j} = n{j}" for j in range(states))]
 
 
 def _below(lines: Sequence[str], indent: int) -> str:
