@@ -250,26 +250,24 @@ def score_blocks(folds: Sequence[Fold], division: Division, noise: Mapping[str, 
             key = block.run, output
             series, columns = fold.residuals[key], fold.slopes[key] @ off_by[block.fold]
             if (block.fold, key) not in known:
-                seen = series.seen if division.whole_runs else series.seen & ~held
-                known[block.fold, key] = noise[output].filter(series, seen)
-            filtered, rows, seen = known[block.fold, key], here & series.seen, series.seen
+                known[block.fold, key] = (
+                    noise[output].filter(series, columns=columns)
+                    if division.whole_runs
+                    else noise[output].filter(series, series.seen & ~held)
+                )
+            filtered, rows = known[block.fold, key], here & series.seen
             if division.whole_runs:
                 error, spread_of = filtered.innovation[rows], filtered.variance[rows]
                 scores[number] -= 0.5 * float(np.sum(np.log(2.0 * np.pi * spread_of) + error**2 / spread_of))
-                off = columns
             else:
                 before = filtered.total
-                seen = series.seen & (~held | here)
-                filtered = noise[output].filter(series, seen)
+                columns[~here] = 0.0
+                filtered = noise[output].filter(series, series.seen & (~held | here), columns)
                 scores[number] += filtered.total - before
-                off = np.where(here[:, None], columns, 0.0)
             deviation = np.sqrt(filtered.variance[rows])
-            white = np.empty((len(deviation), off.shape[1]))
-            for column in range(off.shape[1]):
-                moved = replace(series, residual=np.ascontiguousarray(off[:, column]))
-                white[:, column] = noise[output].filter(moved, seen).innovation[rows] / deviation
+            white, count = filtered.whitened[rows], columns.shape[1]
             at = block.run if division.whole_runs else -1 - number
-            mean, root = learned.setdefault(at, (np.zeros(off.shape[1]), np.eye(off.shape[1])))
+            mean, root = learned.setdefault(at, (np.zeros(count), np.eye(count)))
             left, widened = np.empty(len(deviation)), np.empty(len(deviation))
             scores[number] += filter_spread(filtered.innovation[rows] / deviation, white, mean, root, left, widened)
             innovation.append(left * deviation)

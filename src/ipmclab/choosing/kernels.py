@@ -1,4 +1,4 @@
-"""Compiled loop of the likelihood of correlated residuals."""
+"""Compiled loops: residuals whose mean is uncertain along some columns, and sums under a fading correlation."""
 
 from __future__ import annotations
 
@@ -10,62 +10,6 @@ import numpy.typing as npt
 from ipmclab.model.numerics.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
-
-
-@kernel
-def filter_residual(
-    time: FloatArray,
-    residual: FloatArray,
-    seen: npt.NDArray[np.bool_],
-    white: float,
-    variances: FloatArray,
-    rates: FloatArray,
-    innovation: FloatArray,
-    variance: FloatArray,
-) -> float:
-    """Log density of the seen rows of a residual: white noise and two Ornstein-Uhlenbeck processes.
-
-    A Kalman filter: rows that are not seen only let time pass, so that gaps and unequal steps are exact.
-
-    Parameters
-    ----------
-    time, residual : float array, shape (n_time,)
-    seen : bool array, shape (n_time,)
-    white : float
-        Variance of the white noise, above 0.
-    variances, rates : float array, shape (2,)
-        Stationary variance and rate [1/s] of each process.
-    innovation, variance : float array, shape (n_time,)
-        Where the error and the variance of the prediction from the seen rows before are written, for seen rows.
-    """
-    first_mean = second_mean = cross = 0.0
-    first, second = variances[0], variances[1]
-    last_step, first_decay, second_decay = -1.0, 1.0, 1.0
-    total = 0.0
-    for k in range(len(time)):
-        if k > 0:
-            step = time[k] - time[k - 1]
-            if step != last_step:
-                first_decay, second_decay = math.exp(-rates[0] * step), math.exp(-rates[1] * step)
-                last_step = step
-            first_mean *= first_decay
-            second_mean *= second_decay
-            first = variances[0] + first_decay * first_decay * (first - variances[0])
-            second = variances[1] + second_decay * second_decay * (second - variances[1])
-            cross *= first_decay * second_decay
-        if not seen[k]:
-            continue
-        error = residual[k] - first_mean - second_mean
-        first_seen, second_seen = first + cross, second + cross
-        spread = first_seen + second_seen + white
-        innovation[k], variance[k] = error, spread
-        total -= 0.5 * (math.log(2.0 * math.pi * spread) + error * error / spread)
-        first_mean += first_seen * error / spread
-        second_mean += second_seen * error / spread
-        first -= first_seen * first_seen / spread
-        second -= second_seen * second_seen / spread
-        cross -= first_seen * second_seen / spread
-    return total
 
 
 @kernel

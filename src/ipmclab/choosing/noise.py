@@ -11,18 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.choosing.kernels import filter_residual
+from ipmclab.statespace.kernels import whiten
 
 FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 MOST_PARTS: Final = 2
 _FLOOR: Final = 1e-9  # of the extent: a residual below is arithmetic
+_ALIKE: Final = 9  # digits of a step, in shortest steps
 _LONGEST: Final = 10.0  # records: a process slower than that is a constant
 
 
@@ -47,13 +50,28 @@ class ResidualSeries:
     noise: float
     extent: float
 
+    @cached_property
+    def steps(self) -> tuple[IndexArray, FloatArray, IndexArray]:
+        """The rows that are seen, the steps of time that lead to them [s], and of which size each is."""
+        return _steps(self.time, self.seen)
+
+
+def _steps(time: FloatArray, seen: Mask) -> tuple[IndexArray, FloatArray, IndexArray]:
+    rows = np.flatnonzero(seen)
+    passed = np.diff(time[rows], prepend=time[rows[:1]])
+    shortest = passed[1:].min() if len(rows) > 1 else 1.0
+    # Steps that only rounding distinguishes are of one kind, so that an even record soon has one gain.
+    sizes, kinds = np.unique(np.round(passed / shortest, _ALIKE), return_inverse=True)
+    return rows, sizes * shortest, kinds
+
 
 class Filtered(NamedTuple):
-    """Log density of the seen rows, and of each the error [SI] and the variance [SI^2] of its prediction."""
+    """Log density of the seen rows; of each row its error [SI], the variance of that [SI^2], and columns whitened."""
 
     total: float
     innovation: FloatArray
     variance: FloatArray
+    whitened: FloatArray
 
 
 class Part(NamedTuple):
@@ -82,25 +100,39 @@ class FadingNoise:
         """How many numbers were fitted."""
         return 1 + 2 * len(self.parts)
 
-    def filter(self, series: ResidualSeries, seen: Mask | None = None) -> Filtered:
-        """The density of a residual, of all its seen rows or of those that ``seen`` names."""
+    def filter(self, series: ResidualSeries, seen: Mask | None = None, columns: FloatArray | None = None) -> Filtered:
+        """The density of a residual, of all its seen rows or of those that ``seen`` names.
 
-        variances, rates = np.zeros(MOST_PARTS), np.zeros(MOST_PARTS)
-        for place, part in enumerate(self.parts):
-            variances[place], rates[place] = (part.amplitude * series.extent) ** 2, 1.0 / part.time_constant
+        Rows that are not seen only let time pass, so that gaps and unequal steps are exact. Columns of shape
+        (n_time, n_columns) are foreseen and divided as the residual is.
+        """
+        rows, sizes, kinds = series.steps if seen is None else _steps(series.time, seen)
+        matrix = series.residual[rows, None]
+        if columns is not None:
+            matrix = np.hstack([matrix, columns[rows]])
+        rates = np.array([1.0 / part.time_constant for part in self.parts])
+        stationary = np.array([(part.amplitude * series.extent) ** 2 for part in self.parts])
+        passed = np.outer(sizes, rates)
+        each = np.eye(len(rates))
         white = (self.white * series.noise) ** 2 + (_FLOOR * series.extent) ** 2 + 1e-300
-        innovation, variance = np.full(len(series.time), np.nan), np.full(len(series.time), np.nan)
-        total = filter_residual(
-            series.time,
-            series.residual,
-            series.seen if seen is None else seen,
+        of_rows = np.empty(len(rows))
+        logarithm = whiten(
+            matrix,
+            np.ones(len(rows), dtype=np.int64),
+            kinds,
+            each * np.exp(-passed)[:, None],
+            each * (-stationary * np.expm1(-2.0 * passed))[:, None],
+            np.ones(len(rates)),
             white,
-            variances,
-            rates,
-            innovation,
-            variance,
+            each * stationary,
+            of_rows,
         )
-        return Filtered(float(total), innovation, variance)
+        error = matrix[:, 0]
+        total = -0.5 * (len(rows) * math.log(2.0 * math.pi) + logarithm + float(error @ error))
+        innovation, variance = np.full(len(series.time), np.nan), np.full(len(series.time), np.nan)
+        whitened = np.full((len(series.time), matrix.shape[1] - 1), np.nan)
+        innovation[rows], variance[rows], whitened[rows] = error * np.sqrt(of_rows), of_rows, matrix[:, 1:]
+        return Filtered(total, innovation, variance, whitened)
 
     def effective_readings(self, series: ResidualSeries) -> float:
         """How many independent readings would fix a mean as well as these do.

@@ -51,7 +51,9 @@ def whitened(space: StateSpace, matrix: FloatArray, steps: npt.NDArray[np.int64]
     found = np.array(matrix, order="C")
     if not len(space.seen):
         return found, 0.0
-    total = whiten(found, steps, space.transition, space.drive, space.seen, space.reading, space.start)
+    one_kind, variances = np.zeros(len(steps), dtype=np.int64), np.empty(len(steps))
+    transitions, drives = space.transition[None], space.drive[None]
+    total = whiten(found, steps, one_kind, transitions, drives, space.seen, space.reading, space.start, variances)
     return found, float(total)
 
 

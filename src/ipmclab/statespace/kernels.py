@@ -1,4 +1,4 @@
-"""Compiled loop that whitens the columns of a least-squares problem."""
+"""Compiled loops: the Kalman filter that whitens columns by a noise, and what a likelihood needs of them."""
 
 from __future__ import annotations
 
@@ -40,17 +40,19 @@ def continued(coefficients: FloatArray, before: FloatArray, driven: FloatArray) 
 def whiten(
     columns: FloatArray,
     steps: IndexArray,
-    transition: FloatArray,
-    drive: FloatArray,
+    kinds: IndexArray,
+    transitions: FloatArray,
+    drives: FloatArray,
     seen: FloatArray,
     reading: float,
     start: FloatArray,
+    variances: FloatArray,
 ) -> float:
     """Turn correlated rows into independent ones of variance 1: a Kalman filter, with one gain for all columns.
 
-    The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by ``transition`` and driven by
-    noise of covariance ``drive``. What the filter does not foresee of a column, over its standard deviation, is the
-    column multiplied by the inverse of the Cholesky factor of the noise's covariance.
+    The noise is ``seen' x`` plus white noise of variance ``reading``, with x stepping by a transition and driven by
+    noise; time may go on by steps of several kinds. What the filter does not foresee of a column, over its standard
+    deviation, is the column multiplied by the inverse of the Cholesky factor of the noise's covariance.
 
     Parameters
     ----------
@@ -58,10 +60,16 @@ def whiten(
         Overwritten.
     steps : int array, shape (n_readings,)
         How many steps of time each reading comes after the one before it: more than 1 where readings are missing.
-    transition, drive, start : float array, shape (n, n)
-        ``start`` is the covariance of x at the first reading.
+    kinds : int array, shape (n_readings,)
+        Of which kind these steps are.
+    transitions, drives : float array, shape (n_kinds, n, n)
+        Of one step of each kind; a drive is the covariance of the noise that drives x meanwhile.
     seen : float array, shape (n,)
     reading : float
+    start : float array, shape (n, n)
+        Covariance of x at the first reading.
+    variances : float array, shape (n_readings,)
+        Where that of each reading, given those before it, is written.
 
     Returns
     -------
@@ -77,10 +85,11 @@ def whiten(
     state, onward = np.zeros((n, width)), np.zeros((n, width))
     foreseen = np.empty(width)
     variance, scale, logarithm, total = 1.0, 1.0, 0.0, 0.0
-    steady = False
+    steady, last = False, -1
     for t in range(count):
         ahead = steps[t] if t > 0 else 0
-        if not (steady and ahead == 1):
+        transition, drive = transitions[kinds[t]], drives[kinds[t]]
+        if not (steady and ahead == 1 and kinds[t] == last):
             for i in range(n):
                 for j in range(n):
                     before[i, j] = spread[i, j]
@@ -115,9 +124,10 @@ def whiten(
                     spread[j, i] = value
                     change = max(change, abs(value - before[i, j]))
                     largest = max(largest, abs(value))
-            steady = t > 0 and ahead == 1 and change <= _STEADY * (largest + variance)
+            steady, last = ahead == 1 and change <= _STEADY * (largest + variance), kinds[t]
             scale, logarithm = 1.0 / math.sqrt(variance), math.log(variance)
         total += logarithm
+        variances[t] = variance
         for _ in range(ahead):
             for i in range(n):
                 for c in range(width):
