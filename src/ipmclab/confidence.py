@@ -1,4 +1,4 @@
-"""The 95 % of every interval, and what few readings cost."""
+"""The 95 % of every interval, the 0.1 % of every test, and what few readings cost."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ from typing import Final
 
 NORMAL_95: Final = 1.959963984540054
 """How many standard errors of a normal quantity hold 95 % to both sides."""
+
+REJECT: Final = 1e-3
+"""What is assumed is given up where readings would be that rare under it (p < 0.1 %): of a hundred questions that a fit
+asks, one in ten fits then gets one wrong answer."""
 
 
 def wider_for_few(freedom: float) -> float:

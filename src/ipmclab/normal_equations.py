@@ -41,6 +41,40 @@ def pseudo_inverse(matrix: FloatArray) -> FloatArray:
     return np.asarray((turned / values[kept]) @ turned.T)
 
 
+def inverse(products: FloatArray) -> FloatArray:
+    """The inverse of a symmetric matrix that says something of every direction, however little.
+
+    No eigenvalue of that of columns of length 1 is taken to be below ``ROUNDING``.
+    """
+    found, _ = root_of_inverse(products)
+    return np.asarray(found @ found.T)
+
+
+def root_of_inverse(products: FloatArray) -> tuple[FloatArray, float]:
+    """A matrix whose product with its transpose is that inverse, and the log determinant of what was inverted."""
+    size = np.sqrt(np.maximum(products.diagonal(), 0.0))
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(products / np.outer(size, size))
+    values = np.maximum(values, ROUNDING)
+    return vectors / np.sqrt(values) / size[:, None], float(np.sum(np.log(values)) + 2.0 * np.sum(np.log(size)))
+
+
+def root(covariance: FloatArray) -> FloatArray:
+    """A matrix whose product with its transpose is a covariance: what rounding takes below zero is zero.
+
+    Examples
+    --------
+    >>> found = root(np.array([[4.0, 4.0], [4.0, 4.0]]))
+    >>> (found @ found.T).round(12)
+    array([[4., 4.],
+           [4., 4.]])
+    """
+    sizes = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    some = np.where(sizes > 0.0, sizes, 1.0)
+    values, vectors = np.linalg.eigh(covariance / some / some[:, None])
+    return np.asarray(sizes[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
 def damped_step(matrix: FloatArray, right: FloatArray, damping: float, sizes: FloatArray) -> FloatArray:
     """A step of Levenberg and Marquardt: the answer of ``(matrix + damping * diag(sizes)) @ step = right``.
 

@@ -12,7 +12,7 @@ from ipmclab import Actuator, InputError, Run, RunMetadata, identify, load_actua
 from ipmclab.choosing import spread
 from ipmclab.choosing.spread import slopes
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.strip_in_state import strip_in_state
+from ipmclab.identification.problem.in_state import strip_in_state
 from ipmclab.identification.problem.record import prepare
 from ipmclab.model.environment import Environment
 from ipmclab.model.outputs import simulate_outputs

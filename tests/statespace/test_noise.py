@@ -12,7 +12,8 @@ import scipy.signal
 from scipy.linalg import null_space, toeplitz
 from scipy.stats import multivariate_normal
 
-from ipmclab.statespace.columns import Columns, constants, inverse, steps_between, whitened
+from ipmclab.normal_equations import inverse
+from ipmclab.statespace.columns import Columns, constants, steps_between, whitened
 from ipmclab.statespace.likelihood import Others, likelihood
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.noise_model import NoiseModel

@@ -72,11 +72,8 @@ def build_fit(
     )
     exact = _exact_names(actuator, problem, free | set(stated))
     found = uncertainty(result.correlated, stated, exact)
-    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
-    places = [place for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
-    values = np.array(
-        [unknown.value(float(solution.theta[place])) for unknown, place in zip(asked, places, strict=True)]
-    )
+    asked = [unknown for _, unknown in problem.asked]
+    values = np.array([unknown.value(float(solution.theta[place])) for place, unknown in problem.asked])
     relative = relative_errors(asked, values, found)
     reference = problem.in_reference(solution.theta, problem.records[0].place)
     order = Order(reference)
@@ -87,7 +84,7 @@ def build_fit(
     open_edges = edges_are_open(asked, found)
     alone = [
         interval_of(problem, solution, unknown, place, found, number, float(relative[number]), open_edges=open_edges)
-        for number, (unknown, place) in enumerate(zip(asked, places, strict=True))
+        for number, (place, unknown) in enumerate(problem.asked)
     ]
     apart = {
         unknown.name
@@ -100,7 +97,7 @@ def build_fit(
     open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
     beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
     fitted: dict[str, FittedParameter] = {}
-    for number, (unknown, place) in enumerate(zip(asked, places, strict=True)):
+    for number, (place, unknown) in enumerate(problem.asked):
         name = order(unknown.name)
         error = math.inf if unknown.name in beyond else float(relative[number])
         nearer_error = math.inf if unknown.name in beyond else nearer[number]
@@ -216,8 +213,7 @@ def _beside_unseen(points: Sequence[Point]) -> dict[str, tuple[float, float]]:
     beside: dict[str, tuple[float, float]] = {}
     for point in points[1:]:
         spread = np.sqrt(np.maximum(point.found.covariance.diagonal(), 0.0))
-        asked = [(place, unknown) for place, unknown in enumerate(point.problem.unknowns) if not unknown.nuisance]
-        for number, (place, unknown) in enumerate(asked):
+        for number, (place, unknown) in enumerate(point.problem.asked):
             beside[unknown.name] = float(point.theta[place]), float(spread[number])
     return beside
 

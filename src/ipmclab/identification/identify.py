@@ -15,13 +15,12 @@ from ipmclab.fit.output_diagnosis import OutputDiagnosis
 from ipmclab.identification.build import build_fit
 from ipmclab.identification.diagnostics.beyond import beyond_findings
 from ipmclab.identification.diagnostics.diagnose import diagnose
-from ipmclab.identification.environment.contradicted import water_contradicted
 from ipmclab.identification.environment.inseparable import inseparable
 from ipmclab.identification.environment.next_condition import next_condition
-from ipmclab.identification.environment.remarks import doubtful
+from ipmclab.identification.environment.remarks import doubtful, water_contradicted
 from ipmclab.identification.environment.state_of_run import with_states
 from ipmclab.identification.estimate import estimate
-from ipmclab.identification.mountings.mountings import differ, each_mounting, places_of_mountings, with_mountings
+from ipmclab.identification.mountings.mountings import differ, each_mounting, with_mountings
 from ipmclab.identification.problem.earlier_fit import as_read_before, fitted_runs
 from ipmclab.identification.problem.free import FreeParameters, Prior, parse_free
 from ipmclab.identification.problem.order import Order
@@ -32,6 +31,7 @@ from ipmclab.identification.problem.record import (
     disambiguated,
     label_of,
     noise_only,
+    places_of_mountings,
     prepare,
 )
 from ipmclab.identification.solved import Estimate
@@ -133,7 +133,7 @@ def identify_freed(
         return _identify(actuator, these, names, own, diagnosed=diagnosed)
 
     every = range(len(given))
-    if len(places_of_mountings(given)) < 2:
+    if len(places_of_mountings(enumerate(given))) < 2:
         return with_cross_checks(of_these(every, diagnosed=True), given)
     with part("each mounting", 0.0, 0.5):
         each = each_mounting(given, of_these)

@@ -16,9 +16,8 @@ from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
-from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.age import AGE, Age
-from ipmclab.identification.problem.in_state import in_state
+from ipmclab.identification.problem.in_state import in_state, rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.model import Actuator

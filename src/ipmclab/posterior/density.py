@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.pieces import Key
-from ipmclab.identification.noise.whitening import CorrelatedProblem, measured_rows
+from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown, known_together
@@ -118,15 +118,13 @@ class Density:
                 key = record.place, output
                 shape = correlated.shapes.get(key)
                 terms = Terms() if shape is None else shape.terms
-                time = record.run.time[record.readings[output].exact]
-                held = constants(time)[:, [n for n, has in enumerate((terms.offset, terms.trend)) if has]]
-                step = 1.0 / record.run.rate if record.run.is_uniform else float(np.median(np.diff(record.run.time)))
+                time = record.times_of(output)
                 self._noise[key] = _Noise(
                     terms,
                     slice(len(limits), len(limits) + terms.shapes),
-                    held,
-                    steps_between(time, step),
-                    measured_rows(record, output),
+                    constants(time)[:, terms.held],
+                    steps_between(time, record.step),
+                    record.readings[output].exact_of_used,
                     solved.noise[key] <= AT_FLOOR * solved.floors[key],
                 )
                 limits += terms.bounds

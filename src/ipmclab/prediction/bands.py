@@ -15,8 +15,8 @@ from ipmclab.fit.as_fitted import need_as_fitted, need_fit
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.observation import Observation
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.mountings.common_error import common_covariance
+from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import ending_of, own_endings, own_values
 from ipmclab.identification.uncertainty.known_covariance import KnownCovariance, known_of
 from ipmclab.measurement.random_effect import FEWEST

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.free_run import seen_from_sensor
+from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import READ_OUTPUTS, model_hold, own_endings, own_values, prepare
 from ipmclab.model.outputs import simulate_outputs
 from ipmclab.model.stages.laser import blank_lost

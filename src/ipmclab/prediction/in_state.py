@@ -16,9 +16,8 @@ from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
 from ipmclab.identification.environment.state_of_run import says_environment, state_of
-from ipmclab.identification.environment.strip_in_state import rates_of
 from ipmclab.identification.problem.age import AGE, Age
-from ipmclab.identification.problem.in_state import in_state
+from ipmclab.identification.problem.in_state import in_state, rates_of
 from ipmclab.identification.uncertainty.known_covariance import KnownCovariance
 from ipmclab.model import Actuator
 from ipmclab.run import Finding, Run

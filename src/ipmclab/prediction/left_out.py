@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.confidence import NORMAL_95
+from ipmclab.confidence import NORMAL_95, REJECT
 from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
@@ -39,7 +39,6 @@ from ipmclab.statespace.terms import Terms
 
 FloatArray = npt.NDArray[np.float64]
 
-_SURELY: Final = 1e-3
 _ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes
 _EVALUATIONS: Final = 100
 
@@ -464,7 +463,7 @@ def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
 
     One that is of another strip spoils what the others say of each other, so that those may be as unlikely.
     """
-    unlikely = [one for one in runs if _chance(one) < _SURELY / len(runs)]
+    unlikely = [one for one in runs if _chance(one) < REJECT / len(runs)]
     if not unlikely or any(finding.code == "mountings-differ" for finding in fit.findings):
         return []  # where mountings differ, every run is unlike those of the others
     one = max(unlikely, key=lambda one: (max(one.standardised.values(), default=0.0), -_chance(one)))

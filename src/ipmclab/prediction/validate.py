@@ -14,9 +14,9 @@ from ipmclab.errors import InputError
 from ipmclab.fit.as_fitted import why_changed
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.fit_file import fit_of
-from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.earlier_fit import fitted_runs, zeros_of_fit
 from ipmclab.identification.problem.free_run import edge_delay, predict, seen_from_sensor, sensor_zero
+from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import (
     LONGEST_DELAY,
     READ_OUTPUTS,

@@ -16,6 +16,7 @@ from ipmclab.identification.solved import solved
 from ipmclab.identification.uncertainty.covariance import uncertainty
 from ipmclab.measurement.uncertain import Uncertain
 from ipmclab.model import Actuator, load_actuator
+from ipmclab.normal_equations import root
 from ipmclab.sample import Sample
 
 FloatArray = npt.NDArray[np.float64]
@@ -128,9 +129,9 @@ def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> Fitt
     problem, solution = correlated.problem, correlated.solution
     names = [name for name, amount in held.items() if amount.parts and problem.base.get(name)]
     found = uncertainty(correlated, {}, names)
-    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
+    asked = [unknown for _, unknown in problem.asked]
     order = Order(problem.in_reference(solution.theta, problem.records[0].place))
-    root = _root(found.covariance)
+    parted = root(found.covariance)
     relative: dict[str, dict[str, float]] = {}
     for number, unknown in enumerate(asked):
         name = order(unknown.name)
@@ -138,7 +139,7 @@ def amounts_of_fit(fit: Fit, held: Mapping[str, Uncertain], source: str) -> Fitt
         if parameter is None or not unknown.log:
             continue
         wider = _wider(parameter, float(np.sqrt(max(found.covariance[number, number], 0.0))))
-        parts = {f"{source}#{k}": wider * float(part) for k, part in enumerate(root[number]) if part}
+        parts = {f"{source}#{k}": wider * float(part) for k, part in enumerate(parted[number]) if part}
         for other in names:
             _add(parts, held[other], float(found.slopes[other][number]))
         relative[name] = parts
@@ -163,9 +164,3 @@ def _wider(parameter: FittedParameter, own: float) -> float:
 def _add(parts: dict[str, float], amount: Uncertain, slope: float) -> None:
     for source, part in amount.parts.items():
         parts[source] = parts.get(source, 0.0) + slope * part
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """A matrix whose rows have the covariance as their products."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

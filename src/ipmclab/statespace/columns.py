@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.run import FloatArray
-from ipmclab.statespace.kernels import ROUNDING, eliminate, whiten
+from ipmclab.statespace.kernels import eliminate, whiten
 from ipmclab.statespace.terms import StateSpace, Terms, state_space
 
 CONSTANTS: Final = 2
@@ -77,28 +77,10 @@ def constants(time: FloatArray) -> FloatArray:
 
 def without(products: FloatArray, terms: Terms) -> tuple[FloatArray, float]:
     """Products of directions and residual with the constants of the terms projected out, and log det of theirs."""
-    held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
+    held = terms.held
     if not held:
         return products[CONSTANTS:, CONSTANTS:].copy(), 0.0
     kept = [*held, *range(CONSTANTS, len(products))]
     left = products[np.ix_(kept, kept)]
     logarithm = eliminate(left, len(held))
     return left[len(held) :, len(held) :].copy(), float(logarithm)
-
-
-def root_of(products: FloatArray) -> tuple[FloatArray, float]:
-    """A root of the inverse of normal equations (root root' is that inverse), and their log determinant.
-
-    By the eigenvalues of those of columns of length 1, none of them taken to be below ``ROUNDING``.
-    """
-    size = np.sqrt(products.diagonal())
-    size[size == 0.0] = 1.0
-    values, vectors = np.linalg.eigh(products / np.outer(size, size))
-    values = np.maximum(values, ROUNDING)
-    return vectors / np.sqrt(values) / size[:, None], float(np.sum(np.log(values)) + 2.0 * np.sum(np.log(size)))
-
-
-def inverse(products: FloatArray) -> FloatArray:
-    """Inverse of normal equations, as ``root_of`` has it."""
-    root, _ = root_of(products)
-    return np.asarray(root @ root.T)

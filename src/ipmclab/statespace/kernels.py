@@ -8,17 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.model.numerics.compiled import kernel
+from ipmclab.normal_equations import ROUNDING
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
 
 _STEADY = 1e-14
 
-ROUNDING = 1e-14
-"""Part of a column's square below which nothing is left of it beside other columns.
-
-Less is rounding, of either sign. The root is the part of a singular value at which a direction counts as not shown.
-"""
+_ROUNDING = ROUNDING  # of a column's square: less than that is not left of it beside other columns
 
 
 @kernel
@@ -159,7 +156,7 @@ def eliminate(products: FloatArray, held: int) -> float:
     """Project the first ``held`` columns out of the products of all, in place.
 
     Gaussian elimination without pivots, of a symmetric matrix; the last column, the residual's, may come next. What
-    is left of a column is never less than ``ROUNDING`` of its square.
+    is left of a column is never less than ``_ROUNDING`` of its square.
 
     Returns
     -------
@@ -169,7 +166,7 @@ def eliminate(products: FloatArray, held: int) -> float:
     n, total = len(products), 0.0
     least = np.empty(n)
     for k in range(n):
-        least[k] = ROUNDING * products[k, k]
+        least[k] = _ROUNDING * products[k, k]
     for k in range(held):
         pivot = products[k, k]
         if pivot == 0.0:

@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ipmclab.normal_equations import root_of_inverse
 from ipmclab.progress import tick
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import Columns, root_of, without
+from ipmclab.statespace.columns import Columns, without
 from ipmclab.statespace.kernels import restricted
 from ipmclab.statespace.terms import Terms
 
@@ -53,7 +54,7 @@ class Others:
     @cached_property
     def root(self) -> tuple[FloatArray, float]:
         """A root of the inverse of those of the directions, and their log determinant: the same at every noise."""
-        return root_of(self.products[:-1, :-1])
+        return root_of_inverse(self.products[:-1, :-1])
 
 
 def likelihood(

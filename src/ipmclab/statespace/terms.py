@@ -58,6 +58,11 @@ class Terms:
         return self.offset + self.trend
 
     @property
+    def held(self) -> list[int]:
+        """Of the columns of an offset and a trend, those that are terms."""
+        return [column for column, has in enumerate((self.offset, self.trend)) if has]
+
+    @property
     def drifts(self) -> bool:
         """Whether the level goes away: the case in which no sum of autocovariances holds."""
         return self.walk or self.trend

@@ -52,7 +52,7 @@ class Whitening:
     ) -> Whitening:
         """Made ready from a shape of the noise; ``time`` and ``steps`` of the measured readings."""
         space = state_space(terms, entries)
-        held = constants(time)[:, [column for column, has in enumerate((terms.offset, terms.trend)) if has]]
+        held = constants(time)[:, terms.held]
         basis, triangle = np.linalg.qr(whitened(space, held, steps)[0] / scale)
         return cls(terms, space, scale, steps, inside, basis, np.asarray(np.linalg.inv(triangle)))
 

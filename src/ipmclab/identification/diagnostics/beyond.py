@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ipmclab.fit.fit import Fit
-from ipmclab.identification.environment.strip_in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.earlier_fit import fitted_runs
 from ipmclab.identification.problem.free_run import predict, seen_from_sensor
+from ipmclab.identification.problem.in_state import rates_of, strip_in_state
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.model import Actuator
 from ipmclab.model.stages.laser import blank_lost

@@ -24,7 +24,7 @@ def along_directions(
     """Those that go with an actuator, and what each changes in one output; shape (n_directions, n_residual)."""
     kept, rows = [], []
     for direction in directions:
-        row = np.zeros(_length(problem))
+        row = np.zeros(problem.beforehand.stop)
         for record in problem.records:
             if output not in record.readings:
                 continue
@@ -40,7 +40,7 @@ def along_directions(
         else:
             kept.append(direction)
             rows.append(row)
-    return kept, np.array(rows).reshape(len(rows), _length(problem))
+    return kept, np.array(rows).reshape(len(rows), problem.beforehand.stop)
 
 
 def of_voltage(problem: Problem, theta: FloatArray, output: str, *, bent: bool = False) -> FloatArray:
@@ -56,7 +56,7 @@ def of_voltage(problem: Problem, theta: FloatArray, output: str, *, bent: bool =
     """
     longest = max(float(record.run.time[-1] - record.run.time[0]) for record in problem.records)
     poles = -1.0 / (np.array(_LAGS) * longest)
-    found = np.zeros((1 + len(poles), _length(problem)))
+    found = np.zeros((1 + len(poles), problem.beforehand.stop))
     for record in problem.records:
         if output not in record.readings:
             continue
@@ -71,8 +71,3 @@ def of_voltage(problem: Problem, theta: FloatArray, output: str, *, bent: bool =
         found[0, piece] = driven.present[used] / problem.noise[key]
         found[1:, piece] = lagged[:, used] / problem.noise[key]
     return found
-
-
-def _length(problem: Problem) -> int:
-    readings = max((piece.stop for piece in problem.pieces.values()), default=0)
-    return readings + sum(unknown.prior is not None for unknown in problem.unknowns)

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from ipmclab.identification.noise.pieces import Key, Piece, System, refine_noise
 from ipmclab.identification.problem.problem import Evaluation, Problem
+from ipmclab.normal_equations import inverse
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import inverse, without
+from ipmclab.statespace.columns import without
 from ipmclab.statespace.shape import Shape
 
 

@@ -13,9 +13,9 @@ from ipmclab.identification.problem.free import FreeParameters
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import ASSUMED_REST
 from ipmclab.identification.problem.response import ActuatorResponder, CircuitResponder
-from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
+from ipmclab.identification.problem.unknowns import actuator_unknown, amplitudes
 from ipmclab.identification.search.descent import HOPE, SHORTLY, on_every_row
-from ipmclab.identification.search.pose import entries_at, problem_at
+from ipmclab.identification.search.pose import entries_at, problem_at, solved_for
 from ipmclab.identification.search.solve import Solution, minimise, settled_to
 from ipmclab.identification.search.starts.start import starting_points
 from ipmclab.model import Actuator
@@ -89,13 +89,10 @@ def from_here(
             if record.start == "free":
                 if isinstance(responder, ActuatorResponder):
                     responder.prepare(record, {**base, **problem.values(theta, record.place)})
-                unknowns += [_amplitude(record.place, number) for number in range(responder.amplitudes(record))]
+                unknowns += amplitudes(record.place, responder.amplitudes(record))
         wider = Problem(base, problem.records, unknowns, responder, problem.noise)
         start = np.append(entries, np.zeros(len(unknowns) - len(entries)))
-        linear = np.arange(len(unknowns)) >= len(entries)
-        if linear.any():
-            here = wider.evaluate(start)
-            start[linear] -= np.linalg.lstsq(here.jacobian[:, linear], here.residual, rcond=1e-12)[0]
+        start = solved_for(wider, start, np.arange(len(unknowns)) >= len(entries))
         found = _briefly(wider, start, _EVALUATIONS)
     except (IpmclabError, ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
@@ -164,8 +161,3 @@ def _responder(problem: Problem, richer: Actuator) -> CircuitResponder | Actuato
     if isinstance(problem.responder, CircuitResponder) and richer.structure.is_lumped:
         return CircuitResponder(richer.circuit.branches)
     return ActuatorResponder(richer)
-
-
-def _amplitude(run: int, number: int) -> Unknown:
-    base = f"observation.initial_state.{number}"
-    return Unknown(f"{base}[{run}]", base, run, False, 1.0, -np.inf, np.inf, nuisance=True)

@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import REJECT
 from ipmclab.identification.diagnostics.columns import of_voltage
 from ipmclab.identification.diagnostics.evidence import Evidence
 from ipmclab.identification.noise.correlate import FLOOR
 from ipmclab.identification.noise.pieces import Key, Piece, System, choose_noise, with_constants
-from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.solved import Estimate
 from ipmclab.identification.uncertainty.covariance import is_coloured
@@ -21,7 +21,6 @@ from ipmclab.run import FloatArray
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
-_REJECT: Final = 1e-3
 _HINT: Final = 0.05
 _BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
 _MISFIT: Final = 1.3  # times the noise: what is left is large, and a linear look at it no guide
@@ -62,7 +61,7 @@ class Left:
         here = solution.evaluation
         records = [record for record in problem.records if output in record.readings]
         residuals = {
-            record.place: here.residual[problem.pieces[record.place, output]][measured_rows(record, output)]
+            record.place: here.residual[problem.pieces[record.place, output]][record.readings[output].exact_of_used]
             for record in records
         }
         # An offset and a slope of the noise need three readings to say anything of it.
@@ -128,12 +127,12 @@ class Left:
     @cached_property
     def follows(self) -> bool:
         """Whether it follows the voltage in some linear way that the model does not know."""
-        return self.coloured and self._chance(bent=False) < _REJECT
+        return self.coloured and self._chance(bent=False) < REJECT
 
     @cached_property
     def bends(self) -> bool:
         """Whether it follows the voltage times its magnitude, to which no linear model answers."""
-        return self.coloured and self._could_bend and self._chance(bent=True) < _REJECT
+        return self.coloured and self._could_bend and self._chance(bent=True) < REJECT
 
     @property
     def _could_bend(self) -> bool:

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.output_diagnosis import OutputDiagnosis, Verdict
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
 
@@ -35,7 +34,7 @@ def output_diagnosis(
     """
     problem = correlated.problem
     key = record.place, output
-    piece, inside = problem.pieces[key], measured_rows(record, output)
+    piece, inside = problem.pieces[key], record.readings[output].exact_of_used
     white = correlated.whitened.residual[piece][inside]
     raw = correlated.left(key)[inside] * problem.noise[key]
     rows = _lags(len(white))

@@ -17,7 +17,8 @@ from ipmclab.identification.problem.age import AGE
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment.laws import is_of_environment
-from ipmclab.run import Finding, FloatArray
+from ipmclab.normal_equations import inverse
+from ipmclab.run import Finding
 
 CODE: Final = "age-inseparable"
 
@@ -25,7 +26,6 @@ _MUCH: Final = 3.0
 """Times the standard error that age would have if the laws were known: its variance is then nine tenths theirs."""
 
 _TOGETHER: Final = 0.5  # correlation with a law that is named
-_LEAST: Final = 1e-12  # of the largest information: directions of which the readings say nothing
 
 
 def inseparable(problem: Problem, solution: Solution) -> list[Finding]:
@@ -74,12 +74,3 @@ def _finding(age: str, laws: Sequence[str], ratio: float, states: Sequence[RunSt
         f"go back: repeat the condition of the first run{there} at the end, and between others on the way",
         values={"ratio": ratio},
     )
-
-
-def inverse(products: FloatArray) -> FloatArray:
-    """Of a matrix of products, its columns scaled; what they say nothing of gets a large variance."""
-    size = np.sqrt(np.maximum(products.diagonal(), 0.0))
-    size[size <= 0.0] = 1.0
-    values, vectors = np.linalg.eigh(products / np.outer(size, size))
-    least = _LEAST * values[-1]
-    return np.asarray((vectors / np.maximum(values, least)) @ vectors.T / np.outer(size, size))

@@ -10,7 +10,6 @@ import numpy as np
 
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.environment.inseparable import inverse
 from ipmclab.identification.environment.state_of_run import HUMIDITY_ERROR
 from ipmclab.identification.problem.in_state import InState, in_state
 from ipmclab.identification.problem.order import Order
@@ -20,6 +19,7 @@ from ipmclab.identification.search.solve import Solution
 from ipmclab.model.environment import Environment, equilibrium
 from ipmclab.model.environment.laws import is_of_environment
 from ipmclab.model.environment.sorption import slope
+from ipmclab.normal_equations import inverse
 from ipmclab.run import Finding, FloatArray
 
 UNDETERMINED: Final = "law-undetermined"

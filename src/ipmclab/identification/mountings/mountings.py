@@ -9,30 +9,21 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import REJECT
 from ipmclab.errors import IpmclabError
 from ipmclab.fit.fit import Fit, FittedParameter
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.mountings import Mounting, Mountings
 from ipmclab.identification.mountings.common_error import Parted, loadings_of, loadings_of_joint, parted
-from ipmclab.identification.problem.record import label_of
+from ipmclab.identification.problem.record import label_of, places_of_mountings
 from ipmclab.identification.problem.unknowns import Unknown, actuator_unknown
 from ipmclab.measurement.random_effect import FEWEST, random_effect
 from ipmclab.model import Actuator
 from ipmclab.progress import part
 from ipmclab.run import Finding, Run
 
-_SURELY: Final = 1e-3
 _ENDING: Final = "[mounting "
 _DRAGGED: Final = 2.0  # standard errors of the mean of all mountings
-
-
-def places_of_mountings(runs: Sequence[Run]) -> dict[str, tuple[int, ...]]:
-    """Where the runs of each mounting stand; those that do not say of which they are stand nowhere."""
-    found: dict[str, list[int]] = {}
-    for place, run in enumerate(runs):
-        if run.metadata.mounting_id:
-            found.setdefault(run.metadata.mounting_id, []).append(place)
-    return {name: tuple(places) for name, places in found.items()}
 
 
 def each_mounting(runs: Sequence[Run], refit: Callable[[tuple[int, ...]], Fit]) -> tuple[Mounting, ...]:
@@ -44,7 +35,7 @@ def each_mounting(runs: Sequence[Run], refit: Callable[[tuple[int, ...]], Fit]) 
     refit : function of a tuple of int
         Fits the runs at these places alone.
     """
-    places = places_of_mountings(runs)
+    places = places_of_mountings(enumerate(runs))
     several = len({run.metadata.sample.id for run in runs if run.metadata.sample is not None}) > 1
     if len(places) < 2 or several:
         return ()
@@ -179,7 +170,7 @@ def differ(each: Sequence[Mounting], actuator: Actuator) -> dict[str, float]:
         entries, errors = _by_themselves(actuator_unknown(known[base], None), each)
         if len(entries) > 1:
             found[base] = random_effect(entries, errors.own).p_value
-    return {base: p_value for base, p_value in found.items() if p_value < _SURELY / len(found)}
+    return {base: p_value for base, p_value in found.items() if p_value < REJECT / len(found)}
 
 
 def dragged(fit: Fit, each: Sequence[Mounting]) -> tuple[str, ...]:

@@ -75,8 +75,7 @@ def slope_at_rest(record: PreparedRun, output: str, noise: Shape, unit: float) -
     middle = long_run(columns, values - columns @ answer)
     own = float((inner @ middle @ inner)[1, 1])
     if noise.terms.order or noise.terms.walk:
-        period = 1.0 / record.run.rate if record.run.is_uniform else float(np.median(np.diff(record.run.time)))
-        whole = unit**2 * float(spread_by(columns @ inner, steps_between(time, period), noise)[1, 1])
+        whole = unit**2 * float(spread_by(columns @ inner, steps_between(time, record.step), noise)[1, 1])
         lag = max(len(rows) // 4, 1)
         seen = float(np.mean((values[lag:] - values[:-lag]) ** 2)) / (unit**2 * float(structure(noise, [lag])[0]))
         own = max(own, whole * min(seen, 1.0))

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from ipmclab.identification.noise.pieces import Key, Piece, System
+from ipmclab.normal_equations import inverse
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import CONSTANTS, inverse
+from ipmclab.statespace.columns import CONSTANTS
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 

@@ -28,7 +28,7 @@ from ipmclab.identification.noise.pieces import (
     refine_noise,
     with_constants,
 )
-from ipmclab.identification.noise.whitening import CorrelatedProblem, measured_rows
+from ipmclab.identification.noise.whitening import CorrelatedProblem
 from ipmclab.identification.noise.zeros import DriftingProblem, Projection, Zero
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.unknowns import Unknown
@@ -187,7 +187,7 @@ class Correlated:
             return np.asarray(scaled.T @ scaled)
         turned = self.problem.whitened(key, rows.T).T
         moved = np.zeros((0, rows.shape[1]))
-        inside = measured_rows(self.problem.record_at(key[0]), key[1])
+        inside = self.problem.record_at(key[0]).readings[key[1]].exact_of_used
         if key in self.zeros:
             # What is known of a zero or a slope beforehand has an error too: of rows at 0 V, and of its own.
             projection, own_errors = self._known[key]
@@ -221,7 +221,7 @@ class Correlated:
         if power <= 0.0 or not self.shapes or self.is_weighted:
             return 1.0
         parts = [self.spread(change[piece][:, None], key)[0, 0] for key, piece in self.problem.pieces.items()]
-        beyond = change[max((piece.stop for piece in self.problem.pieces.values()), default=0) :]
+        beyond = change[self.problem.beforehand]
         return max(float((sum(parts) + beyond @ beyond) / power), 1.0)
 
     def drawn(self, generator: np.random.Generator) -> FloatArray:
@@ -358,13 +358,13 @@ def _pieces(problem: Problem, here: Evaluation) -> tuple[list[Piece], set[str]]:
             if problem.noise[key] <= FLOOR * problem.floors[key]:
                 continue
             piece = problem.pieces[key]
-            inside = measured_rows(record, output)
+            inside = record.readings[output].exact_of_used
             residual = here.residual[piece] if inside.all() else here.residual[piece][inside]
             if len(residual) < 2 * CONSTANTS:
                 continue
             if basis is None:
                 basis = imitated(here)
-            explained = _explained(basis[piece][inside], record.run.time[record.readings[output].exact], residual)
+            explained = _explained(basis[piece][inside], record.times_of(output), residual)
             found.append(Piece.of(record, output, problem.unknowns))
             if needs_search(residual, explained):
                 coloured.add(output)

@@ -8,12 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key
-from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.run import FloatArray
 
-_REJECT: Final = 1e-3
 _FEWEST: Final = 50
 _SOME: Final = 1.5  # times the scatter of a correlation
 _TURNS: Final = 5
@@ -49,7 +48,7 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     """
     problem, piece = correlated.problem, correlated.problem.pieces[key]
     record = problem.record_at(key[0])
-    inside = measured_rows(record, key[1])
+    inside = record.readings[key[1]].exact_of_used
     residual = correlated.whitened.residual[piece]
     reading = record.readings[key[1]].values[record.readings[key[1]].used]
     # Of the model: a reading is large where its own noise is.
@@ -64,7 +63,7 @@ def growth(correlated: Correlated, key: Key) -> Growth | None:
     from scipy.optimize import nnls
     from scipy.special import ndtr
 
-    if ndtr(-_together(_ranks(answer), _ranks(size)) / scatter) > _REJECT:
+    if ndtr(-_together(_ranks(answer), _ranks(size)) / scatter) > REJECT:
         return None
     answer = answer / answer.max()
     columns = np.column_stack([np.ones_like(answer), answer, answer * answer])

@@ -9,7 +9,6 @@ import numpy as np
 
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key
-from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.run import FloatArray
 
 _REJECT: Final = 1e-4
@@ -42,7 +41,7 @@ def hum_in(correlated: Correlated, key: Key) -> Hum | None:
     problem, piece = correlated.problem, correlated.problem.pieces[key]
     record = problem.record_at(key[0])
     reading = record.readings[key[1]]
-    inside = measured_rows(record, key[1])
+    inside = record.readings[key[1]].exact_of_used
     rows = np.flatnonzero(reading.used)[inside]
     time = record.run.time[rows]
     if len(rows) < _FEWEST or np.ptp(np.diff(time)) > 1e-3 * float(time[1] - time[0]):

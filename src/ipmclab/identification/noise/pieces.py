@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ipmclab.identification.noise.whitening import measured_rows
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
@@ -42,12 +41,9 @@ class Piece:
     @classmethod
     def of(cls, record: PreparedRun, output: str, unknowns: Sequence[Unknown]) -> Piece:
         """Measured readings only: between them the noise goes on."""
-        time = record.run.time[record.readings[output].exact]
-        run = record.run
-        step = 1.0 / run.rate if run.is_uniform else float(np.median(np.diff(run.time)))
-        inside = measured_rows(record, output)
-        found = cls((record.place, output), time, step, steps_between(time, step), inside, (True, True))
-        return found.among(unknowns)
+        time, inside = record.times_of(output), record.readings[output].exact_of_used
+        steps = steps_between(time, record.step)
+        return cls((record.place, output), time, record.step, steps, inside, (True, True)).among(unknowns)
 
     def among(self, unknowns: Sequence[Unknown]) -> Piece:
         """The same with no constants but those that the unknowns of a fit leave to the noise."""
@@ -104,9 +100,8 @@ class System:
         self.ridge = _RIDGE * np.eye(len(turned))
         self.ridge[-1, -1] = 0.0
         self.rest = self.ridge.copy()
-        begin = max((place.stop for place in problem.pieces.values()), default=0)
         stretches = [place for key, place in problem.pieces.items() if key not in self.pieces]
-        for stretch in [*stretches, slice(begin, turned.shape[1])]:
+        for stretch in [*stretches, problem.beforehand]:
             self.rest += turned[:, stretch] @ turned[:, stretch].T
         self.columns = {
             piece.key: Columns(

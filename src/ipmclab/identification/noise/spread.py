@@ -10,8 +10,9 @@ import numpy as np
 
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, System
+from ipmclab.normal_equations import inverse, root_of_inverse
 from ipmclab.run import FloatArray
-from ipmclab.statespace.columns import inverse, root_of, without
+from ipmclab.statespace.columns import without
 from ipmclab.statespace.shape import Shape
 
 _STEP: Final = 0.05  # of the entries of a noise
@@ -81,7 +82,7 @@ def degrees_of_freedom(under: Correlated, own: FloatArray, plain: FloatArray) ->
     system = System(under.problem.plain, under.plain, pieces)
     turned = own @ plain
     variances = {key: _variances(under, turned, key) for key in under.problem.pieces}
-    beyond = turned[max(piece.stop for piece in under.problem.pieces.values()) :]
+    beyond = turned[under.problem.beforehand]
     total = np.asarray(sum(variances.values())) + np.sum(beyond * beyond, axis=0)
     parts = {key: system.part(key, shape) for key, shape in under.shapes.items()}
     unsure = np.zeros(len(total))
@@ -139,7 +140,7 @@ def _deviance(system: System, key: Key, shape: Shape, others: FloatArray) -> flo
     every, logarithm = columns.products(shape.terms, shape.entries)
     own, of_constants = without(every, shape.terms)
     total = others + own / shape.variance
-    root, of_directions = root_of(total[:-1, :-1])
+    root, of_directions = root_of_inverse(total[:-1, :-1])
     right = total[:-1, -1] @ root
     misfit = float(total[-1, -1] - right @ right)
     freedom = columns.count - shape.terms.constants

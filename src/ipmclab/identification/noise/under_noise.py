@@ -10,8 +10,8 @@ from collections.abc import Sequence, Set
 
 import numpy as np
 
+from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
-from ipmclab.identification.search.rest import REJECT
 
 
 def at_rest_after_all(under: Correlated, places: Set[int]) -> dict[int, list[int]]:
@@ -45,7 +45,7 @@ def could_be_zero(under: Correlated, columns: Sequence[int]) -> bool:
     own, others = jacobian[:, columns], np.delete(jacobian, columns, axis=1)
     if others.shape[1]:
         own = own - others @ np.linalg.lstsq(others, own, rcond=1e-12)[0]
-    beyond = own[max(piece.stop for piece in under.problem.pieces.values()) :]
+    beyond = own[under.problem.beforehand]
     middle = beyond.T @ beyond
     for key, piece in under.problem.pieces.items():
         middle = middle + under.spread(own[piece], key)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.unknowns import Unknown
@@ -14,9 +15,6 @@ from ipmclab.identification.search.solve import Solution, entry_errors
 from ipmclab.model.declared import has_shape
 from ipmclab.model.kinds import kind_of
 from ipmclab.model.stages.kind import StageKind
-
-REJECT: Final = 1e-3
-"""A stage is seen when readings without it would lose so much as rarely as this."""
 
 _SURELY: Final = 0.1  # standard error over value of a size that leaves no question
 

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.at_rest import is_at_rest_too, left_at_rest
 from ipmclab.identification.noise.correlate import Again, Correlated
 from ipmclab.identification.noise.pieces import Key, System, refine_noise
@@ -27,7 +28,6 @@ from ipmclab.run import FloatArray
 _TURNS: Final = 4
 _STILL: Final = 0.1  # of a standard error, by which the parameters still move
 _AS_GOOD: Final = 1.1  # times what least squares leaves (rms), as of a prediction; walks of a laser reach 1.09
-_REJECT: Final = 1e-3
 
 
 def weighted(least: Correlated, everywhere: Again, beside: Again) -> tuple[Correlated, Correlated | None]:
@@ -86,7 +86,7 @@ def _is_same_strip(least: Correlated, there: Evaluation) -> bool:
 
     lost = there.cost - least.solution.evaluation.cost
     times = least.inflation(there.residual - least.solution.evaluation.residual)
-    return lost <= float(chdtri(len(there.rows) - 1, _REJECT)) * times
+    return lost <= float(chdtri(len(there.rows) - 1, REJECT)) * times
 
 
 def _is_at_rest_too(under: Correlated, key: Key) -> bool | None:

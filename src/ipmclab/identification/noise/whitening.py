@@ -5,11 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
-import numpy as np
-import numpy.typing as npt
-
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
-from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
 from ipmclab.statespace.whitening import Whitening
 
@@ -80,9 +76,3 @@ class CorrelatedProblem(Changed):
         """Rows of one output of one run, whitened where its noise is not white."""
         whitening = self.whitenings.get(key)
         return rows if whitening is None else whitening.apply(rows)
-
-
-def measured_rows(record: PreparedRun, output: str) -> npt.NDArray[np.bool_]:
-    """Which rows of a piece are measured, not bounds."""
-    reading = record.readings[output]
-    return np.asarray(reading.exact[reading.used])

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ipmclab.identification.noise.at_rest import SlopeAtRest, slope_at_rest
-from ipmclab.identification.noise.whitening import Changed, measured_rows
+from ipmclab.identification.noise.whitening import Changed
 from ipmclab.identification.problem.problem import Evaluation, Noise, Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
@@ -63,9 +63,8 @@ class Zero:
     @classmethod
     def of(cls, record: PreparedRun, output: str, terms: Terms, noise: Shape, unit: float) -> Zero:
         """The constants that a noise calls for, which is in so many SI units."""
-        inside = measured_rows(record, output)
-        time = record.run.time[record.readings[output].exact]
-        held = [column for column, has in enumerate((terms.offset, terms.trend)) if has]
+        inside = record.readings[output].exact_of_used
+        time = record.times_of(output)
         middle, half = 0.5 * float(time[0] + time[-1]), 0.5 * float(time[-1] - time[0])
         nothing = SlopeAtRest(0.0, math.inf, np.zeros(0))
         rest = slope_at_rest(record, output, noise, unit) if terms.trend else nothing
@@ -76,16 +75,16 @@ class Zero:
             if largest > 0.0 and half > 0.0:  # readings that are all 0 bound nothing
                 most = LARGEST_ZERO * largest
                 rest = rest._replace(error=min(rest.error, most / half))
-        return cls(terms, constants(time)[:, held], inside, middle, half, rest, most)
+        return cls(terms, constants(time)[:, terms.held], inside, middle, half, rest, most)
 
     def on(self, record: PreparedRun, output: str) -> Zero:
         """The same beside means of the rows."""
         reading = record.readings[output]
-        away = (record.run.time[reading.exact] - self.middle) / self.half
-        rows = [one for one, has in ((np.ones(len(away)), self.terms.offset), (away, self.terms.trend)) if has]
+        away = (record.times_of(output) - self.middle) / self.half
+        rows = np.array([np.ones(len(away)), away])[self.terms.held]
         weights = 1.0 if reading.weights is None else reading.weights[reading.exact]
-        inside, rest = measured_rows(record, output), self.rest._replace(weights=np.zeros(0))
-        return replace(self, columns=(np.array(rows) * weights).T, inside=inside, rest=rest)
+        inside, rest = record.readings[output].exact_of_used, self.rest._replace(weights=np.zeros(0))
+        return replace(self, columns=(rows * weights).T, inside=inside, rest=rest)
 
     def projection(self, sigma: float) -> Projection:
         """In units of the noise of the rows."""

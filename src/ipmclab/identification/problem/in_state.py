@@ -9,11 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.age import Age
+from ipmclab.identification.problem.age import AGE, Age
+from ipmclab.model import Actuator
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import WaterState
 from ipmclab.model.environment import in_state as moved_by_laws
+from ipmclab.model.environment.laws import is_of_environment
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -93,6 +96,27 @@ def in_state(
         by_water=by_water[moves],
         by_rate={name: column[moves] for name, column in by_rate.items()},
     )
+
+
+def rates_of(fit: Fit | None) -> dict[str, float]:
+    """How fast parameters age, as a fit found it."""
+    return {} if fit is None else {name: one.value for name, one in fit.parameters.items() if name.startswith(AGE)}
+
+
+def strip_in_state(actuator: Actuator, state: RunState, rates: Mapping[str, float]) -> Actuator:
+    """A strip in a state, without laws.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        As it is in the reference state.
+    state : RunState
+    rates : mapping of name to float
+        How fast parameters age.
+    """
+    found = in_state(actuator.parameter_values, state, (), water=state.found, rates=rates)
+    stages = {name: value for name, value in found.values.items() if not is_of_environment(name)}
+    return Actuator(actuator.name, stages, sample=actuator.sample)
 
 
 def _within(values: Mapping[str, float]) -> tuple[dict[str, float], npt.NDArray[np.bool_]]:

@@ -206,6 +206,21 @@ class Problem:
         return found
 
     @cached_property
+    def readings(self) -> int:
+        """How many there are: that many residuals, before those of what is known beforehand."""
+        return max((piece.stop for piece in self.pieces.values()), default=0)
+
+    @property
+    def beforehand(self) -> slice:
+        """Where what is known beforehand stands in the residual vector."""
+        return slice(self.readings, self.readings + len(self._prior_places))
+
+    @cached_property
+    def asked(self) -> tuple[tuple[int, Unknown], ...]:
+        """The unknowns that are asked for, and where each stands in the vector: all but starting states and water."""
+        return tuple((place, unknown) for place, unknown in enumerate(self.unknowns) if not unknown.nuisance)
+
+    @cached_property
     def _places(self) -> dict[int, Place]:
         return {record.place: Place.of(record, self.unknowns, self.base) for record in self.records}
 
@@ -288,14 +303,13 @@ class Problem:
     def evaluate(self, theta: FloatArray) -> Evaluation:
         """Residuals and Jacobian: the readings of all records, then what is known beforehand."""
         tick()
-        readings = max((piece.stop for piece in self.pieces.values()), default=0)
-        rows = np.empty((len(theta) + 1, readings + len(self._prior_places)))
+        rows = np.empty((len(theta) + 1, self.beforehand.stop))
         # A search may try values at which the model overflows: it steps back from what is not finite.
         with np.errstate(over="ignore", invalid="ignore"):
             for record in self.records:
                 self._fill(rows, record, theta)
-        rows[:-1, readings:] = self._prior_jacobian.T
-        rows[-1, readings:] = self._from_beforehand(theta)
+        rows[:-1, self.beforehand] = self._prior_jacobian.T
+        rows[-1, self.beforehand] = self._from_beforehand(theta)
         return Evaluation(rows, len(self._prior_places))
 
     def residuals(self, theta: FloatArray) -> dict[tuple[int, str], FloatArray]:

@@ -6,7 +6,7 @@ What stands here belongs to one run, never to the sample.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, NamedTuple
@@ -98,6 +98,11 @@ class Reading:
         return np.asarray(self.used & (self.side == 0)) if self.has_bounds else self.used
 
     @cached_property
+    def exact_of_used(self) -> Mask:
+        """Which of the readings that are used are measured, shape (n_used,)."""
+        return np.asarray(self.exact[self.used])
+
+    @cached_property
     def measured(self) -> FloatArray:
         """The values of the readings that are measured."""
         return self.values[self.exact]
@@ -134,6 +139,15 @@ class PreparedRun:
     def period(self) -> float:
         """The largest step between rows [s]."""
         return float(np.max(np.diff(self.run.time)))
+
+    @property
+    def step(self) -> float:
+        """The usual step between rows [s]: their noise is counted in it."""
+        return 1.0 / self.run.rate if self.run.is_uniform else float(np.median(np.diff(self.run.time)))
+
+    def times_of(self, output: str) -> FloatArray:
+        """When its measured readings were taken [s]."""
+        return self.run.time[self.readings[output].exact]
 
     @cached_property
     def shows_edges(self) -> bool:
@@ -337,12 +351,12 @@ def model_hold(record: PreparedRun) -> Hold:
     return "zero" if record.run.hold == "unknown" else record.run.hold
 
 
-def mountings_of(records: Sequence[PreparedRun]) -> dict[str, tuple[int, ...]]:
-    """The places of the runs of each mounting, those that do not say of which they are left out."""
+def places_of_mountings(runs: Iterable[tuple[int, Run]]) -> dict[str, tuple[int, ...]]:
+    """Of runs with their places, those of each mounting; a run that does not say of which it is stands nowhere."""
     found: dict[str, list[int]] = {}
-    for record in records:
-        if record.run.metadata.mounting_id:
-            found.setdefault(record.run.metadata.mounting_id, []).append(record.place)
+    for place, run in runs:
+        if run.metadata.mounting_id:
+            found.setdefault(run.metadata.mounting_id, []).append(place)
     return {mounting: tuple(places) for mounting, places in found.items()}
 
 

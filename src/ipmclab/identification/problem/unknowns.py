@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ipmclab.identification.problem.age import Age
 from ipmclab.identification.problem.free import FreeParameters, Prior
-from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, ending_of, mountings_of
+from ipmclab.identification.problem.record import LONGEST_DELAY, EdgeDelay, PreparedRun, ending_of, places_of_mountings
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.parameters import Parameter
 from ipmclab.model.stages.coupling import ZERO
@@ -267,7 +267,7 @@ def unknowns_of(
     for name in free.per_run:
         found += [actuator_unknown(parameters[name], record.place) for record in records]
     for name in free.per_mounting:
-        for mounting, places in mountings_of(records).items():
+        for mounting, places in places_of_mountings((record.place, record.run) for record in records).items():
             shared = actuator_unknown(parameters[name], None)
             found.append(replace(shared, name=f"{name}{ending_of(mounting)}", places=places))
     found = with_known(found, free.priors)
@@ -313,7 +313,11 @@ def unknowns_of(
                     )
                 )
     for place, count in (states or {}).items():
-        for number in range(count):
-            base = f"{_START}{number}"
-            found.append(Unknown(f"{base}[{place}]", base, place, False, 1.0, -math.inf, math.inf, nuisance=True))
+        found += amplitudes(place, count)
     return tuple(found)
+
+
+def amplitudes(place: int, count: int) -> list[Unknown]:
+    """The unknowns of the state in which a run begins."""
+    bases = [f"{_START}{number}" for number in range(count)]
+    return [Unknown(f"{b}[{place}]", b, place, False, 1.0, -math.inf, math.inf, nuisance=True) for b in bases]

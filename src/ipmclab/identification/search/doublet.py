@@ -20,6 +20,7 @@ from ipmclab.identification.problem.stated import stated_covariance
 from ipmclab.identification.search.solve import Solution, entry_errors
 from ipmclab.identification.search.valleys import SURE, SURELY_SOMEWHERE, Rival
 from ipmclab.model import Actuator
+from ipmclab.normal_equations import root
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -93,9 +94,7 @@ def _may_be_off(actuator: Actuator, held: Mapping[str, float]) -> FloatArray:
     table = stated_covariance(actuator, [name for name in held if stated.get(name)])
     together = np.array([list(row.values()) for row in table.values()]).reshape(len(told), len(told))
     if np.count_nonzero(together - np.diag(together.diagonal())):
-        size = np.sqrt(together.diagonal())
-        spread, vectors = np.linalg.eigh(together / np.outer(size, size))
-        found[np.ix_(told, told)] = size[:, None] * vectors * np.sqrt(np.maximum(spread, 0.0))
+        found[np.ix_(told, told)] = root(together)
     return found
 
 

@@ -93,7 +93,13 @@ def entries_at(problem: Problem, point: StartingPoint) -> FloatArray:
             theta[place] = unknown.prior[0]
         else:
             linear[place] = True
-    if np.any(linear):
-        here = problem.evaluate(theta)
-        theta[linear] -= np.linalg.lstsq(here.jacobian[:, linear], here.residual, rcond=1e-12)[0]
-    return theta
+    return solved_for(problem, theta, linear)
+
+
+def solved_for(problem: Problem, theta: FloatArray, linear: npt.NDArray[np.bool_]) -> FloatArray:
+    """A vector with its linear unknowns solved for, all else being as it is."""
+    if not linear.any():
+        return theta
+    here, found = problem.evaluate(theta), theta.copy()
+    found[linear] -= np.linalg.lstsq(here.jacobian[:, linear], here.residual, rcond=1e-12)[0]
+    return found

@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.confidence import REJECT
 from ipmclab.identification.noise.correlate import FLOOR, Correlated
 from ipmclab.identification.noise.growing import Growth, growth
 from ipmclab.identification.noise.spread import degrees_of_freedom, spread_of_weighted
 from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import least_seen
-from ipmclab.identification.uncertainty.rounding import hidden_zeros
+from ipmclab.identification.uncertainty.unshown_zero import hidden_zeros
+from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.screen import of_neighbours
-
-_REJECT: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ class Uncertainty:
 
 def is_coloured(residual: FloatArray) -> bool:
     """Ljung and Box's test at 0.1 %: whether neighbouring residuals belong together."""
-    return len(residual) > 0 and of_neighbours(residual - np.mean(residual)) < _REJECT
+    return len(residual) > 0 and of_neighbours(residual - np.mean(residual)) < REJECT
 
 
 def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]], exact: Sequence[str]) -> Uncertainty:
@@ -128,7 +127,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     covariance = plain
     if correlated.shapes or correlated.zeros or coloured or growing:
         drifting = {key for key, noise in correlated.noise.items() if noise.terms.drifts}
-        beforehand = own[max(piece.stop for piece in pieces.values()) :]
+        beforehand = own[problem.beforehand]
         middle = beforehand.T @ beforehand
         for key, piece in pieces.items():
             # What a walk adds is not of the row where it shows: no variance of a row stands for it.
@@ -138,7 +137,7 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
                 of_sums = long_run(own[piece], evaluation.residual[piece])
                 of_noise = max(of_noise, of_sums, key=lambda one: float(np.sum(plain * one)))
             middle += of_noise
-        moved = plain @ _root(middle)
+        moved = plain @ root(middle)
         covariance = moved @ moved.T
     covariance = covariance + added
 
@@ -160,17 +159,6 @@ def uncertainty(correlated: Correlated, fixed: Mapping[str, Mapping[str, float]]
     return Uncertainty(
         covariance, plain, directions[~seen], singular, leverage, coloured, freedom, growing, slopes, zero
     )
-
-
-def _root(middle: FloatArray) -> FloatArray:
-    """A matrix whose product with its transpose is a covariance: what rounding takes below zero is zero.
-
-    Between products that nearly cancel a variance could be left that is less than none.
-    """
-    sizes = np.sqrt(np.maximum(middle.diagonal(), 0.0))
-    some = np.where(sizes > 0.0, sizes, 1.0)
-    values, vectors = np.linalg.eigh(middle / some / some[:, None])
-    return np.asarray(sizes[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _even(residual: FloatArray, growing: Growth | None) -> FloatArray:

@@ -1,4 +1,8 @@
-"""A record that begins with the voltage on shows no zero of its current: what that could do to the parameters."""
+"""Zeros of sensors that no reading shows, and what they could do to the parameters.
+
+A record that begins with the voltage on shows no zero of its current. A converter whose steps are larger than the noise
+reads a small zero as none at rest.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +14,16 @@ import numpy as np
 
 from ipmclab.confidence import NORMAL_95
 from ipmclab.fit.as_fitted import listed
+from ipmclab.identification.noise.pieces import directions_of
 from ipmclab.identification.noise.zeros import LARGEST_ZERO
 from ipmclab.identification.problem.problem import Problem
-from ipmclab.identification.search.solve import Solution, least_seen
+from ipmclab.identification.search.solve import Solution
 from ipmclab.run import Finding, FloatArray
 from ipmclab.ties import names_by_size
 from ipmclab.units import CHANNELS
 
 OFFSET: Final = "observation.offset.current"
+_DITHERED: Final = 0.3  # of a step: with so much noise the mean of the readings shows what lies between two steps
 _NOTHING: Final = 1e-5  # of a column: below it a difference of squares is rounding
 
 
@@ -38,14 +44,13 @@ def unshown_zeros(problem: Problem, solution: Solution) -> list[Finding]:
     records = [record for record in problem.records if record.zero_is_open and not _is_free(problem, record.place)]
     if not free or not records:
         return []
-    singular, directions = solution.evaluation.spectrum
-    shown = singular > least_seen(solution.evaluation, singular[0])
-    inverse = directions[shown].T / singular[shown]
+    inverse = directions_of(solution.evaluation)
     errors = np.sqrt((inverse * inverse).sum(axis=1))
     found = []
     for record in records:
-        column = _of_a_zero(problem, (record.place, "current"))
-        along = inverse.T @ (column @ jacobian[problem.pieces[record.place, "current"]])
+        key = record.place, "current"
+        column = _of_a_zero(problem, key, 1.0, np.ones(int(np.count_nonzero(record.readings["current"].used))))
+        along = inverse.T @ (column @ jacobian[problem.pieces[key]])
         moved = inverse @ along
         # What neither the parameters nor the noise imitate of it.
         power = float(column @ column)
@@ -62,11 +67,40 @@ def _is_free(problem: Problem, place: int) -> bool:
     return any(unknown.base == OFFSET and unknown.belongs_to(place) for unknown in problem.unknowns)
 
 
-def _of_a_zero(problem: Problem, key: tuple[int, str]) -> FloatArray:
-    """What a zero of a sensor adds to its residuals [per SI unit]."""
-    piece = problem.pieces[key]
-    column = np.full((1, piece.stop - piece.start), 1.0 / problem.noise[key])
-    return np.asarray(problem.whitened(key, column)[0])
+def hidden_zeros(problem: Problem, rows: int) -> FloatArray:
+    """What the zeros that rounding hides add to the residuals, for one standard deviation of each.
+
+    A zero of up to half a step to both sides (a rectangular distribution) is rounded away at rest, and is in every
+    reading after it.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : int
+        Of its residuals, those of priors among them.
+
+    Returns
+    -------
+    columns : float array, shape (n_rows, n_hidden)
+    """
+    found = []
+    for record in problem.records:
+        resting = record.resting
+        for output, reading in record.readings.items():
+            step = reading.quantum if resting else 0.0
+            if not step or not np.std(record.run.channels[output][:resting]) < _DITHERED * step:
+                continue
+            key = record.place, output
+            column = np.zeros(rows)
+            after = np.where(np.flatnonzero(reading.used) >= resting, 1.0, 0.0)
+            column[problem.pieces[key]] = _of_a_zero(problem, key, step / math.sqrt(12.0), after)
+            found.append(column)
+    return np.array(found).reshape(len(found), rows).T
+
+
+def _of_a_zero(problem: Problem, key: tuple[int, str], size: float, where: FloatArray) -> FloatArray:
+    """What a zero of a sensor [SI] adds to its residuals, in the rows where it is."""
+    return np.asarray(problem.whitened(key, (size / problem.noise[key] * where)[None])[0])
 
 
 def _finding(label: str, zero: float, away: Mapping[str, float]) -> Finding:

@@ -191,7 +191,7 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
     stated = [name for name in point.stated if name in base]
     exact = [name for name in found.leverage if name not in point.stated and base.get(name)]
     held = (*stated, *exact)
-    moved = [seen.along(theta, place) for place, unknown in enumerate(problem.unknowns) if not unknown.nuisance]
+    moved = [seen.along(theta, place) for place, _ in problem.asked]
     variances = [point.stated[name][name] if name in stated else 0.0 for name in held]
     fixed = [seen.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
     every = seen.sides([*moved, *fixed])

@@ -35,9 +35,9 @@ def practical(problem: Problem, solution: Solution, order: Order) -> Practical:
     nuisance = np.array([unknown.nuisance for unknown in problem.unknowns], dtype=bool)
     if nuisance.all():
         return Practical((), {}, ())
-    asked = [unknown for unknown in problem.unknowns if not unknown.nuisance]
-    values = [u.value(float(e)) for u, e in zip(problem.unknowns, solution.theta, strict=True) if not u.nuisance]
-    block = left_of_the_asked(solution.evaluation, nuisance) * sizes(asked, np.array(values))
+    asked = [unknown for _, unknown in problem.asked]
+    values = np.array([unknown.value(float(solution.theta[place])) for place, unknown in problem.asked])
+    block = left_of_the_asked(solution.evaluation, nuisance) * sizes(asked, values)
     return practical_from([order(unknown.name) for unknown in asked], block, solution.evaluation)
 
 
