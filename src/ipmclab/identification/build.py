@@ -25,7 +25,7 @@ from ipmclab.identification.search.doubts import message, unexplained
 from ipmclab.identification.search.solve import Solution
 from ipmclab.identification.search.valleys import Rival
 from ipmclab.identification.solved import Estimate
-from ipmclab.identification.uncertainty.covariance import Uncertainty, uncertainty
+from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty, uncertainty
 from ipmclab.identification.uncertainty.interval import (
     as_determined,
     beside_bounds,
@@ -95,7 +95,7 @@ def build_fit(
     nearer = [math.inf if u.name in told_twice else one.error for u, one in zip(asked, alone, strict=True)]
     sharper = as_determined(found, relative, np.array(nearer))
     open_directions = directions(asked, values, found, sharper, problem.records, model, rivals, exact)
-    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > 1e-3}
+    beyond = {n for d in open_directions if math.isinf(d.error) for n, c in d.coefficients.items() if abs(c) > MOVED}
     fitted: dict[str, FittedParameter] = {}
     for number, (place, unknown) in enumerate(problem.asked):
         name = order(unknown.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -16,7 +15,7 @@ from ipmclab.fit.run_state import RunState
 from ipmclab.identification.environment.dose import dose_now
 from ipmclab.identification.environment.remarks import doubtful, extrapolated
 from ipmclab.identification.environment.state_of_run import says_environment, state_of
-from ipmclab.identification.problem.age import AGE, Age
+from ipmclab.identification.problem.age import AGE, SCALES, Age, grown
 from ipmclab.identification.problem.in_state import in_state, rates_of
 from ipmclab.identification.uncertainty.known_covariance import KnownCovariance
 from ipmclab.model import Actuator
@@ -70,11 +69,10 @@ def as_it_is_now(actuator: Actuator) -> Actuator:
         fit = fit_of(actuator, where=actuator.name)
     except InputError:  # a table that no fit wrote says nothing of ages, as it says nothing of errors (``sure_answer``)
         return actuator
-    rates, changes = rates_of(fit), dict(actuator.parameter_values)
-    for name, rate in rates.items():
-        age = Age.of(name)
-        changes[age.parameter] *= math.exp(rate * dose_now(_seen(fit), age.scale))
-    return replace(actuator, parameter_values=changes) if rates else actuator
+    rates = rates_of(fit)
+    factors = grown(rates, {scale: dose_now(_seen(fit), scale) for scale in SCALES})
+    aged = {name: value * factors.get(name, 1.0) for name, value in actuator.parameter_values.items()}
+    return replace(actuator, parameter_values=aged) if rates else actuator
 
 
 def environment_of_run(fit: Fit | None, actuator: Actuator, run: Run, label: str) -> list[Finding]:

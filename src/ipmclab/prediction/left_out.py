@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,23 +15,24 @@ from ipmclab.errors import InputError, IpmclabError
 from ipmclab.fit.fit import DETERMINED, Fit
 from ipmclab.fit.fit_table import changed
 from ipmclab.fit.left_out import LeftOut
-from ipmclab.fit.run_state import RunState
 from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key, Piece
-from ipmclab.identification.problem.age import AGE, Age
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
-from ipmclab.identification.problem.record import PreparedRun, model_hold, own_endings
-from ipmclab.identification.problem.unknowns import Unknown
+from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.solve import STRUCTURAL, descend, entry_errors
 from ipmclab.identification.solved import Estimate, solved
-from ipmclab.identification.uncertainty.known_covariance import covariance_table, known_of
 from ipmclab.measurement.random_effect import FEWEST
-from ipmclab.model import Actuator
 from ipmclab.one_thread import on_one_thread
-from ipmclab.prediction.bands import Drive, noise_of, spread_of
-from ipmclab.prediction.scores import Comparison, Score
-from ipmclab.prediction.validate import validate
+from ipmclab.prediction.by_others import (
+    EVALUATIONS,
+    Others,
+    found_on_itself,
+    is_of_strip,
+    predicted_by,
+    problem_of,
+)
+from ipmclab.prediction.scores import Comparison
 from ipmclab.progress import Tell, part, stage, telling
 from ipmclab.run import Finding
 from ipmclab.statespace.shape import Shape
@@ -40,7 +41,6 @@ from ipmclab.statespace.terms import Terms
 FloatArray = npt.NDArray[np.float64]
 
 _ADDS: Final = 0.01  # part of a variance that a run must take away to be asked what it changes
-_EVALUATIONS: Final = 100
 
 
 @on_one_thread
@@ -114,12 +114,12 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     whole, theta = result.problem, result.solution.theta
     others, kept = _problem_without(whole, record.place)
     begin = theta[kept]
-    solution = descend(others, begin, evaluations=_EVALUATIONS)
+    solution = descend(others, begin, evaluations=EVALUATIONS)
     here, before = solution.evaluation, result.solution.evaluation
     order = Order(whole.in_reference(theta, whole.records[0].place))
     errors, were = entry_errors(here), entry_errors(before)[kept]
-    shared = [place for place, unknown in enumerate(others.unknowns) if _is_of_strip(unknown)]
-    own = [unknown for column, unknown in enumerate(whole.unknowns) if column not in kept and _is_of_strip(unknown)]
+    shared = [place for place, unknown in enumerate(others.unknowns) if is_of_strip(unknown)]
+    own = [unknown for column, unknown in enumerate(whole.unknowns) if column not in kept and is_of_strip(unknown)]
     untold = [unknown for unknown in own if sum(other.base == unknown.base for other in others.unknowns) < FEWEST]
     known = [place for place in shared if errors[place] <= _most(others, solution.theta, place)]
     lost = [
@@ -138,11 +138,11 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     )
     if np.isinf(errors[shared][np.isfinite(were[shared])]).any():
         return told  # along what they do not show at all the others would stand where this run put them
-    theirs = _Theirs(fit, others, solution.theta, covariance, order)
+    theirs = Others(fit, others, solution.theta, covariance, order)
     try:
-        itself = _found_on_itself(whole, theta, theirs, kept, record) if own else None
-        judged = _predicted(theirs, record, itself)
-        scored = judged if untold or itself is None else _predicted(theirs, record, None)
+        itself = found_on_itself(whole, theta, theirs, kept, record) if own else None
+        judged = predicted_by(theirs, record, itself)
+        scored = judged if untold or itself is None else predicted_by(theirs, record, None)
     except IpmclabError:  # the others put the strip where no prediction is finite
         return told
     return replace(
@@ -156,21 +156,9 @@ def _without(fit: Fit, result: Estimate, record: PreparedRun, label: str) -> Lef
     )
 
 
-def _is_of_strip(unknown: Unknown) -> bool:
-    return not unknown.nuisance and not unknown.base.startswith("observation.")
-
-
 def _problem_without(whole: Problem, place: int) -> tuple[Problem, list[int]]:
     """The problem of the other runs under the same noise, and which entries it has."""
-    return _problem_of(whole, [record for record in whole.records if record.place != place])
-
-
-def _problem_of(whole: Problem, records: Sequence[PreparedRun]) -> tuple[Problem, list[int]]:
-    """The problem of some of the runs under the same noise, and which entries it has."""
-    places = {record.place for record in records}
-    kept = [column for column, unknown in enumerate(whole.unknowns) if any(map(unknown.belongs_to, places))]
-    plain, unknowns = whole.plain, [whole.unknowns[column] for column in kept]
-    return whole.on(Problem(plain.base, records, unknowns, plain.responder, plain.noise)), kept
+    return problem_of(whole, [record for record in whole.records if record.place != place])
 
 
 def _most(problem: Problem, theta: FloatArray, place: int) -> float:
@@ -248,194 +236,6 @@ def _shift(
     told = values > _ADDS
     square = float(np.sum((vectors[:, told].T @ change) ** 2 / values[told]))
     return shifts, float(chdtrc(int(told.sum()), square)) if told.any() else 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Theirs:
-    """What the other runs say.
-
-    Parameters
-    ----------
-    fit : Fit
-        Of all runs.
-    problem : Problem
-        Of the others.
-    theta : float array, shape (n_unknown,)
-        Their solution.
-    covariance : float array, shape (n_unknown, n_unknown)
-    order : Order
-    """
-
-    fit: Fit
-    problem: Problem
-    theta: FloatArray
-    covariance: FloatArray
-    order: Order
-
-
-@dataclass(frozen=True, eq=False)
-class _Itself:
-    """What a run has for itself, found on it while all else stands where the other runs have it.
-
-    Parameters
-    ----------
-    unknowns : list of Unknown
-    entries : float array, shape (n_own,)
-    follow : float array, shape (n_own, n_unknown)
-        By how much each entry moves with each entry of the others.
-    """
-
-    unknowns: list[Unknown]
-    entries: FloatArray
-    follow: FloatArray
-
-
-class _Held:
-    """The problem of one run with what the other runs say held."""
-
-    def __init__(self, problem: Problem, theta: FloatArray, moved: list[int]) -> None:
-        self._problem, self._theta, self._moved = problem, theta, moved
-        self.lower, self.upper = problem.lower[moved], problem.upper[moved]
-
-    def full(self, entries: FloatArray) -> FloatArray:
-        """The whole vector."""
-        found = self._theta.copy()
-        found[self._moved] = entries
-        return found
-
-    def evaluate(self, theta: FloatArray) -> Evaluation:
-        """Residuals and Jacobian of what is moved."""
-        here = self._problem.evaluate(self.full(theta))
-        return Evaluation(here.rows[[*self._moved, -1]], here.beforehand)
-
-
-def _found_on_itself(
-    whole: Problem, theta: FloatArray, theirs: _Theirs, kept: list[int], record: PreparedRun
-) -> _Itself:
-    problem, columns = _problem_of(whole, [record])
-    place_in_others = {column: place for place, column in enumerate(kept)}
-    moved = [place for place, column in enumerate(columns) if column not in place_in_others]
-    held = [place for place, column in enumerate(columns) if column in place_in_others]
-    as_theirs = theta[columns]
-    as_theirs[held] = theirs.theta[[place_in_others[columns[place]] for place in held]]
-    alone = _Held(problem, as_theirs, moved)
-    begin = as_theirs[moved]
-    solution = descend(alone, begin, evaluations=_EVALUATIONS)
-    jacobian = problem.evaluate(alone.full(solution.theta)).jacobian
-    # At the minimum J_o' (J_o d_own + J_h d_held) = 0.
-    answer = -np.linalg.lstsq(jacobian[:, moved], jacobian[:, held], rcond=STRUCTURAL)[0]
-    of_strip = [number for number, place in enumerate(moved) if _is_of_strip(problem.unknowns[place])]
-    follow = np.zeros((len(of_strip), len(kept)))
-    follow[:, [place_in_others[columns[place]] for place in held]] = answer[of_strip]
-    unknowns = [problem.unknowns[moved[number]] for number in of_strip]
-    return _Itself(unknowns, solution.theta[of_strip], follow)
-
-
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """A run as others predict it.
-
-    Parameters
-    ----------
-    compared : mapping of output to Comparison
-    scores : mapping of output to Score
-    reach : mapping of output to float array, shape (n_time,) [SI]
-        Half the width of the band, of each output of which the other runs know the noise.
-    """
-
-    compared: Mapping[str, Comparison]
-    scores: Mapping[str, Score]
-    reach: Mapping[str, FloatArray]
-
-
-def _predicted(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> _Prediction:
-    """The prediction of a run; without what was found on itself, its own parameters are the mean of the others'."""
-
-    strip = _strip(theirs, record, itself)
-    one = validate(_aged(strip, _rates(theirs), record.state), record.run).runs[0]
-    compared = {name: found for name, found in one.comparisons.items() if name in record.readings}
-    reach = _reach(theirs, strip, record, itself, one.delay or 0.0, one.zeros)
-    return _Prediction(
-        compared,
-        {name: one.scores[name] for name in compared},
-        {name: reach[name] for name in reach if name in compared},
-    )
-
-
-def _strip(theirs: _Theirs, record: PreparedRun, itself: _Itself | None) -> Actuator:
-    """The actuator as the other runs have it, before it aged."""
-    others, order = theirs.problem, theirs.order
-    each = [others.in_reference(theirs.theta, other.place) for other in others.records]
-    values = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
-    for place, unknown in enumerate(others.unknowns):
-        if unknown.base in values and unknown.belongs_to(record.place):
-            values[unknown.base] = unknown.value(float(theirs.theta[place]))
-    if itself is not None:
-        for unknown, entry in zip(itself.unknowns, itself.entries, strict=True):
-            values[unknown.base] = unknown.value(float(entry))
-    changes = {order(name): value for name, value in values.items()}
-    return replace(theirs.fit.actuator.replace(**changes), fit_table=None)
-
-
-def _rates(theirs: _Theirs) -> dict[str, float]:
-    """How fast parameters age, as the other runs have it."""
-    return {
-        theirs.order(unknown.name): unknown.value(float(theirs.theta[place]))
-        for place, unknown in enumerate(theirs.problem.unknowns)
-        if unknown.base.startswith(AGE)
-    }
-
-
-def _aged(strip: Actuator, rates: Mapping[str, float], state: RunState | None) -> Actuator:
-    """The actuator as the run begins."""
-    if state is None:
-        return strip
-    values = dict(strip.parameter_values)
-    for name, rate in rates.items():
-        age = Age.of(name)
-        values[age.parameter] *= math.exp(rate * state.doses[age.scale])
-    return strip.replace(**values)
-
-
-def _reach(
-    theirs: _Theirs,
-    strip: Actuator,
-    record: PreparedRun,
-    itself: _Itself | None,
-    delay: float,
-    zeros: Mapping[str, float],
-) -> dict[str, FloatArray]:
-    """Half the width of the band of each output of which the other runs know the noise."""
-    others = theirs.problem
-    asked = [
-        place
-        for place, unknown in enumerate(others.unknowns)
-        if unknown.base in others.base or unknown.base.startswith(AGE)
-    ]
-    unknowns = [others.unknowns[place] for place in asked]
-    entries, covariance = theirs.theta[asked], theirs.covariance[np.ix_(asked, asked)]
-    if itself is not None:
-        # What was found on the run gives way to the errors of all else: what it takes up is no error of the prediction.
-        moves = np.vstack([np.eye(len(asked)), itself.follow[:, asked]])
-        unknowns += itself.unknowns
-        entries, covariance = np.append(entries, itself.entries), moves @ covariance @ moves.T
-    names = [theirs.order(unknown.name) for unknown in unknowns]
-    values = [unknown.value(float(entry)) for unknown, entry in zip(unknowns, entries, strict=True)]
-    chains = [unknown.chain(value) for unknown, value in zip(unknowns, values, strict=True)]
-    table = covariance_table(names, covariance, chains, {}, {})
-    endings = own_endings(record.place, record.run.metadata.mounting_id or "")
-    rates = _rates(theirs)
-    found = known_of(table, dict(zip(names, values, strict=True)), [*strip.parameter_values, *rates], endings)
-    seen = [theirs.fit.observations[other.place] for other in others.records]
-    outputs = [name for name in record.readings if any(name in observation.noise for observation in seen)]
-    run = record.run
-    drive = Drive(run.time, run.voltage, model_hold(record), delay, state=record.state, rates=rates)
-    spread = spread_of(found, strip, drive, outputs)
-    since = run.time - run.time[0]
-    return {
-        name: NORMAL_95 * np.hypot(spread[name], noise_of(seen, name, since, level=name not in zeros))
-        for name in outputs
-    }
 
 
 def _inside(one: Comparison, reach: FloatArray) -> float:

@@ -12,6 +12,7 @@ from scipy.stats import chi2, rankdata
 
 from ipmclab.identification.noise.growing import Growth, _ranks, growth
 from ipmclab.identification.noise.unseen import _chance
+from ipmclab.identification.problem.record import Reading
 
 SEED = 20261121
 KEY = (0, "current")
@@ -21,7 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 def found(answer: FloatArray, residual: FloatArray, measured: npt.NDArray[np.bool_] | None = None) -> Growth | None:
     """Of residuals in units of a noise of 0.5, the model's answer being the reading and what it misses."""
     exact = np.ones(len(answer), dtype=bool) if measured is None else measured
-    reading = SimpleNamespace(values=answer - 0.5 * residual, used=np.ones(len(answer), dtype=bool), exact=exact)
+    side = np.where(exact, 0, 1).astype(np.int8)
+    reading = Reading(answer - 0.5 * residual, np.ones(len(answer), dtype=bool), side, 0.5)
     pieces = {KEY: slice(0, len(answer))}
     records = {0: SimpleNamespace(readings={"current": reading})}
     problem = SimpleNamespace(pieces=pieces, noise={KEY: 0.5}, record_at=records.__getitem__)

@@ -190,6 +190,7 @@ def test_uneven_noise_counts_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = SimpleNamespace(
         unknowns=[SimpleNamespace(nuisance=False)] * 2,
         pieces={key: slice(0, rows)},
+        beforehand=slice(rows, rows),
         noise={key: 1.0},
         floors={key: 0.0},
     )

@@ -23,12 +23,12 @@ from ipmclab.model.declared import is_held
 from ipmclab.model.variants import with_stages
 from ipmclab.run import FloatArray
 
-_EVALUATIONS: Final = 25
+_EVALUATIONS: Final = 25  # of the model, from where a fit stands: enough to see what a stage would explain
 _NEAR: Final = 1e-5  # of the cost
 _BESIDE: Final = 0.1  # of a standard error
 _SAME: Final = 1e-3  # of the cost: two searches that end so near each other have found one minimum
-_AFRESH: Final = 60
-_STARTS: Final = 3
+_AFRESH: Final = 60  # of the model, for the best of the other starts, which is farther away
+_STARTS: Final = 3  # the most likely ones
 
 
 @dataclass(frozen=True, eq=False)

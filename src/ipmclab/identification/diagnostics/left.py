@@ -21,7 +21,7 @@ from ipmclab.run import FloatArray
 from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
-_HINT: Final = 0.05
+_HINT: Final = 0.05  # p-value beside the noise that was found, above which the likelihood is not asked
 _BENT: Final = 0.05  # of what is asked for: the part that is not in proportion to the voltage
 _MISFIT: Final = 1.3  # times the noise: what is left is large, and a linear look at it no guide
 

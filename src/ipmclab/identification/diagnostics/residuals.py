@@ -14,7 +14,7 @@ from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.run import FloatArray
 
-_LAGS: Final = 24
+_LAGS: Final = 24  # at most: as many as a figure shows
 _LONGEST: Final = 0.25  # of a record
 
 

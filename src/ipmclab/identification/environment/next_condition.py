@@ -25,7 +25,7 @@ from ipmclab.run import Finding, FloatArray
 UNDETERMINED: Final = "law-undetermined"
 NEXT: Final = "next-condition"
 
-HUMIDITIES: Final = (30.0, 45.0, 60.0, 70.0, 80.0, 90.0)
+HUMIDITIES: Final = (30.0, 45.0, 60.0, 70.0, 80.0, 90.0)  # percent
 TEMPERATURES: Final = (15.0, 25.0, 40.0)
 """Conditions that common chambers reach, in percent and degC."""
 

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from ipmclab.fit.fit import DETERMINED
 from ipmclab.identification.noise.pieces import Key, Piece, System
 from ipmclab.normal_equations import inverse
 from ipmclab.run import FloatArray
@@ -16,7 +17,6 @@ from ipmclab.statespace.shape import Shape
 from ipmclab.statespace.terms import Terms
 
 _UNNOTICED: Final = 0.75  # standard error of a drift, in standard deviations of the noise: three of them are then four
-_KNOWN: Final = 0.42  # standard error up to which an unknown counts as known (diagnosis.DETERMINED, a floor above)
 _HARM: Final = 2.0  # by which the standard error of some parameter grows with a drift beside it
 
 
@@ -78,7 +78,7 @@ def blind_outputs(
         sure, unsure = (_errors(system.directions, one) for one in (least, most))
         wider = float(np.max(unsure / np.maximum(sure, 1e-300), initial=1.0))
         if wider > _HARM:
-            found[output] = Blind(wider, bool((unsure[sure <= _KNOWN] <= _KNOWN).all()))
+            found[output] = Blind(wider, bool((unsure[sure <= DETERMINED] <= DETERMINED).all()))
     return found
 
 

@@ -13,9 +13,9 @@ from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.run import FloatArray
 
-_FEWEST: Final = 50
+_FEWEST: Final = 50  # rows: fewer do not tell how noise grows
 _SOME: Final = 1.5  # times the scatter of a correlation
-_TURNS: Final = 5
+_TURNS: Final = 5  # of weighted least squares, after which no variance moves by a hundredth
 _LEAST: Final = 1e-3  # of the mean variance, which no row stays below
 
 

@@ -11,13 +11,13 @@ from ipmclab.identification.noise.correlate import Correlated
 from ipmclab.identification.noise.pieces import Key
 from ipmclab.run import FloatArray
 
-_REJECT: Final = 1e-4
-_FEWEST: Final = 200
+_REJECT: Final = 1e-4  # asked of every output of every run, of which few have a hum
+_FEWEST: Final = 200  # rows: fewer have no spectrum to stand out of
 _SLOWEST: Final = 8  # periods in the record: what is slower is drift
 _AROUND: Final = 10  # neighbours in the spectrum of the voltage
 _STANDS_OUT: Final = 5.0  # times their median
 _PERIODIC: Final = 4  # periods in the record from which a voltage has multiples
-_MULTIPLES: Final = 9
+_MULTIPLES: Final = 9  # of a periodic voltage: higher ones are below its noise
 _UNEVEN: Final = 2.0  # times, by which a ring that dies away is larger in the first half
 
 

@@ -25,7 +25,7 @@ from ipmclab.identification.problem.problem import Evaluation
 from ipmclab.identification.search.solve import settled
 from ipmclab.run import FloatArray
 
-_TURNS: Final = 4
+_TURNS: Final = 4  # of noise and parameters
 _STILL: Final = 0.1  # of a standard error, by which the parameters still move
 _AS_GOOD: Final = 1.1  # times what least squares leaves (rms), as of a prediction; walks of a laser reach 1.09
 

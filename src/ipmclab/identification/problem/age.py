@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from ipmclab.errors import InputError, suggest
@@ -39,6 +40,27 @@ class Age(NamedTuple):
         found = _NAME.fullmatch(name)
         assert found is not None
         return cls(found[1], found[2])
+
+
+def grown(rates: Mapping[str, float], doses: Mapping[str, float]) -> dict[str, float]:
+    """How many times as large each parameter is that ages.
+
+    Parameters
+    ----------
+    rates : mapping of name to float
+        Such as ``age.runs.coupling.gain``: the change of the logarithm for each unit of dose.
+    doses : mapping of scale to float
+
+    Examples
+    --------
+    >>> round(grown({"age.runs.coupling.gain": -0.1}, {"runs": 2.0})["coupling.gain"], 4)
+    0.8187
+    """
+    found: dict[str, float] = {}
+    for name, rate in rates.items():
+        age = Age.of(name)
+        found[age.parameter] = found.get(age.parameter, 1.0) * math.exp(min(rate * doses[age.scale], 700.0))
+    return found
 
 
 def check_age(name: str, known: Sequence[str], *, where: str) -> None:

@@ -16,7 +16,7 @@ from ipmclab.model.stages.circuit import CONTACT
 
 FloatArray = npt.NDArray[np.float64]
 
-_FEWEST_AT_REST: Final = 5
+_FEWEST_AT_REST: Final = 5  # readings, whose mean and scatter say whether a sensor reads zero
 _SURELY: Final = 3.0  # standard errors of a mean reading
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from ipmclab.fit.fit import Fit
 from ipmclab.fit.run_state import RunState
-from ipmclab.identification.problem.age import AGE, Age
+from ipmclab.identification.problem.age import AGE, Age, grown
 from ipmclab.model import Actuator
 from ipmclab.model.declared import declaration_of
 from ipmclab.model.environment import WaterState
@@ -66,20 +65,17 @@ def in_state(
     water : float, optional
         The water content, where it is another one than that of the state.
     rates : mapping of name to float, optional
-        How fast parameters age, such as ``age.runs.coupling.gain``: the change of the logarithm for each unit of dose.
+        How fast parameters age.
     """
-    aged, grown = dict(reference), dict.fromkeys(reference, 1.0)
+    factors = grown(rates or {}, state.doses)
+    aged = {name: value * factors.get(name, 1.0) for name, value in reference.items()}
     doses = {name: state.doses[Age.of(name).scale] for name in rates or ()}
-    for name, rate in (rates or {}).items():
-        parameter = Age.of(name).parameter
-        grown[parameter] *= math.exp(min(rate * doses[name], 700.0))
-        aged[parameter] = reference[parameter] * grown[parameter]
     content = state.water_content if water is None else water
     # An actuator without laws is the same in any state.
     moved = moved_by_laws(aged, WaterState(content or 1.0, state.temperature or 0.0))
     place = {name: number for number, name in enumerate(moved.parameters)}
     columns = [place[name] for name in names]
-    by = moved.jacobian[:, columns].T * np.array([grown[name] for name in names])[:, None]
+    by = moved.jacobian[:, columns].T * np.array([factors.get(name, 1.0) for name in names])[:, None]
     by_rate = {
         name: moved.jacobian[:, place[Age.of(name).parameter]] * (aged[Age.of(name).parameter] * dose)
         for name, dose in doses.items()

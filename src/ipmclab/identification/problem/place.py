@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ipmclab.fit.run_state import RunState
 from ipmclab.identification.problem.age import AGE
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
@@ -35,6 +36,8 @@ class Place:
         Entries of how fast parameters age.
     sensors : mapping of output to list of (int, float or float array)
         Entries of the zero and the slope of a sensor, and what they add to its readings for each unit.
+    state : RunState or None
+        In which its strip was.
     """
 
     names: list[str]
@@ -44,6 +47,7 @@ class Place:
     waters: list[tuple[int, Unknown]]
     ages: list[tuple[int, Unknown]]
     sensors: Mapping[str, list[tuple[int, FloatArray | float]]]
+    state: RunState | None
 
     @classmethod
     def of(cls, record: PreparedRun, unknowns: Sequence[Unknown], base: Mapping[str, float]) -> Place:
@@ -64,4 +68,5 @@ class Place:
             waters=[(column, unknown) for column, unknown in own if unknown.is_water],
             ages=[(column, unknown) for column, unknown in own if unknown.base.startswith(AGE)],
             sensors=sensors,
+            state=record.state,
         )

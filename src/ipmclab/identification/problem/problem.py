@@ -206,14 +206,10 @@ class Problem:
         return found
 
     @cached_property
-    def readings(self) -> int:
-        """How many there are: that many residuals, before those of what is known beforehand."""
-        return max((piece.stop for piece in self.pieces.values()), default=0)
-
-    @property
     def beforehand(self) -> slice:
-        """Where what is known beforehand stands in the residual vector."""
-        return slice(self.readings, self.readings + len(self._prior_places))
+        """Where what is known beforehand stands in the residual vector: after all readings."""
+        readings = max((piece.stop for piece in self.pieces.values()), default=0)
+        return slice(readings, readings + len(self._prior_places))
 
     @cached_property
     def asked(self) -> tuple[tuple[int, Unknown], ...]:
@@ -234,7 +230,7 @@ class Problem:
 
     def values(self, theta: FloatArray, place: int) -> dict[str, float]:
         """The actuator's parameters as one run has them, in the state in which its strip was."""
-        reference, state = self.in_reference(theta, place), self._states[place]
+        reference, state = self.in_reference(theta, place), self._places[place].state
         return reference if state is None else self._in_state(theta, place, state, ()).values
 
     def in_reference(self, theta: FloatArray, place: int) -> dict[str, float]:
@@ -257,10 +253,6 @@ class Problem:
             return value if unknown.base == WATER else float(sorption.water_content(self.base, value / 100.0))
         return None
 
-    @cached_property
-    def _states(self) -> dict[int, RunState | None]:
-        return {record.place: record.state for record in self.records}
-
     def _moved(self, theta: FloatArray, place: int) -> tuple[dict[str, float], Sequence[str], FloatArray]:
         """The parameters of one run, those that move, and their derivatives by the entries of the vector.
 
@@ -270,15 +262,15 @@ class Problem:
         names : sequence of str
         chains : float array, shape (n_unknown, n_names)
         """
-        own, state = self._places[place], self._states[place]
-        if state is None:
+        own = self._places[place]
+        if own.state is None:
             values = self.in_reference(theta, place)
             chains = np.zeros((len(theta), len(own.names)))
             for number, (column, unknown) in enumerate(own.columns):
                 chains[column, number] = unknown.chain(values[unknown.base])
             return values, own.names, chains
         reference = self.in_reference(theta, place)
-        there = self._in_state(theta, place, state, own.names)
+        there = self._in_state(theta, place, own.state, own.names)
         chains = np.zeros((len(theta), len(there.names)))
         for number, (column, unknown) in enumerate(own.columns):
             chains[column] = unknown.chain(reference[unknown.base]) * there.by[number]
@@ -349,7 +341,7 @@ class Problem:
         """Derivatives of the residuals with respect to fixed parameters [per SI unit]."""
         parts = []
         for record in self.records:
-            state = self._states[record.place]
+            state = self._places[record.place].state
             there = None if state is None else self._in_state(theta, record.place, state, names)
             values = self.values(theta, record.place) if there is None else there.values
             response = self._response(record, values, theta, names if there is None else there.names)
@@ -364,8 +356,8 @@ class Problem:
     def _response(
         self, record: PreparedRun, values: Mapping[str, float], theta: FloatArray, names: Sequence[str]
     ) -> Sensitivities:
-        start = self.start(theta, record.place)
-        return self.responder.respond(record, values, names, self.delay(theta, record), start)
+        delay, start = self.delay(theta, record), self.start(theta, record.place)
+        return self.responder.respond(record, values, names, delay, start)
 
     def _away(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> FloatArray:
         """Model minus reading, the sensor's own part included [SI]."""
@@ -375,10 +367,7 @@ class Problem:
         return away
 
     def _quiet(self, record: PreparedRun, output: str, theta: FloatArray, values: FloatArray) -> Mask:
-        """Readings at their range that say nothing here.
-
-        Such a reading is a bound: it counts only while the model is on the wrong side.
-        """
+        """Readings that are bounds to which the model keeps: they say nothing."""
         return np.asarray(self._away(record, output, theta, values) * record.readings[output].side > 0)
 
     def _fill(self, rows: FloatArray, record: PreparedRun, theta: FloatArray) -> None:

@@ -237,6 +237,54 @@ def _of_states(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unk
     return found
 
 
+def _of_delays(records: Sequence[PreparedRun], delays: Mapping[int, EdgeDelay]) -> list[Unknown]:
+    """By how much the edges of each foreign record lie after its rows."""
+    foreign = [record for record in records if record.delay_is_free]
+    found = []
+    for record in foreign:
+        reach, known = LONGEST_DELAY * record.period, delays[record.place]
+        found.append(
+            Unknown(
+                f"observation.delay[{record.place}]",
+                "observation.delay",
+                record.place,
+                log=False,
+                scale=record.period,
+                lower=-reach,
+                upper=reach,
+                # Steps show how their edges lie to each other, and so the rows of all of them confine one
+                # common shift: that their limits agree is no reason to believe in the middle between them.
+                prior=(known.value / record.period, known.error * math.sqrt(len(foreign)) / record.period),
+            )
+        )
+    return found
+
+
+def _of_sensors(free: FreeParameters, records: Sequence[PreparedRun]) -> list[Unknown]:
+    """What sensors may add: what is freed by name, and what the readings are asked for."""
+    found = []
+    for what in ("offset", "drift"):
+        for record in records:
+            duration = float(record.run.time[-1] - record.run.time[0])
+            for output, reading in record.readings.items():
+                base = f"observation.{what}.{output}"
+                if base not in free.observation and (what, output) not in record.unsettled:
+                    continue
+                scale = float(np.ptp(reading.values[reading.used])) or 1.0
+                found.append(
+                    Unknown(
+                        f"{base}[{record.place}]",
+                        base,
+                        record.place,
+                        log=False,
+                        scale=scale if what == "offset" else scale / duration,
+                        lower=-math.inf,
+                        upper=math.inf,
+                    )
+                )
+    return found
+
+
 def unknowns_of(
     free: FreeParameters,
     parameters: Mapping[str, Parameter],
@@ -257,8 +305,6 @@ def unknowns_of(
     delays : mapping of place to EdgeDelay
         What is known beforehand of the edges of foreign records.
     """
-    delays = delays or {record.place: record.at_its_rows for record in records if record.delay_is_free}
-    foreign = sum(record.delay_is_free for record in records)
     found = [actuator_unknown(parameters[name], None) for name in free.shared]
     rates = [record.run.rate for record in records if {"force", "displacement"} & set(record.readings)]
     if rates:
@@ -274,44 +320,9 @@ def unknowns_of(
     if free.together:
         tied = {u.name: u for u in known_together([u for u in found if u.name in free.together], free.together)}
         found = [tied.get(u.name, u) for u in found]
-    for record in records:
-        if record.delay_is_free:
-            reach = LONGEST_DELAY * record.period
-            known = delays[record.place]
-            found.append(
-                Unknown(
-                    f"observation.delay[{record.place}]",
-                    "observation.delay",
-                    record.place,
-                    log=False,
-                    scale=record.period,
-                    lower=-reach,
-                    upper=reach,
-                    # Steps show how their edges lie to each other, and so the rows of all of them confine one
-                    # common shift: that their limits agree is no reason to believe in the middle between them.
-                    prior=(known.value / record.period, known.error * math.sqrt(foreign) / record.period),
-                )
-            )
+    found += _of_delays(records, delays or {one.place: one.at_its_rows for one in records if one.delay_is_free})
     found += _of_states(free, records)
-    for what in ("offset", "drift"):
-        for record in records:
-            duration = float(record.run.time[-1] - record.run.time[0])
-            for output, reading in record.readings.items():
-                base = f"observation.{what}.{output}"
-                if base not in free.observation and (what, output) not in record.unsettled:
-                    continue
-                scale = float(np.ptp(reading.values[reading.used])) or 1.0
-                found.append(
-                    Unknown(
-                        f"{base}[{record.place}]",
-                        base,
-                        record.place,
-                        log=False,
-                        scale=scale if what == "offset" else scale / duration,
-                        lower=-math.inf,
-                        upper=math.inf,
-                    )
-                )
+    found += _of_sensors(free, records)
     for place, count in (states or {}).items():
         found += amplitudes(place, count)
     return tuple(found)

@@ -24,8 +24,8 @@ from ipmclab.progress import tick
 
 FloatArray = npt.NDArray[np.float64]
 
-GRID_POLES: Final = 10
-_GRID_STARTS: Final = 4
+GRID_POLES: Final = 10  # from the fastest to the slowest that a record can show, at least
+_GRID_STARTS: Final = 4  # no two of them neighbours
 _LONGEST_STEP: Final = 1.5  # of a logarithm in one iteration
 _SETTLED: Final = 1e-10  # relative decrease of the cost at which a descent ends
 _UNSEEN: Final = 1e-4  # of the rounding of a cost: a decrease that could not be told from it

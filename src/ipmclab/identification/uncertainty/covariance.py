@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,9 @@ from ipmclab.normal_equations import root
 from ipmclab.run import FloatArray
 from ipmclab.statespace.long_run import long_run
 from ipmclab.statespace.screen import of_neighbours
+
+MOVED: Final = 1e-3
+"""Part of a direction of which the readings say nothing from which an entry moves along it: less is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,17 +14,17 @@ from ipmclab.identification.search.solve import STRUCTURAL, Pinned, Solution, de
 from ipmclab.run import FloatArray
 
 _FARTHEST: Final = 7.0  # a factor of a thousand: beyond it an interval is called open
-_LONGEST_STEP: Final = 1.0
+_LONGEST_STEP: Final = 1.0  # of an entry
 _NEAR: Final = 1e-7  # of the cost: beside a threshold of 3.84 nothing
 _BESIDE: Final = 0.05  # part of a height up to which a line continues a point
 _JOINED: Final = 0.4  # part of a height over which a cubic joins two points
-_POINTS: Final = 40
+_POINTS: Final = 40  # at most, on one side
 _FLAT: Final = 0.3  # part of a height below which a point lies in a plain
 _WALL: Final = 3.0  # times a height, beyond which a point lies behind a wall
 _APART: Final = 1e-5  # of an entry, between which a derivative is taken
 _SETTLED: Final = 5e-3  # of the threshold: what a further step of the others would still lower the cost by
-_TURNS: Final = 6
-_FARTHEST_STEP: Final = 3.0
+_TURNS: Final = 6  # of Gauss-Newton steps, after which the search takes over
+_FARTHEST_STEP: Final = 3.0  # of an entry: farther on, derivatives say nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,11 +23,11 @@ NOTHING_OF_LAWS: Final = 1e-5
 """The same where static laws are solved from row to row, which is no closed form."""
 
 _SHOWN: Final = 1e-6  # part of what its parameters change one by one that a combination must change, to be shown
-_SHOWN_BY_LAWS: Final = 1e-4
+_SHOWN_BY_LAWS: Final = 1e-4  # likewise, where laws are solved from row to row
 
-_COMPLEX_STEP: Final = 1e-100
+_COMPLEX_STEP: Final = 1e-100  # of a parameter: its square is no number beside 1
 _EACH_SIDE: Final = 20.0  # times the fastest pole, and a part of the slowest: how far frequencies reach
-_A_DECADE: Final = 12
+_A_DECADE: Final = 12  # frequencies in each
 _LEVELS: Final = (0.3, -0.6, 1.0, -0.8, 0.5, -1.0, 0.7)  # of the largest voltage: a staircase for what is not linear
 _ROWS: Final = 40  # of each step of it
 

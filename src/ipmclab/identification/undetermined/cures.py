@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Final
 
+from ipmclab.identification.uncertainty.covariance import MOVED
 from ipmclab.model.declared import MOTION, declaration_of, in_group, measurements
 from ipmclab.model.kinds import kind_of
 from ipmclab.run import FloatArray
-
-_MOVED: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ def cures_of(names: Sequence[str], row: FloatArray, outputs: Sequence[str]) -> t
     outputs : sequence of str
         Outputs that would show it, everything else being as free as it is.
     """
-    moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > _MOVED}
+    moved = {name.split("[")[0] for name, part in zip(names, row, strict=True) if abs(part) > MOVED}
     found = [Cure(f"measure {name}", sentence) for name, sentence in measurements() if name in moved]
     leans = not (in_group(MOTION, names) or _is_of_sensors(moved))
     known = " (if the coupling is known from elsewhere)" if leans else ""

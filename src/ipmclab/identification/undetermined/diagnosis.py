@@ -12,7 +12,7 @@ from ipmclab.fit.fit import DETERMINED, Direction
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.problem.unknowns import Unknown
 from ipmclab.identification.search.valleys import Rival
-from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.identification.undetermined.closed_form import others, sparse
 from ipmclab.identification.undetermined.cures import cures_of, measured, said_of
 from ipmclab.identification.undetermined.exchange import HARDLY, series_against_branches
@@ -23,8 +23,7 @@ from ipmclab.model.stages.circuit import SERIES
 from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, names_by_size, upright
 
-_MOVED: Final = 1e-3
-_NAMED: Final = 0.1
+_NAMED: Final = 0.1  # part of a direction, from which it is named after a parameter
 
 
 def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Uncertainty) -> FloatArray:
@@ -35,7 +34,7 @@ def relative_errors(unknowns: Sequence[Unknown], values: FloatArray, found: Unce
     """
     size = sizes(unknowns, values)
     errors = np.sqrt(np.maximum(found.covariance.diagonal(), 0.0)) / size
-    moved = np.any(np.abs(found.null / size) > _MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
+    moved = np.any(np.abs(found.null / size) > MOVED, axis=0) if len(found.null) else np.zeros(len(size), dtype=bool)
     return np.where(moved, np.inf, errors)
 
 
@@ -69,7 +68,7 @@ def directions(
     covariance = sharper.covariance / (size[:, None] * size)
     errors = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     apart = _apart(unknowns, values, rivals) / size
-    nameless = np.any(np.abs(found.null / size) > _MOVED, axis=0)
+    nameless = np.any(np.abs(found.null / size) > MOVED, axis=0)
     exchanged = series_against_branches(
         names, covariance, np.where(nameless, 0.0, apart), DETERMINED, _outputs(records)
     )
@@ -107,7 +106,7 @@ def directions(
 def names_it(direction: Direction, name: str) -> bool:
     """Whether a direction is why a parameter is not determined."""
     part = abs(direction.coefficients.get(name, 0.0))
-    return part > _NAMED or (part > _MOVED and np.isinf(direction.error))
+    return part > _NAMED or (part > MOVED and np.isinf(direction.error))
 
 
 def direction_of_one(names: Sequence[str], name: str, why: str) -> Direction:
@@ -134,7 +133,7 @@ def _null_direction(
 ) -> Direction:
     names = [unknown.name for unknown in unknowns]
     plain = _direction(names, row, np.inf, records)
-    moved = [name for name in names if abs(plain.coefficients[name]) > _MOVED]
+    moved = [name for name in names if abs(plain.coefficients[name]) > MOVED]
     if any(name.startswith("observation.") for name in moved) or _at_bounds(unknowns, moved, actuator):
         return plain
     cures = cures_of(names, row, _shown_by(unknowns, row, records, actuator))
@@ -147,7 +146,7 @@ def _null_direction(
 def _at_bounds(unknowns: Sequence[Unknown], moved: Sequence[str], actuator: Actuator) -> bool:
     """Whether one of these went to the end of its range, where other measurements say nothing of it either."""
     return any(
-        min(entry - unknown.limits[0], unknown.limits[1] - entry) < _MOVED
+        min(entry - unknown.limits[0], unknown.limits[1] - entry) < MOVED
         for unknown in unknowns
         if unknown.log and unknown.name in moved and unknown.base in actuator.parameter_values
         for entry in [unknown.entry(actuator[unknown.base])]
@@ -164,7 +163,7 @@ def _shown_by(
         own = [(u.base, part) for u, part in zip(unknowns, row, strict=True) if u.place in (None, record.place)]
         own = [(base, part) for base, part in own if base in actuator.parameter_values]
         bases, parts = [base for base, _ in own], np.array([part for _, part in own])
-        if not np.any(np.abs(parts) > _MOVED):
+        if not np.any(np.abs(parts) > MOVED):
             continue
         found += [
             name for name in others(actuator, bases, _outputs(records), parts, voltage=largest) if name not in found
@@ -186,7 +185,7 @@ def _outputs(records: Sequence[PreparedRun]) -> list[str]:
 
 
 def _sentence(coefficients: Mapping[str, float], error: float, records: Sequence[PreparedRun]) -> str:
-    moved = names_by_size({n: c for n, c in coefficients.items() if abs(c) > _MOVED})
+    moved = names_by_size({n: c for n, c in coefficients.items() if abs(c) > MOVED})
     large = [name for name in moved if abs(coefficients[name]) > _NAMED] or moved[:1]
     listed = ", ".join(large)
     rest = [name for name in moved if name not in large]
@@ -273,7 +272,7 @@ def _static(names: Sequence[str], values: Mapping[str, float], found: Uncertaint
     if not set(signs) <= set(names):
         return ""
     weights = np.array([signs.get(name, 0.0) for name in names])
-    if np.any(np.abs(found.null @ weights) > _MOVED):
+    if np.any(np.abs(found.null @ weights) > MOVED):
         return ""
     error = float(np.sqrt(max(weights @ found.covariance @ weights, 0.0)))
     level = values["coupling.gain"] * values["coupling.zero"] / values["coupling.p2"]

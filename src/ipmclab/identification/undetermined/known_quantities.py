@@ -20,7 +20,7 @@ from ipmclab.fit.known import Known
 from ipmclab.identification.problem.problem import Problem
 from ipmclab.identification.problem.record import PreparedRun
 from ipmclab.identification.search.valleys import Rival
-from ipmclab.identification.uncertainty.covariance import Uncertainty
+from ipmclab.identification.uncertainty.covariance import MOVED, Uncertainty
 from ipmclab.model import Actuator
 from ipmclab.model.quantities import derived, quantities_of_each
 from ipmclab.run import FloatArray
@@ -28,8 +28,7 @@ from ipmclab.ties import largest_first
 
 _STEP: Final = 1e-4  # of an entry, for a derivative: entries are logarithms, or of order one
 _FELT: Final = 1e-6  # part of a quantity that moves with an entry: less is rounding
-_MOVED: Final = 1e-3  # the same along a direction about which the readings say nothing
-_SAME: Final = 1e-9
+_SAME: Final = 1e-9  # part of a value, in which runs agree but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,16 +209,16 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
         each = [value, *(one.get(name, math.nan) for one in others)]
         if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, each)):
             continue
-        if np.all(np.abs(free) <= _FELT * scale) or np.any(np.abs(found.null @ free) > _MOVED * scale):
+        if np.all(np.abs(free) <= _FELT * scale) or np.any(np.abs(found.null @ free) > MOVED * scale):
             continue
         of_stated = direct[: len(stated)]
         crossed = 2.0 * float(free @ follows[: len(stated)].T @ together @ of_stated)
         variance = float(free @ found.covariance @ free) + crossed + float(of_stated @ together @ of_stated)
-        freedom = float(np.min(found.freedom[np.abs(free) > _MOVED * scale], initial=math.inf))
+        freedom = float(np.min(found.freedom[np.abs(free) > MOVED * scale], initial=math.inf))
         few = wider_for_few(freedom) if math.isfinite(freedom) else 1.0
         reach = NORMAL_95 * few * math.sqrt(max(variance, 0.0))
         moves = np.abs(follows @ free + direct)[len(stated) :] * [0.01 * abs(base[name]) for name in exact]
-        felt = moves > max(reach, _MOVED * scale)
+        felt = moves > max(reach, MOVED * scale)
         leans = tuple(exact[k] for k in largest_first(moves) if felt[k]) if felt.any() else ()
         ends = _value(name, min(each) - reach), _value(name, max(each) + reach)
         told[name] = Known(name, _value(name, value), ends, leans)

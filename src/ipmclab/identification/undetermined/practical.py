@@ -18,7 +18,7 @@ from ipmclab.fit.practical import CollinearSet, Combination, Practical
 from ipmclab.identification.problem.order import Order
 from ipmclab.identification.problem.problem import Evaluation, Problem
 from ipmclab.identification.search.solve import STRUCTURAL, Solution, least_seen
-from ipmclab.identification.uncertainty.covariance import left_of_the_asked
+from ipmclab.identification.uncertainty.covariance import MOVED, left_of_the_asked
 from ipmclab.identification.undetermined.diagnosis import sizes
 from ipmclab.run import FloatArray
 from ipmclab.ties import largest_first, upright
@@ -26,8 +26,8 @@ from ipmclab.ties import largest_first, upright
 COLLINEAR: Final = 10.0
 """From this index on a set is named: a tenth of what a change of one parameter would show is left by the others."""
 
-_LARGEST_SET: Final = 4
-_MOST_SETS: Final = 20_000
+_LARGEST_SET: Final = 4  # of parameters: of five nobody fixes one
+_MOST_SETS: Final = 20_000  # of one size, that take less than a second
 
 
 def practical(problem: Problem, solution: Solution, order: Order) -> Practical:
@@ -60,7 +60,7 @@ def practical_from(names: list[str], sensitivity: FloatArray, here: Evaluation |
         for row, error in zip(directions, errors, strict=True)
     )
     length = np.sqrt((sensitivity * sensitivity).sum(axis=0))
-    moved = (np.abs(directions[~seen]) > 1e-3).any(axis=0)
+    moved = (np.abs(directions[~seen]) > MOVED).any(axis=0)
     own = np.sqrt(((directions[seen] / singular[seen, None]) ** 2).sum(axis=0)) * length
     indices = np.where(moved, inf, np.maximum(own, 1.0))
     scaled = sensitivity / np.where(length > 0.0, length, 1.0)

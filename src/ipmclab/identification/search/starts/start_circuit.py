@@ -20,7 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 _DELAY_PARTS: Final = 4  # trials within each row
 _LEAST_DIRECT: Final = 1e-12  # S, where the current reads zero throughout
 _NEARLY_ALL: Final = 0.97  # largest part of the first resistance that may lie in series with the branches
-_ROWS_AFTER_EDGE: Final = 2500
+_ROWS_AFTER_EDGE: Final = 2500  # that are searched for where it lies: later ones say nothing of it
 _SAME_COST: Final = 4.0  # of chi-square: two standard deviations
 
 

@@ -21,7 +21,7 @@ from ipmclab.model.numerics.drive import Drive, responses
 FloatArray = npt.NDArray[np.float64]
 
 _MEETING: Final = 1.3  # ratio of two real poles below which they may be a complex pair
-_MINIMA: Final = 2
+_MINIMA: Final = 2  # that are followed
 _HOPELESS: Final = 100.0  # times the least cost, where poles that stand apart have it: no start leads below those
 _AS_GOOD: Final = 1.02  # part of the least cost of real poles up to which complex ones are tried: where poles meet
 

@@ -21,17 +21,17 @@ from ipmclab.identification.search.varpro import SearchedRun, search_poles
 from ipmclab.model import Actuator
 from ipmclab.model.admittance import Admittance, admittance
 from ipmclab.model.numerics.drive import responses
+from ipmclab.model.stages.leak import ELECTROLYSIS
 
 FloatArray = npt.NDArray[np.float64]
 
 _EDGE: Final = 0.05  # of the largest voltage: a jump at a row
 _HINGES: Final = (0.3, 0.5, 0.7, 0.85)  # parts of the largest node voltage
-_THRESHOLDS: Final = (0.15, 0.3, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92)  # the same, and 1.23 V
-_WATER: Final = 1.23  # V: electrolysis
+_THRESHOLDS: Final = (0.15, 0.3, 0.45, 0.55, 0.65, 0.75, 0.85, 0.92)  # the same, and that from which water decomposes
 _SCALES: Final = (0.02, 0.04, 0.08, 0.15, 0.3, 0.6, 1.2, 2.5)  # V
 _STEEPEST: Final = 30.0  # largest exponent
 _LAGS: Final = (0.03, 0.1, 0.3, 1.0)  # parts of the longest record
-_ROUNDS: Final = 3
+_ROUNDS: Final = 3  # of circuit and leak, each beside the other
 _LEAST: Final = 1e-3  # of the largest current: what a leak that is not seen starts from
 
 
@@ -115,7 +115,7 @@ def leak_starts(
 
 
 def current_density(form: str, coefficients: Sequence[float], voltage: FloatArray) -> FloatArray:
-    """What leaks through each area [A/m^2] (see ``model.leak``).
+    """What leaks through each area [A/m^2] (see ``model.stages.leak``).
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _shapes(form: str, voltage: FloatArray) -> list[_Shape]:
     if form == "cubic":
         columns = np.array([voltage * size, voltage**3])
         return [_Shape({"leak.cubic.linear": 0.0}, ("leak.cubic.quadratic", "leak.cubic.cubic"), columns)]
-    thresholds = sorted([*(part * most for part in _THRESHOLDS), *([_WATER] if most > _WATER else [])])
+    thresholds = sorted([*(part * most for part in _THRESHOLDS), *([ELECTROLYSIS] if most > ELECTROLYSIS else [])])
     found = []
     for (i, threshold), (j, scale) in product(enumerate(thresholds), enumerate(_SCALES)):
         if (most - threshold) / scale > _STEEPEST:

@@ -20,10 +20,10 @@ from ipmclab.model.numerics.drive import Drive
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_GRID: Final = 8
-_DAMPING: Final = (0.2, 0.5, 0.85)
-_LEAST, _MOST = 0.02, 0.999
-_FOLLOWED: Final = 3
+_GRID: Final = 8  # poles, all pairs of which are tried
+_DAMPING: Final = (0.2, 0.5, 0.85)  # ratios that are tried with each
+_LEAST, _MOST = 0.02, 0.999  # damping ratios between which a pair is sought
+_FOLLOWED: Final = 3  # of the best, to their minimum
 _BEYOND: Final = 30.0  # times the fastest pole of the grid, and the slowest over it
 _FLAT: Final = 20.0  # of the entry of the damping ratio, where it no longer changes
 _STEADY: Final = 1e-3
