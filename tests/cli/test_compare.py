@@ -45,7 +45,7 @@ def test_the_posterior_goes_to_page_and_data_too(
     done = command("compare", *steps, "--metric", "force.largest", "--posterior", "--out", "c.html", "--json")
     assert done.document["populations"]["unknown"] == {"step: force": "one strip is too few"}
     page = (tmp_path / "c.html").read_text("utf-8")
-    assert "step: force: nothing is told of the next strip: one strip is too few." in page
+    assert "step: force: nothing is known of the next strip: one strip is too few." in page
     assert "--metric force.largest --posterior</code>" in page
 
 

@@ -98,7 +98,7 @@ def _is_on_the_page(found: Population, rows: list[RunRow], folder: Path) -> None
     page = write_comparison(comparison, folder / "c.html", posterior=posterior).read_text("utf-8")
     assert "By its posterior" in page
     assert "strip-7 is unlike the others: x" in page
-    assert "sine: force: nothing is told of the next strip: 2 strips are too few." in page
+    assert "sine: force: nothing is known of the next strip: 2 strips are too few." in page
     assert page.count('<svg class="figure"') == len(comparison_figures(comparison)) + 1
     (figure,) = population_figures(posterior[0])
     condition, told = found.model.conditions()[0], dict(zip(figure.columns, figure.data[0], strict=True))

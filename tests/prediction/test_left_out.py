@@ -58,7 +58,7 @@ def test_a_run_of_another_strip_is_named() -> None:
     assert max(fit.left_out, key=lambda one: one.standardised["current"]).label == SIGNALS[1]
     pair = leave_one_run_out(identify(FRIEND, runs[:2]))
     (said,) = [finding for finding in pair.findings if finding.code == "run-stands-out"]
-    assert "which of them is out of place two runs cannot tell" in said.message
+    assert "which of them is out of place two runs cannot show" in said.message
 
 
 def test_what_one_run_alone_shows_is_named_and_not_scored() -> None:

@@ -70,12 +70,14 @@ def _setting(campaign: Campaign, events: Sequence[Mapping[str, Any]]) -> str:
 def _order(campaign: Campaign) -> str:
     order = (
         f"The order was randomised with seed {campaign.seed}: in each repeat of everything the order of samples, of "
-        "the experiments of each and of the signals under each condition was drawn anew."
+        "the experiments of each and of the signals under each condition was drawn again."
         if campaign.order == "randomised"
         else "Samples followed each other as they are listed, and so did the experiments and the signals of each."
     )
     clamped = (
-        "anew for each run" if campaign.clamped == "for each run" else "once for each block of runs under one condition"
+        "again for each run"
+        if campaign.clamped == "for each run"
+        else "once for each block of runs under one condition"
     )
     return f"{order} A strip was hydrated and clamped {clamped}."
 

@@ -134,7 +134,7 @@ class Choice(Shown):
         against = [(one, self.differences[one.name, self.best]) for one in ranked[1:]]
         alike = [one for one, apart in against if not apart.is_told]
         if alike:
-            told.append(f"These records cannot tell {_listed([self.best, *(one.name for one in alike)])} apart.")
+            told.append(f"These records cannot distinguish {_listed([self.best, *(one.name for one in alike)])}.")
             reason = (
                 "it has the fewest parameters of these"
                 if any(one.parameters != self[self.preferred].parameters for one in (self[self.best], *alike))
@@ -142,7 +142,7 @@ class Choice(Shown):
             )
             told.append(f"{self.preferred} is preferred: {reason} ({self[self.preferred].parameters}).")
         elif len(ranked) > 1:
-            told.append(f"{self.best} predicts best, and the records tell it from every other model.")
+            told.append(f"{self.best} predicts best, and the records distinguish it from every other model.")
         else:
             told.append(f"{self.best} is the only model that could be compared.")
         for one, apart in against:

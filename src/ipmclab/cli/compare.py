@@ -60,7 +60,7 @@ def compare(
         bool,
         typer.Option(
             "--posterior",
-            help="Sample what strips of this make do: scatter, the next strip, strips apart (extra bayes).",
+            help="Sample what strips of this make do: scatter, the next strip, strips that differ (extra bayes).",
         ),
     ] = False,
     force: Force = False,

@@ -68,7 +68,7 @@ def _print(found: Sequence[ParameterOfStrips], known: dict[str, Quantity]) -> No
     by = ["95 % of strips", *(["by the posterior"] if sampled else [])]
     print_table(["parameter", "strips", "typical", "between strips", "p (alike)", *by, "unit"], rows)
     if any(one.next_strip is None for one in found):
-        print_paragraph("The next strip is told from three strips that determine a parameter.")
+        print_paragraph("The next strip is estimated where three strips or more determine a parameter.")
     agreed = [one.sampled.convergence for one in found if one.sampled is not None]
     if agreed:
         worst, least = max(one.r_hat for one in agreed), min(min(one.bulk, one.tail) for one in agreed)

@@ -28,7 +28,7 @@ def print_populations(found: Mapping[str, Population], unknown: Mapping[str, str
             print(f"{len(rows) - _CONDITIONS} more conditions: see --json")
         for words in sentences(one, partial(_read, one.model)):
             print_paragraph(words)
-    print_remarks([f"{name}: nothing is told of the next strip: {why}" for name, why in unknown.items()])
+    print_remarks([f"{name}: nothing is known of the next strip: {why}" for name, why in unknown.items()])
 
 
 def populations_document(found: Mapping[str, Population], unknown: Mapping[str, str]) -> dict[str, Any]:

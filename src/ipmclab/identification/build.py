@@ -152,11 +152,8 @@ def build_fit(
         for name, p in fitted.items()
         if not p.determined and not any(names_it(direction, name) for direction in named)
     )
-    correlations = _correlations([order(u.name) for u in asked], found, relative, beyond, asked)
-    correlations = {
-        one: {other: correlations.get(one, {}).get(other, 1.0 if one == other else math.nan) for other in fitted}
-        for one in fitted
-    }
+    known = np.isfinite(relative) & np.array([unknown.name not in beyond for unknown in asked], dtype=bool)
+    correlations = _correlations(list(fitted), [order(unknown.name) for unknown in asked], found, known)
     observations = tuple(
         observation(problem, solution, record, runs[record.place], order, result.correlated)
         for record in problem.records
@@ -271,13 +268,15 @@ def _file_place(name: str, names: Sequence[str]) -> tuple[int, str]:
 
 
 def _correlations(
-    names: Sequence[str], found: Uncertainty, relative: FloatArray, beyond: set[str], asked: Sequence[Unknown]
+    names: Sequence[str], asked: Sequence[str], found: Uncertainty, known: npt.NDArray[np.bool_]
 ) -> dict[str, dict[str, float]]:
+    """Between all parameters of a fit: NaN where one of them is not known."""
     deviation = np.sqrt(np.maximum(found.covariance.diagonal(), 1e-300))
     most = deviation[:, None] * deviation
-    matrix = found.covariance.clip(-most, most) / most
-    unknown = np.isinf(relative) | np.array([u.name in beyond for u in asked], dtype=bool)
-    matrix[unknown], matrix[:, unknown] = np.nan, np.nan
+    matrix = np.eye(len(names))
+    matrix[matrix == 0.0] = np.nan
+    places = [names.index(name) for name, is_known in zip(asked, known, strict=True) if is_known]
+    matrix[np.ix_(places, places)] = (found.covariance.clip(-most, most) / most)[np.ix_(known, known)]
     np.fill_diagonal(matrix, 1.0)
     return {name: dict(zip(names, row, strict=True)) for name, row in zip(names, matrix.tolist(), strict=True)}
 

@@ -276,7 +276,7 @@ def _stands_out(fit: Fit, runs: Sequence[LeftOut]) -> list[Finding]:
     told = f"{one.label} does not fit in with the other runs (p < 0.1 %): {why}"
     if len(runs) == 2:
         told = f"{runs[0].label} and {runs[1].label} do not agree (p < 0.1 %): of {one.label}, {why}; which of them is "
-        told += "out of place two runs cannot tell"
+        told += "out of place two runs cannot show"
     return [
         Finding(
             "run-stands-out",

@@ -1,6 +1,6 @@
 """From runs to a fit with all that is shown beside it: profiles, and each run left out.
 
-The answer stands first. What follows can be interrupted, and is asked for where it is dear.
+The answer stands first. What follows can be interrupted, and is asked for where it is costly.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ipmclab.refitting.profiles import profile
 from ipmclab.run import Finding, Run
 
 LONG: Final = 10_000
-"""Rows of all runs together from which profiles, and fits without each run, are dear."""
+"""Rows of all runs together from which profiles, and fits without each run, are costly."""
 
 
 def fit_of_runs(
@@ -42,7 +42,7 @@ def fit_of_runs(
     free, per_run, per_mounting, prior, labels
         As ``identify`` takes them.
     thorough : bool
-        Follow profiles and leave out runs where that is dear too: beside a leak, whose law bends, and from 10,000 rows.
+        Follow profiles and leave runs out even where that is costly: with a leak, whose law bends, or 10,000 rows.
     progress : function of (str, float), optional
         Called with a sentence and the fraction that is done.
 
@@ -50,7 +50,7 @@ def fit_of_runs(
     -------
     fit : Fit
         With ``profiles``, and with ``left_out`` where there are two runs or more. Where that was interrupted by Ctrl-C,
-        or was dear and not asked for, the fit as it stood, and a finding ``not-followed``.
+        or was costly and not asked for, the fit as it stood, and a finding ``not-followed``.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def fit_of_runs(
             fit = identify(
                 actuator, runs, free=free, per_run=per_run, per_mounting=per_mounting, prior=prior, labels=labels
             )
-        if not thorough and _is_dear(actuator, runs):
+        if not thorough and _is_costly(actuator, runs):
             return with_findings(fit, [_not_followed("because each run of the model takes long")])
         with part("", 0.8, 0.9):
             fit, done = _unless_interrupted(profile, fit)
@@ -80,7 +80,7 @@ def fit_of_runs(
             return _unless_interrupted(leave_one_run_out, fit)[0]
 
 
-def _is_dear(actuator: Actuator, runs: Sequence[Run]) -> bool:
+def _is_costly(actuator: Actuator, runs: Sequence[Run]) -> bool:
     return bool(actuator.structure.leak) or sum(len(run) for run in runs) >= LONG
 
 

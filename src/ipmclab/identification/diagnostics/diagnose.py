@@ -85,15 +85,16 @@ def _missing(actuator: Actuator, chosen: Sequence[Tried], fixed: str) -> Finding
     best, *others = chosen
     output = max(best.shares, key=lambda one: best.shares[one])
     explained = best.shares[output]
-    also = "".join(f"; as well, {_shown(one.stage)}: {one.stage}" for one in others)
+    also = "".join(f"; as well, {kind_named(one.stage).shows}: {one.stage}" for one in others)
     models = " or ".join(f"{actuator.name}+{one.stage}" for one in chosen)
-    free = dict.fromkeys(group for one in chosen if (group := _group(one.stage)))
+    free = dict.fromkeys(group for one in chosen if (group := kind_named(one.stage).group))
     with_free = f" with {' or '.join(free)} free" if free else ""
     return Finding(
         "stage-missing",
         "warning",
-        f"the model cannot explain what it leaves of the {output}: the residuals show {_shown(best.stage)}. A stage "
-        f"{best.stage} would take away {100.0 * explained:.0f} % of their power beyond noise{also}{_or_wrong(fixed)}",
+        f"the model cannot explain what it leaves of the {output}: the residuals show "
+        f"{kind_named(best.stage).shows}. A stage {best.stage} would take away {100.0 * explained:.0f} % of their "
+        f"power beyond noise{also}{_or_wrong(fixed)}",
         f"identify {models}{with_free}, and compare both by choose",
         channel=output,
         values={"stage": best.stage, "explained": explained, "evidence": best.evidence},
@@ -118,12 +119,3 @@ def _incomplete(left: Left, tried: Sequence[Tried], fixed: str) -> Finding:
         "rest on this output may be wrong by more than their intervals say",
         channel=left.output,
     )
-
-
-def _shown(stage: str) -> str:
-    return kind_named(stage).shows
-
-
-def _group(stage: str) -> str:
-    """What is to be free with a stage."""
-    return kind_named(stage).group

@@ -36,7 +36,7 @@ class SlopeAtRest(NamedTuple):
     slope, error : float [SI/s]
         Its standard error, infinite where nothing is known.
     weights : float array, shape (n,) [1/s]
-        What each of the first n measured readings adds to the slope: its error hangs together with theirs.
+        What each of the first n measured readings adds to the slope: its error is correlated with theirs.
     """
 
     slope: float

@@ -1,8 +1,7 @@
-"""Whether a run began at rest, and whether a sensor's zero is at zero: asked of the readings themselves."""
+"""Whether a run began at rest: asked of the readings themselves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -56,16 +55,3 @@ def _explains(columns: FloatArray, basis: FloatArray, residual: FloatArray, unkn
     explained = float(np.sum((vectors.T @ residual) ** 2))
     remaining = max(float(residual @ residual) - explained, 1e-300)
     return bool(fdtrc(added, freedom, explained / added / (remaining / freedom)) < REJECT)
-
-
-def is_idle(solution: Solution, columns: Sequence[int]) -> bool:
-    """Whether some linear unknowns could as well be zero: what the fit would lose without them is within the noise."""
-    from scipy.special import chdtrc
-
-    chosen = np.array(columns)
-    jacobian = solution.evaluation.jacobian
-    others = np.delete(jacobian, chosen, axis=1)
-    basis = np.linalg.qr(others)[0]
-    share = jacobian[:, chosen] @ solution.theta[chosen]
-    lost = share - basis @ (basis.T @ share)
-    return bool(chdtrc(len(chosen), float(lost @ lost)) > REJECT)

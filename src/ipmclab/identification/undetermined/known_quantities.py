@@ -154,10 +154,13 @@ class _Seen:
         below, above = (self.at(theta, **{name: end}) for end in ends)
         return _Beside(below, above, ends[1] - ends[0])
 
-    def sides(self, beside: Sequence[_Beside]) -> list[_Sides]:
-        """The quantities there."""
+    def slopes(self, beside: Sequence[_Beside]) -> list[dict[str, float]]:
+        """Derivatives of the quantities; none of one that does not exist on both sides, or where these are one."""
         told = self.quantities([point for one in beside for point in (one.below, one.above)])
-        return [_Sides(told[2 * k], told[2 * k + 1], one.width) for k, one in enumerate(beside)]
+        return [
+            {name: (above[name] - value) / one.width for name, value in below.items() if name in above and one.width}
+            for one, below, above in zip(beside, told[::2], told[1::2], strict=True)
+        ]
 
 
 class _Beside(NamedTuple):
@@ -166,21 +169,6 @@ class _Beside(NamedTuple):
     below: Mapping[str, float]
     above: Mapping[str, float]
     width: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Sides:
-    """Quantities on both sides of a parameter, and how far these are apart."""
-
-    below: dict[str, float]
-    above: dict[str, float]
-    width: float
-
-    def slope(self, name: str) -> float:
-        """Derivative of a quantity; NaN where it does not exist on both sides, or these are one."""
-        if not self.width:  # an entry so large that no step is seen in its digits
-            return math.nan
-        return (self.above.get(name, math.nan) - self.below.get(name, math.nan)) / self.width
 
 
 def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
@@ -193,19 +181,19 @@ def _known_at(point: Point, seen: _Seen) -> dict[str, Known]:
     moved = [seen.along(theta, place) for place, _ in problem.asked]
     variances = [point.stated[name][name] if name in stated else 0.0 for name in held]
     fixed = [seen.along_fixed(theta, name, base[name], one) for name, one in zip(held, variances, strict=True)]
-    every = seen.sides([*moved, *fixed])
-    sides, of_held = every[: len(moved)], every[len(moved) :]
+    every = seen.slopes([*moved, *fixed])
+    own, of_held = every[: len(moved)], every[len(moved) :]
     here, *others = seen.quantities(
         [base, *(seen.at(rival.vector_of(problem.unknowns, theta)) for rival in point.rivals)]
     )
-    follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(sides))
+    follows = np.array([found.slopes[name] for name in held]).reshape(len(held), len(own))
     together = np.array([[point.stated[one][other] for other in stated] for one in stated])
     together = together.reshape(len(stated), len(stated))
     told = {}
     for name, value in here.items():
         scale = 1.0 if derived(name).positive else max(abs(value), 1e-300)
-        free = np.array([one.slope(name) for one in sides])
-        direct = np.array([one.slope(name) for one in of_held])
+        free = np.array([one.get(name, math.nan) for one in own])
+        direct = np.array([one.get(name, math.nan) for one in of_held])
         each = [value, *(one.get(name, math.nan) for one in others)]
         if not all(np.all(np.isfinite(numbers)) for numbers in (free, direct, each)):
             continue
