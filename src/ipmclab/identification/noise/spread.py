@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -33,34 +34,22 @@ def spread_of_weighted(under: Correlated) -> tuple[FloatArray, FloatArray]:
     added : float array, shape (n_unknown, n_unknown)
     freedom : float array, shape (n_unknown,)
     """
-    system = System(under.problem.plain, under.plain, [under.pieces[key] for key in under.shapes])
-    parts = {key: system.part(key, shape) for key, shape in under.shapes.items()}
-    directions = system.directions
-    middle = inverse((system.rest + sum(parts.values()))[:-1, :-1])
-    variance = np.einsum("ij,jk,ik->i", directions, middle, directions)
-    added = np.zeros((len(directions), len(directions)))
-    unsure = np.zeros(len(directions))
-    for key, shape in under.shapes.items():
-        others = system.others(parts, key)
-        covariance = _covariance(system, key, shape, others)
-        sides = [_answers(system, key, shape, others, place) for place in range(len(covariance))]
-        moved = np.stack([directions @ answer for answer, _ in sides])
-        changed = np.stack([np.einsum("ij,jk,ik->i", directions, across, directions) for _, across in sides])
+    noises = _Noises(under)
+    directions = noises.system.directions
+
+    def answer(key: Key, shape: Shape) -> FloatArray:
+        total = noises.others(key) + noises.system.part(key, shape)
+        middle = inverse(total[:-1, :-1])
+        moved = directions @ (middle @ total[:-1, -1])
+        return np.array([moved, np.einsum("ij,jk,ik->i", directions, middle, directions)])
+
+    _, variance = answer(*next(iter(under.shapes.items())))
+    added, unsure = np.zeros((len(directions), len(directions))), np.zeros(len(directions))
+    for covariance, by_noise in noises.derivatives(answer):
+        moved, changed = by_noise[:, 0], by_noise[:, 1]
         added += 2.0 * moved.T @ covariance @ moved
         unsure += np.einsum("ij,ik,kj->j", changed, covariance, changed)
-    return added, np.maximum(2.0 * variance**2 / np.maximum(unsure, 1e-300), _FEWEST)
-
-
-def _answers(system: System, key: Key, shape: Shape, others: FloatArray, place: int) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the answer and of its covariance by one value of a noise."""
-    step = np.zeros(shape.terms.shapes + 1)
-    step[place] = _STEP
-    answers, inverses = [], []
-    for side in (step, -step):
-        total = others + system.part(key, _moved(shape, side))
-        inverses.append(inverse(total[:-1, :-1]))
-        answers.append(-inverses[-1] @ total[:-1, -1])
-    return (answers[0] - answers[1]) / (2.0 * _STEP), (inverses[0] - inverses[1]) / (2.0 * _STEP)
+    return added, _freedom(variance, unsure)
 
 
 def degrees_of_freedom(under: Correlated, own: FloatArray, plain: FloatArray) -> FloatArray:
@@ -78,39 +67,49 @@ def degrees_of_freedom(under: Correlated, own: FloatArray, plain: FloatArray) ->
     plain : float array, shape (n, n)
         Pseudo-inverse of its products.
     """
-    pieces = [under.pieces[key] for key in under.shapes]
-    system = System(under.problem.plain, under.plain, pieces)
     turned = own @ plain
-    variances = {key: _variances(under, turned, key) for key in under.problem.pieces}
+
+    def of_piece(key: Key, shape: Shape | None = None) -> FloatArray:
+        noisy = under if shape is None else replace(under, shapes={**under.shapes, key: shape})
+        return np.asarray(noisy.spread(turned[under.problem.pieces[key]], key).diagonal())
+
     beyond = turned[under.problem.beforehand]
-    total = np.asarray(sum(variances.values())) + np.sum(beyond * beyond, axis=0)
-    parts = {key: system.part(key, shape) for key, shape in under.shapes.items()}
+    total = np.asarray(sum(of_piece(key) for key in under.problem.pieces)) + np.sum(beyond * beyond, axis=0)
     unsure = np.zeros(len(total))
-    for key, shape in under.shapes.items():
-        covariance = _covariance(system, key, shape, system.others(parts, key))
-        changed = np.stack([_two_sides(under, turned, key, shape, place) for place in range(len(covariance))])
+    for covariance, changed in _Noises(under).derivatives(of_piece):
         unsure += np.einsum("ij,ik,kj->j", changed, covariance, changed)
-    return np.asarray(np.maximum(2.0 * total**2 / np.maximum(unsure, 1e-300), _FEWEST))
+    return _freedom(total, unsure)
 
 
-def _variances(under: Correlated, turned: FloatArray, key: Key) -> FloatArray:
-    return np.asarray(under.spread(turned[under.problem.pieces[key]], key).diagonal())
+def _freedom(variance: FloatArray, unsure: FloatArray) -> FloatArray:
+    """Degrees of freedom of a chi-square whose variance relative to its mean is that of an estimate of a variance."""
+    return np.asarray(np.maximum(2.0 * variance**2 / np.maximum(unsure, 1e-300), _FEWEST))
+
+
+class _Noises:
+    """The noises of a fit, and what not knowing their values does."""
+
+    def __init__(self, under: Correlated) -> None:
+        self._shapes = under.shapes
+        self.system = System(under.problem.plain, under.plain, [under.pieces[key] for key in under.shapes])
+        self._parts = {key: self.system.part(key, shape) for key, shape in under.shapes.items()}
+
+    def others(self, key: Key) -> FloatArray:
+        """What all readings but those of one output of one run add to the normal equations."""
+        return self.system.others(self._parts, key)
+
+    def derivatives(self, answer: Callable[[Key, Shape], FloatArray]) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """For each noise the covariance of its values, and the derivatives of an answer by them, by differences."""
+        for key, shape in self._shapes.items():
+            covariance = _covariance(self.system, key, shape, self.others(key))
+            sides = [(_moved(shape, step), _moved(shape, -step)) for step in _STEP * np.eye(len(covariance))]
+            changes = [answer(key, ahead) - answer(key, behind) for ahead, behind in sides]
+            yield covariance, np.stack(changes) / (2.0 * _STEP)
 
 
 def _moved(shape: Shape, step: FloatArray) -> Shape:
     """A shape beside another: its entries, then the logarithm of its variance."""
     return replace(shape, entries=shape.entries + step[:-1], variance=shape.variance * math.exp(step[-1]))
-
-
-def _two_sides(under: Correlated, turned: FloatArray, key: Key, shape: Shape, place: int) -> FloatArray:
-    """Derivative of the variances by one value of a noise."""
-    step = np.zeros(shape.terms.shapes + 1)
-    step[place] = _STEP
-    ahead, behind = (
-        _variances(replace(under, shapes={**under.shapes, key: _moved(shape, side)}), turned, key)
-        for side in (step, -step)
-    )
-    return np.asarray((ahead - behind) / (2.0 * _STEP))
 
 
 def _covariance(system: System, key: Key, shape: Shape, others: FloatArray) -> FloatArray:
